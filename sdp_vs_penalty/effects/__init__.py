@@ -1,0 +1,74 @@
+"""The library of effects: one file each; :func:`effect_types` finds them."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot import Robot
+
+DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
+
+
+@cache
+def effect_types() -> dict[str, type[Effect]]:
+    """Every effect of the library by name, the rigid body first."""
+    found: dict[str, type[Effect]] = {}
+    for module in pkgutil.iter_modules(__path__):
+        home = importlib.import_module(f"{__name__}.{module.name}")
+        for value in vars(home).values():
+            if isinstance(value, type) and issubclass(value, Effect) and hasattr(value, "name"):
+                found[value.name] = value
+    return dict(sorted(found.items(), key=lambda item: (item[0] != "rigid_body", item[0])))
+
+
+def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...]:
+    """Effects from their written form ``name[:joints][@shape=value]``, separated by commas.
+
+    ``presliding_hysteresis:5+7@d=0.003``: joints from 1 joined by +; several shape constants each
+    with an @ of its own.
+    """
+    words = texts.split(",") if isinstance(texts, str) else list(texts)
+    return tuple(_parse_effect(word.strip(), robot) for word in words if word.strip())
+
+
+def _parse_effect(text: str, robot: Robot) -> Effect:
+    head, *shapes = text.split("@")
+    name, _, joints_text = head.partition(":")
+    kind = _lookup(name)
+    joints = None
+    if joints_text:
+        try:
+            joints = [int(word) - 1 for word in joints_text.split("+")]
+        except ValueError:
+            raise InputError(
+                f"effect {text!r}: joints are whole numbers from 1 joined by +, like {name}:5+7."
+            ) from None
+    shape: dict[str, float] = {}
+    for item in shapes:
+        key, _, value = item.partition("=")
+        try:
+            shape[key.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"effect {text!r}: write a shape constant as @name=number.") from None
+    return kind(robot, joints, **shape)
+
+
+def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
+    """Inverse of Effect.to_dict."""
+    joints = None if data["joints"] is None else [int(j) - 1 for j in data["joints"]]
+    return _lookup(data["effect"])(robot, joints, **data["shape"])
+
+
+def _lookup(name: str) -> type[Effect]:
+    try:
+        return effect_types()[name]
+    except KeyError:
+        raise InputError(
+            f"effect {name!r} is unknown; there are: {', '.join(effect_types())}."
+        ) from None

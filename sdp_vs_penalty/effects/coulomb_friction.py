@@ -1,0 +1,23 @@
+"""Dry friction."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
+
+
+class CoulombFriction(JointEffect):
+    name = "coulomb_friction"
+    equation = "f_c tanh(dq / v_s)"
+    explanation = (
+        "Dry contact: a torque of fixed size against the direction of motion. The sign is smoothed "
+        "over v_s, because the sign of a measured velocity near zero is noise. Together with "
+        "torque_offset it also covers a Coulomb friction that differs by direction."
+    )
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
+    symbol = "f_c"
+    units = ("N*m", "N")
+    lower = 0.0
+    shape_defaults = {"v_s": 0.01}
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return smooth_sign(motion.dq[:, joint], self.shape["v_s"])

@@ -1,0 +1,34 @@
+"""The links' inertia and weight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+
+
+class RigidBody(Effect):
+    name = "rigid_body"
+    equation = "M(q) ddq + C(q, dq) dq + g(q) = Y(q, dq, ddq) theta"
+    explanation = (
+        "Mass, centre of mass and inertia of every link make the torque that accelerates the arm "
+        "and holds it against gravity."
+    )
+    reference = "Atkeson, An, Hollerbach, IJRR 1986"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(name, unit, self.name, link)
+            for link in range(1, self.robot.n + 1)
+            for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
+        )
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        regressor = self.robot.regressor(motion.q, motion.dq, motion.ddq)
+        blocks = []
+        for joint, links in enumerate(self.robot.subtree):
+            indices = (10 * np.array(links)[:, None] + np.arange(10)).ravel()
+            blocks.append(Block(joint, indices, regressor[:, joint, indices]))
+        return blocks

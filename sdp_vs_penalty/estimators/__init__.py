@@ -1,0 +1,125 @@
+"""Estimators, one file a family; :func:`identify` is the verb."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate, build_estimate
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.preprocessing import Preprocessing
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import Regression, compress
+
+DEFAULT_METHOD = "lmi-sdp"
+
+
+@cache
+def estimator_types() -> dict[str, type[Estimator]]:
+    """Every estimator by name."""
+    found: dict[str, type[Estimator]] = {}
+    for module in pkgutil.iter_modules(__path__):
+        home = importlib.import_module(f"{__name__}.{module.name}")
+        for value in vars(home).values():
+            if isinstance(value, type) and issubclass(value, Estimator) and hasattr(value, "name"):
+                found[value.name] = value
+    return dict(sorted(found.items()))
+
+
+def make_estimator(method: str | Estimator) -> Estimator:
+    if isinstance(method, Estimator):
+        return method
+    try:
+        return estimator_types()[method]()
+    except KeyError:
+        raise InputError(
+            f"method {method!r} is unknown; there are: {', '.join(estimator_types())}."
+        ) from None
+
+
+def identify(
+    problem: Problem,
+    measurements: Measurements,
+    method: str | Estimator = DEFAULT_METHOD,
+    *,
+    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    preprocessing: Preprocessing | None = None,
+    weighting: str = "noise",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Estimate:
+    """Identify a robot's dynamic parameters from measurements.
+
+    method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
+    effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
+        the problem's); weighting : "noise" divides each joint's rows by its residual in a first
+        least-squares pass, "none" leaves newton metres of all joints equal.
+    Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
+    """
+    if measurements.n != problem.robot.n:
+        raise InputError(
+            f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "
+            f"{problem.robot.n}: choose the problem that belongs to the file."
+        )
+    estimator = make_estimator(method)
+    model = problem.model(effects)
+    settings = (preprocessing or problem.preprocessing).resolve(measurements)
+    progress("compressing the measurements")
+    regression = compress(measurements, model, settings)
+    progress(f"estimating by {estimator.name}")
+    task = make_task(problem, model, regression, weighting, seed, progress)
+    return build_estimate(
+        problem, task, estimator, estimator.fit(task), regression, settings, measurements, weighting
+    )
+
+
+def make_task(
+    problem: Problem,
+    model: Model,
+    regression: Regression,
+    weighting: str = "noise",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Task:
+    """What an estimator needs to know, from a problem and compressed measurements."""
+    nominal, bound = problem.nominal(model), problem.parameter_bound(model)
+    plain = Task(
+        model,
+        regression.least_squares(),
+        problem.constraints(model),
+        bound,
+        nominal,
+        problem.box,
+        problem.independent,
+        seed,
+        progress,
+    )
+    if weighting == "none":
+        return plain
+    if weighting != "noise":
+        raise InputError(f"weighting {weighting!r} is unknown; there are: noise, none.")
+    return replace(plain, data=regression.least_squares(joint_weights(regression, plain.ols)))
+
+
+def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
+    """(n,) weights sigma / sigma_j from residuals of a first pass, sigma their root mean square.
+
+    A joint whose residual is below 1e-6 of its torque counts as that exact, so that noise-free data
+    are not weighted by rounding.
+    """
+    rows = np.maximum(regression.joint_rows(), 1)
+    torque = np.array([float(np.sum(f.triangle[:, -1] ** 2)) for f in regression.per_joint()])
+    variance = np.maximum(regression.joint_losses(theta), 1e-12 * torque) / rows
+    if not np.any(variance > 0.0):
+        return np.ones(len(rows))
+    variance = np.maximum(variance, 1e-12 * variance.max())
+    return np.sqrt(variance.mean() / variance)

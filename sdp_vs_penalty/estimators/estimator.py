@@ -1,0 +1,127 @@
+"""What an estimator is given and what it must return.
+
+A file in this folder that defines subclasses of :class:`Estimator` is their registration. An
+estimator sees compressed data and constraints as arrays; it knows neither files nor robots.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import constraints as build
+from sdp_vs_penalty.constraints import Constraint, ConstraintSet
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.regression import LeastSquares, base_parameters
+from sdp_vs_penalty.solvers.conic import Objective
+
+Array = NDArray[np.float64]
+
+#: Called with a short text of where a long computation stands.
+Progress = Callable[[str], None]
+
+
+def no_progress(_: str) -> None:
+    """The default: silence."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One identification problem, ready for any estimator.
+
+    data : the (weighted) least-squares problem in all parameters theta (p,).
+    constraints : what the problem demands; bound : (p,) implied bounds on |theta|.
+    nominal : (p,) a strictly consistent theta that the problem knows beforehand.
+    box : (n, 10, 2) barycentric bounds of each link.
+    independent : names of the base parameters to use, or None.
+    """
+
+    model: Model
+    data: LeastSquares
+    constraints: ConstraintSet
+    bound: Array
+    nominal: Array
+    box: Array
+    independent: tuple[str, ...] | None = None
+    seed: int = 0
+    progress: Progress = no_progress
+
+    @cached_property
+    def links(self) -> NDArray[np.intp]:
+        """(n, 10) indices of each link's parameters in theta; (0, 10) without a rigid body."""
+        return self.model.rigid_indices.reshape(-1, 10)
+
+    @cached_property
+    def base(self) -> Array:
+        """(b, p) map to base parameters: the links' own symbols, then all other parameters."""
+        p = len(self.bound)
+        others = np.setdiff1d(np.arange(p), self.model.rigid_indices)
+        if not len(self.links):
+            return np.eye(p)
+        matrix, _ = base_parameters(self.model, self.independent)
+        out = np.zeros((len(matrix) + len(others), p))
+        out[: len(matrix), self.model.rigid_indices] = matrix
+        out[len(matrix) + np.arange(len(others)), others] = 1.0
+        return out
+
+    @cached_property
+    def ols(self) -> Array:
+        """The unconstrained least-squares theta nearest to the nominal one."""
+        return nearest_least_squares(self.data, self.nominal, self.bound)
+
+    @cached_property
+    def base_distance(self) -> LeastSquares:
+        """|pi(theta) - pi_hat|^2 in the Euclidean norm of the symbols, pi_hat the OLS estimate.
+
+        The first of two steps: what the paper's retrieval and Sousa and Cortesao's beta' minimise.
+        """
+        target = self.base @ self.ols
+        return LeastSquares(self.base, target, 0.0, float(target @ target), len(target))
+
+    def minimum_thickness(self, radius: float) -> list[Constraint]:
+        """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
+        if radius <= 0.0:
+            return []
+        return [
+            build.minimum_thickness(f"link {k + 1}", indices, radius)
+            for k, indices in enumerate(self.links)
+        ]
+
+
+def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) -> Array:
+    """argmin |R theta - rho|, among the minimisers the one nearest to reference (scaled)."""
+    norms = data.column_norms
+    size = np.where(norms > 0.0, norms, 1.0)
+    unit = np.where(norms > 0.0, 1.0 / size, scale)
+    scaled = np.where(norms > 0.0, data.R * unit, 0.0)
+    step = np.linalg.lstsq(scaled, data.rho - data.R @ reference, rcond=1e-9)[0]
+    return reference + unit * step
+
+
+@dataclass(frozen=True)
+class Fit:
+    """theta (p,); for convex problems what the certificate needs to bound the optimum."""
+
+    theta: Array
+    objective: Objective
+    constraints: ConstraintSet
+    multipliers: Sequence[Array] | None = None
+    interior: Array | None = None
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+class Estimator(ABC):
+    """One way from a Task to parameters. Subclasses are frozen dataclasses of their settings."""
+
+    name: ClassVar[str]
+    description: ClassVar[str]
+
+    @abstractmethod
+    def fit(self, task: Task) -> Fit:
+        """Estimate theta; raises InputError where the constraints admit none."""

@@ -1,0 +1,151 @@
+"""The ten standard inertial parameters of a link, and when they are physically consistent.
+
+THE parameter order, used everywhere in this package (it is Pinocchio's):
+
+    theta = (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz)
+
+with the moments of inertia about the origin of the link frame [kg, kg m, kg m^2]. URDF files and
+the tables of Gaz et al. write inertias as Ixx Ixy Ixz Iyy Iyz Izz and about the centre of mass:
+they are converted at the border by the functions below.
+
+The pseudo-inertia of a link (Wensing, Kim, Slotine, RA-L 2018, eq. 9) is the 4x4 matrix
+
+    P(theta) = [[Sigma, m c], [(m c)^T, m]],     Sigma = 1/2 tr(I) 1 - I,
+
+linear in theta. P > 0 holds exactly if some mass distribution of positive density has these
+parameters: m > 0, and the inertia about the centre of mass is positive definite and satisfies the
+triangle inequalities (Traversaro, Brossette, Escande, Nori, IROS 2016).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: The parameter order of one link.
+PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+UNITS = ("kg", *("kg*m",) * 3, *("kg*m^2",) * 6)
+
+#: (row, column) of each of the six inertia entries, in the parameter order.
+_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+#: Position of Ixx, Ixy, Ixz, Iyy, Iyz, Izz (URDF, Gaz et al.) among our six inertia entries.
+URDF_ORDER = (0, 1, 3, 2, 4, 5)
+
+
+def _pseudo_inertia_basis() -> Array:
+    basis = np.zeros((10, 4, 4))
+    basis[0, 3, 3] = 1.0
+    for axis in range(3):
+        basis[1 + axis, axis, 3] = basis[1 + axis, 3, axis] = 1.0
+    for k, (i, j) in enumerate(_ENTRIES):
+        if i == j:
+            basis[4 + k, :3, :3] = 0.5 * np.eye(3)
+            basis[4 + k, i, i] -= 1.0
+        else:
+            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
+    return basis
+
+
+#: P(theta) = sum_k theta_k PSEUDO_INERTIA_BASIS[k]; shape (10, 4, 4).
+PSEUDO_INERTIA_BASIS = _pseudo_inertia_basis()
+
+
+def parameter_names(link: int) -> tuple[str, ...]:
+    """Names of the ten parameters of a link counted from 1: m3, mx3, ..., Izz3 for ``link=3``."""
+    return tuple(f"{name}{link}" for name in PARAMETERS)
+
+
+def pseudo_inertia(theta: ArrayLike) -> Array:
+    """Pseudo-inertia matrices, shape (..., 4, 4), of standard parameters, shape (..., 10)."""
+    return np.tensordot(np.asarray(theta, float), PSEUDO_INERTIA_BASIS, axes=(-1, 0))
+
+
+def from_pseudo_inertia(matrix: ArrayLike) -> Array:
+    """Standard parameters, shape (..., 10), of pseudo-inertia matrices, shape (..., 4, 4)."""
+    p = np.asarray(matrix, float)
+    trace = np.trace(p[..., :3, :3], axis1=-2, axis2=-1)
+    inertia = trace[..., None, None] * np.eye(3) - p[..., :3, :3]
+    return np.concatenate(
+        [p[..., 3, 3, None], p[..., :3, 3], *(inertia[..., i, j, None] for i, j in _ENTRIES)], axis=-1
+    )
+
+
+def inertia_matrix(entries: ArrayLike) -> Array:
+    """Symmetric 3x3 inertia, shape (..., 3, 3), of six entries in our order, shape (..., 6)."""
+    e = np.asarray(entries, float)
+    out = np.empty((*e.shape[:-1], 3, 3))
+    for k, (i, j) in enumerate(_ENTRIES):
+        out[..., i, j] = out[..., j, i] = e[..., k]
+    return out
+
+
+def inertia_entries(matrix: ArrayLike) -> Array:
+    """Six entries in our order, shape (..., 6), of a symmetric inertia, shape (..., 3, 3)."""
+    m = np.asarray(matrix, float)
+    return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
+
+
+def _parallel_axis(mass: Array, c: Array) -> Array:
+    """m (c.c 1 - c c^T), shape (..., 3, 3): what moving the reference point by c adds (Steiner)."""
+    square = np.sum(c * c, axis=-1)[..., None, None] * np.eye(3)
+    return mass[..., None, None] * (square - c[..., :, None] * c[..., None, :])
+
+
+def standard_from_barycentric(p: ArrayLike) -> Array:
+    """Standard parameters of (m, cx, cy, cz, six entries of I about the centre of mass), (..., 10).
+
+    The convention of Gaz et al. (RA-L 2019), with the inertia entries in our order.
+    """
+    p = np.asarray(p, float)
+    mass, c = p[..., 0], p[..., 1:4]
+    inertia = inertia_matrix(p[..., 4:]) + _parallel_axis(mass, c)
+    return np.concatenate([mass[..., None], mass[..., None] * c, inertia_entries(inertia)], axis=-1)
+
+
+def barycentric_from_standard(theta: ArrayLike) -> Array:
+    """Inverse of :func:`standard_from_barycentric`; a link of zero mass gets NaN for c and I."""
+    theta = np.asarray(theta, float)
+    mass = theta[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        c = theta[..., 1:4] / mass[..., None]
+    inertia = inertia_matrix(theta[..., 4:]) - _parallel_axis(mass, c)
+    return np.concatenate([mass[..., None], c, inertia_entries(inertia)], axis=-1)
+
+
+def transform(placement: ArrayLike) -> Array:
+    """The 10x10 map of standard parameters from a frame B to a frame A, given A_X_B (4x4).
+
+    The pseudo-inertia is a second moment of homogeneous coordinates, hence P_A = X P_B X^T.
+    """
+    x = np.asarray(placement, float)
+    return from_pseudo_inertia(x @ PSEUDO_INERTIA_BASIS @ x.T).T
+
+
+def consistency_margin(theta: ArrayLike) -> Array:
+    """Smallest eigenvalue of the pseudo-inertia, shape (...): >= 0 exactly if consistent."""
+    return np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0]
+
+
+def triangle_margin(theta: ArrayLike) -> Array:
+    """Smallest of D1 + D2 - D3 over the principal moments about the centre of mass [kg m^2]."""
+    moments = np.linalg.eigvalsh(inertia_matrix(barycentric_from_standard(theta)[..., 4:]))
+    return moments[..., 0] + moments[..., 1] - moments[..., 2]
+
+
+def thickness(theta: ArrayLike) -> Array:
+    """Smallest radius r [m] with Sigma_c >= m r^2 1: zero for a rod, negative if inconsistent.
+
+    Sigma_c is the second moment about the centre of mass: a link whose mass lies on a line or in a
+    plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
+    """
+    p = pseudo_inertia(theta)
+    mass, h = p[..., 3, 3], p[..., :3, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        central = p[..., :3, :3] / mass[..., None, None] - h[..., :, None] * h[..., None, :] / (
+            mass[..., None, None] ** 2
+        )
+    central = np.where(np.isfinite(central), central, 0.0)
+    smallest = np.linalg.eigvalsh(central)[..., 0]
+    return np.sign(smallest) * np.sqrt(np.abs(smallest))

@@ -1,0 +1,297 @@
+"""Measurements of a robot's motion and torque: the type, and the readers and writers of files.
+
+RUN.csv has the header t,q1..qn,dq1..dqn,tau1..taun (dq optional) in s, rad (m), rad/s (m/s),
+N m (N); .npz holds arrays of the same names. One file is one run; t is one clock that all runs of a
+sitting share. A folder with the four text files of the authors' Panda logger is read as well.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """One or more runs of one robot.
+
+    t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
+    run : (N,) index of the run that a sample belongs to; names : one name a run.
+    Velocity and acceleration for identification are not these dq: see preprocessing.
+    """
+
+    t: Array
+    q: Array
+    tau: Array
+    dq: Array | None = None
+    run: NDArray[np.int64] | None = None
+    names: tuple[str, ...] = ("run",)
+
+    @property
+    def n(self) -> int:
+        return int(self.q.shape[1])
+
+    def runs(self) -> list[Measurements]:
+        """The single runs, in order."""
+        if self.run is None:
+            return [self]
+        return [self._rows(self.run == k, (name,)) for k, name in enumerate(self.names)]
+
+    def window(self, start: float, stop: float) -> Measurements:
+        """The samples with start <= t < stop, t in seconds from the start of each run."""
+        parts = [r._rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop), r.names) for r in self.runs()]
+        return concatenate(parts)
+
+    def _rows(self, keep: NDArray[np.bool_], names: tuple[str, ...]) -> Measurements:
+        dq = None if self.dq is None else self.dq[keep]
+        return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names)
+
+    @property
+    def data_hash(self) -> str:
+        """SHA-256 over the numbers (not the file), so that the format does not matter."""
+        digest = hashlib.sha256()
+        for run in self.runs():
+            for a in (run.t, run.q, run.tau):
+                digest.update(repr(a.shape).encode())
+                digest.update(np.ascontiguousarray(a, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+
+def concatenate(parts: Sequence[Measurements]) -> Measurements:
+    """Several measurements of one robot as one, their runs kept apart."""
+    runs = [run for part in parts for run in part.runs()]
+    if len({run.n for run in runs}) > 1:
+        raise InputError(
+            "The runs have different numbers of joints: "
+            + ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
+            + "."
+        )
+    dq = None
+    if all(r.dq is not None for r in runs):
+        dq = np.concatenate([r.dq for r in runs if r.dq is not None])
+    return Measurements(
+        np.concatenate([r.t for r in runs]),
+        np.concatenate([r.q for r in runs]),
+        np.concatenate([r.tau for r in runs]),
+        dq,
+        np.repeat(np.arange(len(runs)), [len(r.t) for r in runs]),
+        tuple(r.names[0] for r in runs),
+    )
+
+
+def load_measurements(
+    *paths: str | Path, joints: int | None = None, start: float = 0.0, stop: float = np.inf
+) -> Measurements:
+    """Read runs from .csv or .npz files, or folders in the authors' Panda format.
+
+    joints : the number of joints expected; start, stop : the window of each run to keep [s].
+    Raises InputError naming file, row and column for whatever cannot be used.
+    """
+    if not paths:
+        raise InputError("No measurement file is given: name at least one RUN.csv.")
+    parts = []
+    for path in map(Path, paths):
+        if path.is_dir():
+            part = _read_panda_folder(path)
+        elif not path.exists():
+            raise InputError(f"{path}: no such file.")
+        elif path.suffix == ".npz":
+            part = _read_npz(path)
+        else:
+            part = _read_csv(path)
+        if joints is not None and part.n != joints:
+            raise InputError(
+                f"{path}: the file has {part.n} joint(s), the robot has {joints}: "
+                "choose the problem that belongs to this file."
+            )
+        _check(path, part)
+        parts.append(part)
+    whole = concatenate(parts)
+    if start > 0.0 or np.isfinite(stop):
+        whole = whole.window(start, stop)
+        for run in whole.runs():
+            if len(run.t) < 2:
+                raise InputError(f"{run.names[0]}: no samples between {start:g} s and {stop:g} s.")
+    return whole
+
+
+def save_csv(measurements: Measurements, path: str | Path) -> None:
+    """Write one run as RUN.csv, whole or not at all."""
+    from sdp_vs_penalty.files import write_text
+
+    m = measurements
+    groups = [("q", m.q), *([] if m.dq is None else [("dq", m.dq)]), ("tau", m.tau)]
+    header = ["t", *(f"{name}{j + 1}" for name, _ in groups for j in range(m.n))]
+    rows = np.column_stack([m.t, *(a for _, a in groups)])
+    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _read_csv(path: Path) -> Measurements:
+    raw = path.read_bytes()
+    if b"\0" in raw[:4096]:
+        raise InputError(f"{path}: a binary file, not CSV text.")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text (byte {error.start}).") from error
+    lines = text.splitlines()
+    if not lines or not lines[0].strip():
+        raise InputError(f"{path}: the file is empty.")
+    header = [name.strip() for name in lines[0].split(",")]
+    n, has_dq = _joints_of(path, header)
+    rows = _numbers(path, lines[1:], len(header))
+    column = {name: k for k, name in enumerate(header)}
+
+    def group(prefix: str) -> Array:
+        return np.ascontiguousarray(rows[:, [column[f"{prefix}{j + 1}"] for j in range(n)]])
+
+    dq = group("dq") if has_dq else None
+    return Measurements(rows[:, column["t"]].copy(), group("q"), group("tau"), dq, None, (path.name,))
+
+
+def _joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
+    """Number of joints and whether dq is there, from a header; InputError where it is incomplete."""
+    found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
+    if not found:
+        raise InputError(
+            f"{path}: row 1 names no column q1; the header must read t,q1..qn,dq1..dqn,tau1..taun "
+            "(dq optional)."
+        )
+    n = max(found)
+    has_dq = any(re.fullmatch(r"dq[0-9]+", name) for name in names)
+    wanted = [
+        "t",
+        *(f"{p}{j + 1}" for p in ("q", *(("dq",) if has_dq else ()), "tau") for j in range(n)),
+    ]
+    for name in wanted:
+        if names.count(name) != 1:
+            problem = "is missing" if names.count(name) == 0 else "comes twice"
+            raise InputError(f"{path}: column {name} {problem} (header: {','.join(names)[:120]}).")
+    for name in names:
+        if name not in wanted:
+            raise InputError(f"{path}: column {name!r} is unknown; expected t, q, dq, tau with numbers.")
+    return n, has_dq
+
+
+def _numbers(path: Path, lines: Sequence[str], width: int) -> Array:
+    try:
+        rows = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+        if rows.shape[0] == sum(1 for line in lines if line.strip()) and (
+            rows.size == 0 or rows.shape[1] == width
+        ):
+            return rows.reshape(-1, width)
+    except ValueError:
+        pass
+    for number, line in enumerate(lines, start=2):
+        cells = line.split(",")
+        if not line.strip():
+            continue
+        if len(cells) != width:
+            raise InputError(
+                f"{path}: row {number} has {len(cells)} cells, the header has {width}: "
+                "complete the row or delete it."
+            )
+        for k, cell in enumerate(cells):
+            try:
+                float(cell)
+            except ValueError:
+                raise InputError(
+                    f"{path}: row {number}, column {k + 1} holds {cell.strip()[:40]!r}, not a number."
+                ) from None
+    raise InputError(f"{path}: the rows cannot be read as numbers.")
+
+
+def _read_npz(path: Path) -> Measurements:
+    arrays = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(info.file_size for info in archive.infolist())
+            if size > 4 * 2**30:
+                raise InputError(
+                    f"{path}: unpacks to {size / 2**30:.0f} GiB; split it into runs below 4."
+                )
+        with np.load(path, allow_pickle=False) as file:
+            for name in file.files:
+                arrays[name] = np.atleast_1d(np.asarray(file[name], float))
+    except InputError:
+        raise
+    except (OSError, ValueError, TypeError, zipfile.BadZipFile, EOFError, KeyError) as error:
+        raise InputError(f"{path}: not a readable .npz file of numbers ({error}).") from error
+    if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
+        for name in ("q", "dq", "tau"):
+            block = arrays.pop(name, None)
+            if block is not None:
+                if block.ndim == 1:
+                    block = block[:, None]
+                if block.ndim != 2:
+                    raise InputError(f"{path}: array {name} has {block.ndim} dimensions, 2 are needed.")
+                arrays |= {f"{name}{j + 1}": block[:, j] for j in range(block.shape[1])}
+    n, has_dq = _joints_of(path, list(arrays))
+    lengths = {name: a.shape for name, a in arrays.items()}
+    if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
+        raise InputError(
+            f"{path}: the arrays differ in length ({lengths}); all need one entry a sample."
+        )
+
+    def group(prefix: str) -> Array:
+        return np.column_stack([arrays[f"{prefix}{j + 1}"] for j in range(n)])
+
+    dq = group("dq") if has_dq else None
+    return Measurements(arrays["t"], group("q"), group("tau"), dq, None, (path.name,))
+
+
+def _read_panda_folder(folder: Path) -> Measurements:
+    """The authors' four text files: one number a line, sample-major."""
+    columns = {}
+    for key, name in (("t", "time"), ("q", "positions"), ("dq", "velocity"), ("tau", "torques")):
+        path = folder / f"exciting_traj_{name}.txt"
+        if not path.exists():
+            raise InputError(
+                f"{folder}: a folder is read as the authors' Panda log, and {path.name} is missing."
+            )
+        lines = path.read_text(errors="replace").splitlines()
+        columns[key] = _numbers(path, lines, 1)[:, 0]
+    t = columns.pop("t")
+    if len(t) == 0:
+        raise InputError(f"{folder}: the log is empty.")
+    for key, values in columns.items():
+        if len(values) % len(t) or len(values) != len(columns["q"]):
+            raise InputError(f"{folder}: {len(values)} numbers of {key} do not fit {len(t)} instants.")
+    q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
+    return Measurements(t, q, tau, dq, None, (folder.name,))
+
+
+def _check(path: Path, m: Measurements) -> None:
+    if len(m.t) < 2:
+        raise InputError(f"{path}: the run has {len(m.t)} sample(s); there is nothing to identify from.")
+    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
+        if values is None:
+            continue
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            row, joint = bad[0]
+            column = name if name == "t" else f"{name}{joint + 1}"
+            raise InputError(
+                f"{path}: row {row + 2}, column {column} is not a finite number: "
+                "delete the row or fill it in."
+            )
+    steps = np.diff(m.t)
+    if np.any(steps <= 0):
+        row = int(np.argmax(steps <= 0))
+        word = "repeats" if steps[row] == 0 else "runs backwards"
+        raise InputError(
+            f"{path}: row {row + 3}, column t: time {word} ({m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; "
+            f"{int(np.sum(steps <= 0))} such row(s)): delete those rows or cut the file there."
+        )

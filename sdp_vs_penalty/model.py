@@ -1,0 +1,89 @@
+"""A robot model: a robot and the list of effects that make its joint torques."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.effect import Effect, Motion, Parameter
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointColumns:
+    """The torque on one joint: columns (N, k) and the indices (k,) into theta that they meet."""
+
+    indices: NDArray[np.intp]
+    columns: Array
+
+
+@dataclass(frozen=True)
+class Model:
+    """tau = sum over effects of Y_e theta_e; theta concatenates the effects' parameters."""
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in self.parameters]
+        for name in names:
+            if names.count(name) > 1:
+                effect = next(p.effect for p in self.parameters if p.name == name)
+                raise InputError(
+                    f"parameter {name} comes twice: list effect {effect} only once a joint."
+                )
+        if not names:
+            raise InputError("The model has no effect: name at least one, such as rigid_body.")
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(p for effect in self.effects for p in effect.parameters)
+
+    @property
+    def offsets(self) -> list[int]:
+        """Where each effect's parameters start in theta."""
+        sizes = [len(effect.parameters) for effect in self.effects]
+        return [0, *np.cumsum(sizes)[:-1].tolist()]
+
+    @cached_property
+    def rigid_indices(self) -> NDArray[np.intp]:
+        """(10 n,) where the links' standard parameters sit in theta; empty without a rigid body."""
+        for offset, effect in zip(self.offsets, self.effects, strict=True):
+            if effect.name == "rigid_body":
+                return np.arange(offset, offset + 10 * self.robot.n)
+        return np.arange(0)
+
+    @cached_property
+    def joint_indices(self) -> tuple[NDArray[np.intp], ...]:
+        """For each joint the indices into theta that its torque can depend on."""
+        zero = np.zeros((1, self.robot.n))
+        motion = Motion(np.zeros(1), zero, zero, zero, zero)
+        return tuple(c.indices for c in self.columns(motion))
+
+    def columns(self, motion: Motion) -> list[JointColumns]:
+        """The regressor of a motion, joint by joint (n entries)."""
+        indices: list[list[Array]] = [[] for _ in range(self.robot.n)]
+        columns: list[list[Array]] = [[] for _ in range(self.robot.n)]
+        for offset, effect in zip(self.offsets, self.effects, strict=True):
+            for block in effect.blocks(motion):
+                indices[block.joint].append(block.parameters + offset)
+                columns[block.joint].append(block.columns)
+        empty = np.zeros((len(motion.t), 0))
+        return [
+            JointColumns(
+                np.concatenate([np.zeros(0, np.intp), *i]).astype(np.intp), np.hstack([empty, *c])
+            )
+            for i, c in zip(indices, columns, strict=True)
+        ]
+
+    def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
+        """Modelled torque (N, n)."""
+        theta = np.asarray(theta, float)
+        return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])

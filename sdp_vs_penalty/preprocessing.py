@@ -1,0 +1,230 @@
+"""From raw logs to regression rows: resampling, states, and one low-pass on both sides.
+
+Three steps, each zero-phase and each with a finite impulse response, so that a run can be worked
+through in pieces with exactly the result of the whole:
+
+1. Jittered time stamps are resampled linearly to the median rate. Runs are split at gaps.
+2. The position is convolved with a low-pass kernel and its exact first and second derivative:
+   q, dq, ddq at one cut-off (``state_cutoff``). Measured velocities are not used: drives filter
+   them, with a lag that would have to be known.
+3. The model's columns are computed from these states at the full rate; columns AND torque pass the
+   same second low-pass (``torque_cutoff``), which therefore leaves the linear relation between them
+   intact, and are decimated to four times its cut-off.
+
+The kernel is a Hann-windowed sinc of half-length 2 / cut-off: gain 1/2 at the cut-off (what forward
+and backward Butterworth filtering gives), flat to 1e-3 below half of it. Rows within the half
+lengths of both kernels of the ends of a run would need samples from outside it, and are dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal, sparse
+
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.model import JointColumns, Model
+
+Array = NDArray[np.float64]
+
+#: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4 cut-offs.
+_OVERSAMPLING = 4.0
+#: Raw samples worked on at a time: bounds the memory for the columns whatever a run's length.
+_CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """Settings of the filters; None is chosen from the data by :meth:`resolve`.
+
+    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation harmonic. Higher
+        lets position noise into ddq, lower bends the motion. On the slow Panda run: 5 Hz.
+    torque_cutoff : [Hz] of columns and torque. Default: 1.6 times the former (Panda: 8 Hz), so that
+        friction at reversals, sharper than the motion, stays visible.
+    standstill : rows are dropped where no joint has moved faster than this share of its own
+        maximum for half a second: they repeat one static friction state that no model of
+        sliding friction explains.
+    """
+
+    state_cutoff: float | None = None
+    torque_cutoff: float | None = None
+    standstill: float = 2e-3
+
+    def resolve(self, measurements: Measurements) -> Preprocessing:
+        """The same settings with every number filled in for these measurements."""
+        rate = min(_rate(run) for run in measurements.runs())
+        state = self.state_cutoff
+        if state is None:
+            state = 10.0 * max(_highest_harmonic(run) for run in measurements.runs())
+        state = min(state, rate / 10.0)
+        torque = 1.6 * state if self.torque_cutoff is None else self.torque_cutoff
+        return replace(self, state_cutoff=state, torque_cutoff=min(torque, rate / 5.0))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Filtered, decimated rows of one run: motion (M, n), torque (M, n), columns joint by joint."""
+
+    motion: Motion
+    torque: Array
+    columns: list[JointColumns]
+
+
+def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> Iterator[Rows]:
+    """The regression rows of one run, piece by piece; ``settings`` must be resolved.
+
+    Raises InputError where a run is shorter than the filters need.
+    """
+    assert settings.state_cutoff is not None and settings.torque_cutoff is not None
+    dt = 1.0 / _rate(run)
+    state = _Kernel(settings.state_cutoff, dt)
+    column = _Kernel(settings.torque_cutoff, dt)
+    margin = state.half + column.half
+    step = max(1, int(1.0 / (_OVERSAMPLING * settings.torque_cutoff * dt)))
+    moving = _Movement(run, settings.standstill)
+    whole = any(effect.has_memory for effect in model.effects)
+    found = False
+    for t, q, tau in _segments(run, dt):
+        outputs = np.arange(margin, len(t) - margin, step)
+        per_chunk = len(outputs) if whole else max(1, _CHUNK // step)
+        for first in range(0, len(outputs), max(per_chunk, 1)):
+            at = outputs[first : first + per_chunk]
+            # [start, stop): the samples whose columns the low-pass of these outputs needs.
+            start, stop = at[0] - column.half, at[-1] + column.half + 1
+            around = slice(start - state.half, stop + state.half)
+            motion = Motion(t[start:stop], *state.states(q[around]))
+            low_pass = column.decimator(stop - start, at - start)
+            keep = moving.at(t[at])
+            if not keep.any():
+                continue
+            found = True
+            low_pass = low_pass[keep]
+            local = at[keep] - start
+            yield Rows(
+                Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
+                low_pass @ tau[start:stop],
+                [JointColumns(c.indices, low_pass @ c.columns) for c in model.columns(motion)],
+            )
+    if not found:
+        raise InputError(
+            f"{run.names[0]}: no rows are left after filtering: the run lasts "
+            f"{run.t[-1] - run.t[0]:.3g} s, the filters need more than {2 * margin * dt:.3g} s in which "
+            "the robot moves; record longer, or raise the cut-offs."
+        )
+
+
+def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) -> Rows:
+    """All rows of a run at once."""
+    pieces = list(filtered_rows(run, model, settings))
+
+    def join(name: str) -> Array:
+        return np.concatenate([getattr(p.motion, name) for p in pieces])
+
+    columns = [
+        JointColumns(parts[0].indices, np.concatenate([p.columns for p in parts]))
+        for parts in zip(*(p.columns for p in pieces), strict=True)
+    ]
+    motion = Motion(join("t"), join("q"), join("dq"), join("ddq"))
+    return Rows(motion, np.concatenate([p.torque for p in pieces]), columns)
+
+
+class _Kernel:
+    """Hann-windowed sinc and its derivatives, sampled at dt; exact on polynomials of degree 2."""
+
+    def __init__(self, cutoff: float, dt: float) -> None:
+        self.dt = dt
+        self.half = int(np.ceil(2.0 / cutoff / dt))
+        support = (self.half + 1) * dt  # the window is zero one sample beyond the ends
+        t = np.arange(-self.half, self.half + 1) * dt
+        w = 2.0 * np.pi * cutoff
+        safe = np.where(t == 0.0, 1.0, t)
+        sinc = np.where(t == 0.0, w, np.sin(w * t) / safe)
+        sinc1 = np.where(t == 0.0, 0.0, (w * np.cos(w * t) - sinc) / safe)
+        sinc2 = np.where(t == 0.0, -(w**3) / 3.0, (-(w**2) * np.sin(w * t) - 2.0 * sinc1) / safe)
+        a = np.pi / support
+        hann, hann1, hann2 = (
+            0.5 + 0.5 * np.cos(a * t),
+            -0.5 * a * np.sin(a * t),
+            -0.5 * a**2 * np.cos(a * t),
+        )
+        h = sinc * hann
+        h1 = sinc1 * hann + sinc * hann1
+        h2 = sinc2 * hann + 2.0 * sinc1 * hann1 + sinc * hann2
+        self.value = h / h.sum()
+        self.first = -h1 / (h1 @ t)
+        h2 = h2 - h2.sum() * self.value
+        self.second = 2.0 * h2 / (h2 @ t**2)
+
+    def states(self, q: Array) -> tuple[Array, Array, Array]:
+        """q, dq, ddq (N - 2 half, n) from positions (N, n)."""
+        centred = q - q[:1]  # keeps the rounding of the transforms relative to the motion
+        low, first, second = (
+            signal.oaconvolve(centred, kernel[:, None], mode="valid", axes=0)
+            for kernel in (self.value, self.first, self.second)
+        )
+        return low + q[:1], first, second
+
+    def decimator(self, length: int, at: NDArray[np.int64]) -> sparse.csr_array:
+        """(len(at), length) matrix: the low-pass evaluated at the samples ``at`` only."""
+        width = 2 * self.half + 1
+        columns = (at[:, None] - self.half + np.arange(width)).ravel()
+        values = np.tile(self.value[::-1], len(at))
+        starts = np.arange(len(at) + 1) * width
+        return sparse.csr_array((values, columns, starts), shape=(len(at), length))
+
+
+class _Movement:
+    """Which instants belong to motion rather than standstill, from positions half a second apart."""
+
+    def __init__(self, run: Measurements, share: float) -> None:
+        half = 0.25
+        before, after = (
+            np.column_stack([np.interp(run.t + s, run.t, q) for q in run.q.T]) for s in (-half, half)
+        )
+        travel = np.abs(after - before)
+        largest = travel.max(axis=0)
+        self.t = run.t
+        self.moves = np.any(travel > share * np.maximum(largest, 1e-12), axis=1)
+
+    def at(self, t: Array) -> NDArray[np.bool_]:
+        return self.moves[np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)]
+
+
+def _rate(run: Measurements) -> float:
+    return 1.0 / float(np.median(np.diff(run.t)))
+
+
+def _segments(run: Measurements, dt: float) -> Iterator[tuple[Array, Array, Array]]:
+    """(t, q, tau) on a uniform grid, one piece between gaps of the clock."""
+    breaks = np.flatnonzero(np.diff(run.t) > max(20.0 * dt, 0.05)) + 1
+    for part in np.split(np.arange(len(run.t)), breaks):
+        t = run.t[part]
+        if len(t) < 2:
+            continue
+        grid = t[0] + dt * np.arange(int((t[-1] - t[0]) / dt) + 1)
+        q, tau = (
+            np.column_stack([np.interp(grid, t, x) for x in values[part].T])
+            for values in (run.q, run.tau)
+        )
+        yield grid, q, tau
+
+
+def _highest_harmonic(run: Measurements) -> float:
+    """Highest frequency [Hz] at which some joint's position has 1 % of its largest amplitude."""
+    dt = 1.0 / _rate(run)
+    highest = 0.0
+    for t, q, _ in _segments(run, dt):
+        if len(t) < 16 or not np.any(np.ptp(q, axis=0) > 0):
+            continue
+        window = np.hanning(len(t))[:, None]
+        amplitude = np.abs(np.fft.rfft(window * (q - q.mean(axis=0)), axis=0))
+        present = np.any(amplitude > 0.01 * amplitude.max(axis=0, initial=1e-300), axis=1)
+        highest = max(highest, int(np.flatnonzero(present)[-1]) / (len(t) * dt))
+    if highest == 0.0:
+        raise InputError(f"{run.names[0]}: the robot does not move in this run.")
+    return highest

@@ -1,0 +1,441 @@
+"""A shared problem definition: robot, bounds, nominal inertia, published values.
+
+A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file. Both
+estimators read the same :class:`Problem`; what each can take of it is decided in the estimators.
+"""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import constraints as build
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.constraints import BarycentricBound, Constraint, ConstraintSet
+from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.preprocessing import Preprocessing
+from sdp_vs_penalty.robot import STANDARD_GRAVITY, Robot
+from sdp_vs_penalty.urdf import load_urdf
+
+Array = NDArray[np.float64]
+
+#: Defaults that keep the feasible set of a robot without published bounds (a URDF) bounded.
+DEFAULT_LINK_MASS = 100.0  # kg, upper bound of one link
+DEFAULT_REACH_FACTOR = 1.5  # a link's mass lies within this times its reach of its frame
+#: Friction, offsets and other joint parameters: |theta| below this, in SI units.
+PARAMETER_RANGE = 1e4
+#: Nominal mass per length of a link about which nothing is known [kg/m].
+DEFAULT_LINEAR_DENSITY = 10.0
+
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class CentreOfMassCone:
+    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]."""
+
+    link: int  # from 0
+    axis: int
+    radius: float
+    slope: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is known of a robot before anything is measured.
+
+    box : (n, 10, 2) lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about
+        the centre of mass, infinite where there is none.
+    nominal_links : (n, 10) standard parameters of a plausible, strictly consistent robot.
+    """
+
+    name: str
+    title: str
+    robot: Robot
+    box: Array
+    nominal_links: Array
+    total_mass: tuple[float, float] = (0.0, np.inf)
+    cones: tuple[CentreOfMassCone, ...] = ()
+    torque_side: str = "link"
+    preprocessing: Preprocessing = field(default_factory=Preprocessing)
+    independent: tuple[str, ...] | None = None
+    folder: Path | None = None
+
+    @property
+    def default_effects(self) -> tuple[str, ...]:
+        """The usual four, and the rotor's inertia where the torque is measured before the gear."""
+        return DEFAULT_EFFECTS + (("rotor_inertia",) if self.torque_side == "motor" else ())
+
+    def model(self, effects: str | Sequence[str] | Sequence[Effect] | None = None) -> Model:
+        """The model of this robot with effects given by name, as objects, or the defaults."""
+        chosen: Any = self.default_effects if effects is None else effects
+        if isinstance(chosen, str) or any(isinstance(e, str) for e in chosen):
+            chosen = parse_effects(chosen, self.robot)
+        return Model(self.robot, tuple(chosen))
+
+    def with_gravity(self, gravity: Sequence[float]) -> Problem:
+        x, y, z = (float(v) for v in gravity)
+        return replace(self, robot=replace(self.robot, gravity=(x, y, z)))
+
+    def constraints(self, model: Model) -> ConstraintSet:
+        """Every demand on the parameters of a model of this robot."""
+        convex: list[Constraint] = []
+        nonconvex: list[BarycentricBound] = []
+        if len(model.rigid_indices):
+            for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
+                convex += self._link_constraints(link, indices)
+                nonconvex += self._barycentric_bounds(link, indices)
+            masses = model.rigid_indices[::10]
+            if self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1]):
+                bounds = _interval(self.total_mass[0], self.total_mass[1])
+                convex.append(
+                    build.linear(
+                        "total mass",
+                        "robot",
+                        masses,
+                        np.tile(bounds[0], (len(masses), 1)),
+                        bounds[1],
+                    )
+                )
+        convex += _effect_constraints(model)
+        return ConstraintSet(tuple(convex), tuple(nonconvex))
+
+    def parameter_bound(self, model: Model) -> Array:
+        """(p,) numbers B with |theta_k| <= B_k for every feasible theta.
+
+        Follows from the convex constraints; the certificate's lower bound needs it in directions
+        that the data do not determine.
+        """
+        bound = np.full(len(model.parameters), PARAMETER_RANGE)
+        for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
+            mass, com, moment = self._link_size(link)
+            bound[indices[0]] = mass
+            bound[indices[1:4]] = mass * com
+            # The largest moment bounds products of inertia too (positive definiteness).
+            bound[indices[4:]] = moment.max()
+        return bound
+
+    def nominal(self, model: Model) -> Array:
+        """(p,) the nominal links and zero for everything else."""
+        theta = np.zeros(len(model.parameters))
+        if len(model.rigid_indices):
+            theta[model.rigid_indices] = self.nominal_links.ravel()
+        return theta
+
+    @cached_property
+    def published(self) -> Mapping[str, list[dict[str, str]]]:
+        """The paper's tables that belong to this problem, by name ("table_III"), as text cells."""
+        if self.folder is None:
+            return {}
+        return {p.stem: _read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
+
+    def _link_size(self, link: int) -> tuple[float, Array, Array]:
+        """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
+        box = self.box[link]
+        reach = DEFAULT_REACH_FACTOR * self.robot.link_reach()[link]
+        mass = box[0, 1] if np.isfinite(box[0, 1]) else DEFAULT_LINK_MASS
+        if np.isfinite(self.total_mass[1]):
+            mass = min(mass, self.total_mass[1])
+        com = np.abs(box[1:4]).max(axis=1)
+        for cone in self.cones:
+            if cone.link == link:
+                along = box[1 + cone.axis]
+                if np.all(np.isfinite(along)) or cone.slope == 0.0:
+                    widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
+                    across = [a for a in range(3) if a != cone.axis]
+                    com[across] = np.minimum(com[across], widest)
+        com = np.where(np.isfinite(com), com, reach)
+        upper = box[[4, 6, 9], 1]
+        square = com**2
+        steiner = mass * (square.sum() - square)
+        if np.all(np.isfinite(upper)):
+            return mass, com, upper + steiner
+        return mass, com, np.full(3, 2.0 * mass * reach**2)
+
+    def _link_constraints(self, link: int, indices: NDArray[np.intp]) -> list[Constraint]:
+        name = f"link {link + 1}"
+        box = self.box[link]
+        mass, com, moment = self._link_size(link)
+        out = [build.pseudo_inertia(name, indices)]
+        rows, constant = _interval(box[0, 0], mass)
+        out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))
+        rows_com = []
+        for axis in range(3):
+            lower, upper = box[1 + axis]
+            for sign, bound in ((1.0, lower), (-1.0, upper)):
+                if np.isfinite(bound):
+                    row = np.zeros(4)
+                    row[0], row[1 + axis] = -sign * bound, sign
+                    rows_com.append(row)
+        if rows_com:
+            coefficients = np.array(rows_com).T
+            out.append(
+                build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(len(rows_com)))
+            )
+        for cone in self.cones:
+            if cone.link == link:
+                across = [a for a in range(3) if a != cone.axis]
+                coefficients = np.zeros((4, 3))
+                coefficients[0, 0] = cone.radius
+                coefficients[1 + cone.axis, 0] = cone.slope
+                coefficients[1 + across[0], 1] = coefficients[1 + across[1], 2] = 1.0
+                out.append(
+                    build.second_order(
+                        "centre of mass cone", name, indices[:4], coefficients, np.zeros(3)
+                    )
+                )
+        upper = box[[4, 6, 9], 1]
+        if np.all(np.isfinite(upper)):
+            # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.
+            square = com**2
+            coefficients = np.zeros((4, 3))
+            coefficients[0] = square.sum() - square
+            coefficients[1:] = -np.eye(3)
+            out.append(build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper))
+        else:
+            reach = DEFAULT_REACH_FACTOR * self.robot.link_reach()[link]
+            out.append(build.density_in_ellipsoid(name, indices, np.zeros(3), np.full(3, reach)))
+        return out
+
+    def _barycentric_bounds(self, link: int, indices: NDArray[np.intp]) -> list[BarycentricBound]:
+        return [
+            BarycentricBound(f"link {link + 1}", link, indices, entry, float(low), float(high))
+            for entry, (low, high) in enumerate(self.box[link, 4:])
+            if np.isfinite(low) or np.isfinite(high)
+        ]
+
+
+def _interval(lower: float, upper: float) -> tuple[Array, Array]:
+    """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends left out."""
+    pairs = [(1.0, -lower)] if np.isfinite(lower) else []
+    pairs += [(-1.0, upper)] if np.isfinite(upper) else []
+    signs, constants = zip(*pairs, strict=True)
+    return np.array(signs), np.array(constants)
+
+
+def _effect_constraints(model: Model) -> list[Constraint]:
+    """Sign and range of every parameter that is not a link's; the payload's pseudo-inertia."""
+    out = []
+    rigid = set(model.rigid_indices.tolist())
+    for index, parameter in enumerate(model.parameters):
+        if index in rigid:
+            continue
+        name = f"{parameter.effect} {parameter.name}"
+        if np.isfinite(parameter.lower):
+            out.append(build.linear("sign", name, [index], [[1.0]], [-parameter.lower]))
+        out.append(
+            build.linear("range", name, [index], [[1.0, -1.0]], [PARAMETER_RANGE, PARAMETER_RANGE])
+        )
+    return out
+
+
+def problems_folder() -> Path:
+    """Where the built-in problems are: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).parent
+    inside = package / "problems"
+    return inside if inside.is_dir() else package.parent / "problems"
+
+
+def problem_names() -> list[str]:
+    return sorted(p.parent.name for p in problems_folder().glob("*/problem.toml"))
+
+
+def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> Problem:
+    """The problem of a built-in name, a folder with a problem.toml, or a URDF file.
+
+    gravity : the gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
+    Raises InputError where there is no such problem, or its files contradict themselves.
+    """
+    path = Path(source)
+    if str(source) in problem_names():
+        problem = _load_folder(problems_folder() / str(source))
+    elif (path / "problem.toml").is_file():
+        problem = _load_folder(path)
+    elif path.is_file():
+        problem = _from_urdf(path)
+    else:
+        raise InputError(
+            f"problem {str(source)!r} is neither a built-in name ({', '.join(problem_names())}), nor "
+            "a folder with a problem.toml, nor a URDF file."
+        )
+    if gravity is not None:
+        if len(gravity) != 3 or not np.all(np.isfinite(gravity)):
+            raise InputError(f"gravity {gravity!r}: three finite numbers in m/s^2 are needed, x,y,z.")
+        problem = problem.with_gravity(gravity)
+    return problem
+
+
+def _from_urdf(path: Path) -> Problem:
+    robot, nominal = load_urdf(path)
+    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.0
+    return Problem(
+        robot.name,
+        f"{robot.name} from {path.name}",
+        robot,
+        box,
+        _plausible(robot, nominal),
+    )
+
+
+def _plausible(robot: Robot, given: Array) -> Array:
+    """Strictly consistent nominal links: those given where they are, else a slender ball each."""
+    out = np.array(given, float)
+    for i, reach in enumerate(robot.link_reach()):
+        scale = np.array([reach, reach, reach, 1.0])
+        scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
+        if out[i, 0] > 0.0 and np.linalg.eigvalsh(scaled)[0] > 1e-6 * out[i, 0]:
+            continue
+        children = [j.placement[:3, 3] for j in robot.joints if j.parent == i]
+        centre = np.mean(children, axis=0) / 2.0 if children else np.zeros(3)
+        centre = np.linalg.inv(robot.joints[i].link_frame) @ np.append(centre, 1.0)
+        mass, moment = DEFAULT_LINEAR_DENSITY * reach, 0.4 * (0.25 * reach) ** 2
+        out[i] = inertia.standard_from_barycentric(
+            [mass, *centre[:3], *(mass * moment * np.array([1, 0, 1, 0, 0, 1]))]
+        )
+    return out
+
+
+def _load_folder(folder: Path) -> Problem:
+    file = folder / "problem.toml"
+    try:
+        data = tomllib.loads(file.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: not a TOML file ({error}).") from error
+    try:
+        return _from_toml(folder, data)
+    except KeyError as error:
+        raise InputError(f"{file}: the field {error.args[0]!r} is missing.") from error
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{file}: {error}.") from error
+
+
+def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
+    kinematics = data["kinematics"]
+    given: Array | None = None
+    if "urdf" in kinematics:
+        robot, given = load_urdf(folder / kinematics["urdf"])
+        gravity = kinematics.get("gravity", STANDARD_GRAVITY)
+        robot = replace(robot, gravity=(float(gravity[0]), float(gravity[1]), float(gravity[2])))
+    else:
+        n = len(kinematics["a"])
+        keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
+        robot = Robot.from_dh(
+            folder.name,
+            kinematics["a"],
+            [np.pi * x for x in kinematics["alpha_over_pi"]],
+            kinematics["d"],
+            kinematics["convention"],
+            kinematics.get("gravity", STANDARD_GRAVITY),
+            [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
+        )
+    bounds = data.get("bounds", {})
+    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.0
+    for table in bounds.get("tables", ()):
+        _fill_box(box, folder / table)
+    low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
+    if low > high:
+        raise InputError(f"{folder / 'problem.toml'}: total_mass has its lower bound above its upper.")
+    cones = tuple(
+        CentreOfMassCone(
+            int(c["link"]) - 1, _AXES.index(c["axis"]), float(c["radius"]), float(c["slope"])
+        )
+        for c in data.get("centre_of_mass_cone", ())
+    )
+    base = data.get("base_parameters", {}).get("independent")
+    settings = data.get("preprocessing", {})
+    problem = Problem(
+        folder.name,
+        data["title"],
+        robot,
+        box,
+        np.zeros((robot.n, 10)),
+        (low, high),
+        cones,
+        data.get("torque_side", "link"),
+        Preprocessing(**settings),
+        None if base is None else tuple(base),
+        folder,
+    )
+    if given is None:
+        given = _nominal_from_box(problem)
+    return replace(problem, nominal_links=_plausible(robot, given))
+
+
+def _nominal_from_box(problem: Problem) -> Array:
+    """Uniform solid ellipsoids that fill the centre-of-mass boxes; never published estimates.
+
+    Masses share the middle of the total-mass range in proportion to the boxes' surface; half axes
+    are those of the box, at least 6 cm. Links without a finite box stay zero (see _plausible).
+    """
+    size = np.zeros((problem.robot.n, 3))
+    centre = np.zeros_like(size)
+    for link in range(problem.robot.n):
+        _, com, _ = problem._link_size(link)
+        box = problem.box[link, 1:4]
+        box = np.where(np.isfinite(box), box, np.column_stack([-com, com]))
+        size[link] = np.maximum(0.5 * (box[:, 1] - box[:, 0]), 0.06)
+        centre[link] = box.mean(axis=1)
+        for cone in problem.cones:
+            # A centre inside every cone of the link: half way into the box, on the axis.
+            if cone.link == link:
+                centre[link, [a for a in range(3) if a != cone.axis]] = 0.0
+    surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
+    total = problem.total_mass
+    if not np.isfinite(total[1]):
+        return np.zeros((problem.robot.n, 10))
+    mass = np.mean(total) * surface / surface.sum()
+    mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
+    out = []
+    for m, c, half in zip(mass, centre, size, strict=True):
+        second = m * half**2 / 5.0
+        moments = second.sum() - second
+        out.append([m, *c, moments[0], 0.0, moments[1], 0.0, 0.0, moments[2]])
+    return inertia.standard_from_barycentric(out)
+
+
+def _read_table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return [dict(row) for row in csv.DictReader(file)]
+
+
+def _fill_box(box: Array, path: Path) -> None:
+    """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
+    entries = dict(zip(("xx", "xy", "yy", "xz", "yz", "zz"), range(4, 10), strict=True))
+    for number, row in enumerate(_read_table(path), start=2):
+        name = row["parameter"]
+        try:
+            if name[0] == "m":
+                link, entry = int(name[1:]) - 1, 0
+            elif name[0] == "c":
+                link, entry = int(name[1:-1]) - 1, 1 + _AXES.index(name[-1])
+            elif name[0] == "I":
+                link, entry = int(name[1:-2]) - 1, entries[name[-2:]]
+            else:
+                raise ValueError
+            lower, upper = float(row["lower"]), float(row["upper"])
+            box[link, entry]
+        except (ValueError, KeyError, IndexError):
+            raise InputError(
+                f"{path}: row {number}: {name!r} is not m1, c1x or I1xx of a link of this robot with "
+                "numbers as bounds."
+            ) from None
+        if not lower <= upper:
+            raise InputError(
+                f"{path}: row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}."
+            )
+        box[link, entry] = lower, upper

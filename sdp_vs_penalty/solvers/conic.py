@@ -1,0 +1,356 @@
+"""The standard conic form that every solver gets, and the way back to multipliers.
+
+    minimise 1/2 x^T P x + q^T x   subject to   A x + s = b,  s in K = K_1 x K_2 x ...
+
+K_i is one of "zero", "nonnegative", "soc" (axis first), "psd" (svec: upper triangle column by
+column, off-diagonals times sqrt(2)), "exp" {(x, y, z): y exp(x / y) <= z}.
+
+:func:`least_squares_sdp` writes identification in this form: x = (scaled theta, residual z, ...)
+with z = (R theta - rho) / lambda as variables of their own. In the bare quadratic form the large
+constant rho^T rho sits between the solver and the loss it is to minimise, and "solved" to 1e-8 of
+the constant can be percents of the loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from sdp_vs_penalty.constraints import Constraint
+from sdp_vs_penalty.regression import LeastSquares
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cone:
+    """One factor of K: its kind and size (the order d of a psd cone, else the length)."""
+
+    kind: str
+    size: int
+
+    @property
+    def rows(self) -> int:
+        return self.size * (self.size + 1) // 2 if self.kind == "psd" else self.size
+
+
+@dataclass(frozen=True)
+class ConicProblem:
+    """P (m, m) upper triangle, q (m,), A (rows, m), b (rows,), cones in the order of the rows."""
+
+    P: sparse.csc_matrix
+    q: Array
+    A: sparse.csc_matrix
+    b: Array
+    cones: tuple[Cone, ...]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a solver returned and claims; nothing here is believed before it is certified.
+
+    x (m,) primal, z (rows,) dual of A x + s = b with z in K*; claims : "optimal", "inaccurate",
+    "infeasible", "unbounded" or "failed"; status : the solver's own word.
+    """
+
+    x: Array
+    z: Array
+    claims: str
+    status: str
+    iterations: int
+    setup_seconds: float
+    solve_seconds: float
+
+
+@dataclass(frozen=True)
+class Entropy:
+    """weight * sum over links of the Bregman divergence of -log det from P_0 to P(theta).
+
+    D(P || P0) = -log det P + tr(P0^-1 P) + log det P0 - 4 (Lee, Wensing, Park, T-RO 2020, eq. 25):
+    convex, coordinate-free, infinite at the boundary of consistency.
+    """
+
+    weight: float
+    links: tuple[Constraint, ...]  # each link's pseudo-inertia
+    nominal: Array  # (links, 4, 4)
+
+    def value(self, theta: Array) -> float:
+        total = 0.0
+        for link, p0 in zip(self.links, self.nominal, strict=True):
+            ratio = np.linalg.solve(p0, link.value(theta))
+            sign, logdet = np.linalg.slogdet(ratio)
+            total += np.inf if sign <= 0 else float(np.trace(ratio)) - logdet - 4.0
+        return self.weight * total
+
+    def gradient(self, theta: Array) -> Array:
+        out = np.zeros(len(theta))
+        for link, p0 in zip(self.links, self.nominal, strict=True):
+            slope = np.linalg.inv(p0) - np.linalg.inv(link.value(theta))
+            out[link.indices] += self.weight * link.adjoint(slope)
+        return out
+
+
+@dataclass(frozen=True)
+class Objective:
+    """loss(theta) [+ entropy]: convex, with value, gradient and its least-squares part."""
+
+    least_squares: LeastSquares
+    entropy: Entropy | None = None
+
+    def value(self, theta: Array) -> float:
+        extra = 0.0 if self.entropy is None else self.entropy.value(theta)
+        return self.least_squares.loss(theta) + extra
+
+    def gradient(self, theta: Array) -> Array:
+        gradient = self.least_squares.gradient(theta)
+        return gradient if self.entropy is None else gradient + self.entropy.gradient(theta)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Where a constraint's rows start, and how its cone was scaled: F_scaled = T F T or c * F."""
+
+    constraint: Constraint
+    start: int
+    scale: Array
+
+
+@dataclass(frozen=True)
+class SdpProblem:
+    """An identification problem in conic form with what is needed to read a solution back."""
+
+    conic: ConicProblem
+    theta_scale: Array
+    loss_scale: float  # the conic objective is loss / loss_scale^2
+    placed: tuple[_Placed, ...]
+
+    def theta(self, solution: Solution) -> Array:
+        return self.theta_scale * solution.x[: len(self.theta_scale)]
+
+    def multipliers(self, solution: Solution) -> list[Array]:
+        """The dual matrix or vector of each constraint, in the units of loss per F."""
+        out = []
+        for item in self.placed:
+            size = _rows(item.constraint)
+            part = solution.z[item.start : item.start + size] * self.loss_scale**2
+            if item.constraint.cone == "psd":
+                matrix = unsvec(part, len(item.constraint.constant))
+                out.append(item.scale[:, None] * matrix * item.scale[None, :])
+            else:
+                out.append(item.scale * part)
+        return out
+
+
+def least_squares_sdp(
+    objective: Objective,
+    constraints: Sequence[Constraint],
+    reference: Array,
+    bound: Array,
+) -> SdpProblem:
+    """Minimise the objective subject to the constraints, scaled for a solver.
+
+    reference (p,) : an admissible theta whose size sets the scale of each cone.
+    bound (p,) : largest plausible |theta|; the scale of parameters that the data do not see.
+    """
+    data = objective.least_squares
+    p = len(bound)
+    # A unit of every scaled parameter that the data see makes the torque of the whole run.
+    norms = data.column_norms
+    size = np.sqrt(data.tau_squared) if data.tau_squared > 0.0 else 1.0
+    scale = bound.copy()
+    np.divide(size, norms, out=scale, where=norms > 0.0)
+    scale = np.minimum(scale, bound)
+
+    rows, rho = _independent_rows(data.R * scale, data.rho)
+    residual = rows @ np.linalg.lstsq(rows, rho, rcond=None)[0] - rho if len(rho) else rho
+    unconstrained = float(residual @ residual) + data.floor**2
+    loss_scale = float(np.sqrt(max(unconstrained, 1e-12 * data.tau_squared, 1e-300)))
+    r = len(rho)
+
+    pieces = _Rows(p + r)
+    # R theta - lambda z = rho
+    pieces.dense("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
+    placed = []
+    for constraint in constraints:
+        start, cone_scale = pieces.constraint(constraint, scale, reference)
+        placed.append(_Placed(constraint, start, cone_scale))
+    quadratic = np.concatenate([np.zeros(p), 2.0 * np.ones(r)])
+    linear = np.zeros(p + r)
+    if objective.entropy is not None:
+        extra = pieces.log_det(objective.entropy, scale)
+        weight = objective.entropy.weight / loss_scale**2
+        for link, p0 in zip(objective.entropy.links, objective.entropy.nominal, strict=True):
+            linear[link.indices] += weight * link.adjoint(np.linalg.inv(p0)) * scale[link.indices]
+        quadratic = np.concatenate([quadratic, np.zeros(extra)])
+        logs = pieces.log_columns - (p + r)
+        tail = np.zeros(extra)
+        tail[logs] = -weight
+        linear = np.concatenate([linear, tail])
+    conic = pieces.problem(sparse.diags(quadratic).tocsc(), linear)
+    return SdpProblem(conic, scale, loss_scale, tuple(placed))
+
+
+def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: Array) -> SdpProblem:
+    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone: an interior point if t > 0.
+
+    x = (scaled theta, t); t < 0 at the optimum proves that no theta satisfies all constraints.
+    """
+    p = len(bound)
+    pieces = _Rows(p + 1)
+    placed = []
+    for constraint in constraints:
+        start, cone_scale = pieces.constraint(constraint, bound, reference, slack=p)
+        placed.append(_Placed(constraint, start, cone_scale))
+    top = np.zeros((1, p + 1))
+    top[0, p] = 1.0
+    pieces.dense("nonnegative", top, np.ones(1))
+    linear = np.zeros(p + 1)
+    linear[p] = -1.0
+    conic = pieces.problem(sparse.csc_matrix((p + 1, p + 1)), linear)
+    return SdpProblem(conic, bound, 1.0, tuple(placed))
+
+
+class _Rows:
+    """Collects the rows of A and b cone by cone."""
+
+    def __init__(self, width: int) -> None:
+        self.width = width
+        self.count = 0
+        self.i: list[NDArray[np.intp]] = []
+        self.j: list[NDArray[np.intp]] = []
+        self.v: list[Array] = []
+        self.b: list[Array] = []
+        self.cones: list[Cone] = []
+        self.log_columns: NDArray[np.intp] = np.zeros(0, np.intp)
+
+    def dense(self, kind: str, matrix: Array, b: Array) -> None:
+        i, j = np.nonzero(matrix)
+        self._add(i, j, matrix[i, j], b, Cone(kind, len(b)))
+
+    def _add(self, i: Array, j: Array, v: Array, b: Array, cone: Cone) -> None:
+        self.i.append(np.asarray(i, np.intp) + self.count)
+        self.j.append(np.asarray(j, np.intp))
+        self.v.append(np.asarray(v, float))
+        self.b.append(b)
+        self.cones.append(cone)
+        self.count += len(b)
+
+    def constraint(
+        self, c: Constraint, theta_scale: Array, reference: Array, slack: int | None = None
+    ) -> tuple[int, Array]:
+        """Append F(theta) [- t e] in its cone; returns the first row and the cone's scaling."""
+        at = c.value(reference)
+        local = theta_scale[c.indices]
+        start = self.count
+        if c.cone == "psd":
+            d = len(c.constant)
+            diagonal = np.abs(np.diagonal(at))
+            scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+            twice = np.outer(scale, scale)
+            constant = svec(c.constant * twice)
+            columns = svec(c.coefficients * twice) * local[:, None]
+            direction = svec(np.eye(d))
+            cone = Cone("psd", d)
+        else:
+            size = np.abs(c.coefficients * local[:, None]).max(axis=0) + np.abs(c.constant)
+            size = np.where(size > 0.0, size, 1.0)
+            if c.cone == "soc":
+                size = np.full(len(size), size.max())
+            scale = 1.0 / size
+            constant = c.constant * scale
+            columns = c.coefficients * scale * local[:, None]
+            direction = c.identity
+            cone = Cone(c.cone, len(constant))
+        k, row = np.nonzero(columns)
+        i, j, v = row, c.indices[k], -columns[k, row]
+        if slack is not None:
+            where = np.flatnonzero(direction)
+            i = np.concatenate([i, where])
+            j = np.concatenate([j, np.full(len(where), slack)])
+            v = np.concatenate([v, direction[where]])
+        self._add(i, j, v, constant, cone)
+        return start, scale
+
+    def log_det(self, entropy: Entropy, theta_scale: Array) -> int:
+        """Append t_k with sum t <= log det P for each link; returns the number of new variables.
+
+        log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower triangular.
+        """
+        first = self.width
+        lower = [(i, j) for j in range(4) for i in range(j, 4)]
+        logs = []
+        for number, (link, p0) in enumerate(zip(entropy.links, entropy.nominal, strict=True)):
+            base = first + number * (len(lower) + 4)
+            scale = 1.0 / np.sqrt(np.diagonal(p0))
+            blocks = np.zeros((10 + len(lower), 8, 8))
+            blocks[:10, :4, :4] = link.coefficients * np.outer(scale, scale)
+            blocks[:10] *= theta_scale[link.indices][:, None, None]
+            for k, (i, j) in enumerate(lower):
+                blocks[10 + k, i, 4 + j] = blocks[10 + k, 4 + j, i] = 1.0
+                if i == j:
+                    blocks[10 + k, 4 + i, 4 + i] = 1.0
+            columns = svec(blocks)
+            variables = np.concatenate([link.indices, base + np.arange(len(lower))])
+            k, row = np.nonzero(columns)
+            self._add(row, variables[k], -columns[k, row], np.zeros(36), Cone("psd", 8))
+            for d in range(4):
+                diagonal = base + lower.index((d, d))
+                log = base + len(lower) + d
+                logs.append(log)
+                self._add(
+                    np.array([0, 2]),
+                    np.array([log, diagonal]),
+                    np.array([-1.0, -1.0]),
+                    np.array([0.0, 1.0, 0.0]),
+                    Cone("exp", 3),
+                )
+        extra = len(entropy.links) * (len(lower) + 4)
+        self.width += extra
+        self.log_columns = np.array(logs)
+        return extra
+
+    def problem(self, quadratic: sparse.csc_matrix, linear: Array) -> ConicProblem:
+        i, j, v = (np.concatenate(x) for x in (self.i, self.j, self.v))
+        matrix = sparse.csc_matrix((v, (i, j)), shape=(self.count, self.width))
+        return ConicProblem(
+            sparse.csc_matrix(quadratic), linear, matrix, np.concatenate(self.b), tuple(self.cones)
+        )
+
+
+def _rows(constraint: Constraint) -> int:
+    size = len(constraint.constant)
+    return size * (size + 1) // 2 if constraint.cone == "psd" else size
+
+
+def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array]:
+    """An orthogonal change of rows that drops those without content: rank rows remain."""
+    if matrix.size == 0:
+        return np.zeros((0, matrix.shape[1])), np.zeros(0)
+    u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    rank = int(np.sum(s > 1e-13 * s[0])) if s[0] > 0.0 else 0
+    return s[:rank, None] * vt[:rank], u[:, :rank].T @ rho
+
+
+@cache
+def _triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    j, i = np.tril_indices(d)  # column by column of the upper triangle
+    return i, j, np.where(i == j, 1.0, np.sqrt(2.0))
+
+
+def svec(matrix: Array) -> Array:
+    """Upper triangle of symmetric (..., d, d), column by column, off-diagonals times sqrt(2)."""
+    i, j, weight = _triangle(matrix.shape[-1])
+    return matrix[..., i, j] * weight
+
+
+def unsvec(vector: Array, d: int) -> Array:
+    """Inverse of :func:`svec`."""
+    i, j, weight = _triangle(d)
+    out = np.zeros((*vector.shape[:-1], d, d))
+    out[..., i, j] = out[..., j, i] = vector / weight
+    return out
