@@ -123,7 +123,8 @@ class ConstraintSet:
     def worst(self, theta: ArrayLike) -> dict[str, float]:
         """Worst violation of each family, max(0, -margin), in the family's own units."""
         out: dict[str, float] = {}
-        for constraint in (*self.convex, *self.nonconvex):
+        demands: tuple[Constraint | BarycentricBound, ...] = (*self.convex, *self.nonconvex)
+        for constraint in demands:
             violation = max(0.0, -constraint.margin(theta))
             out[constraint.family] = max(out.get(constraint.family, 0.0), violation)
         return out

@@ -125,7 +125,7 @@ def transform(placement: ArrayLike) -> Array:
 
 def consistency_margin(theta: ArrayLike) -> Array:
     """Smallest eigenvalue of the pseudo-inertia, shape (...): >= 0 exactly if consistent."""
-    return np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0]
+    return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
 
 def triangle_margin(theta: ArrayLike) -> Array:

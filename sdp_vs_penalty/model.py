@@ -69,7 +69,7 @@ class Model:
 
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
-        indices: list[list[Array]] = [[] for _ in range(self.robot.n)]
+        indices: list[list[NDArray[np.intp]]] = [[] for _ in range(self.robot.n)]
         columns: list[list[Array]] = [[] for _ in range(self.robot.n)]
         for offset, effect in zip(self.offsets, self.effects, strict=True):
             for block in effect.blocks(motion):

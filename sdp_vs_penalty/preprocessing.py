@@ -80,7 +80,8 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
 
     Raises InputError where a run is shorter than the filters need.
     """
-    assert settings.state_cutoff is not None and settings.torque_cutoff is not None
+    assert settings.state_cutoff is not None
+    assert settings.torque_cutoff is not None
     dt = 1.0 / _rate(run)
     state = _Kernel(settings.state_cutoff, dt)
     column = _Kernel(settings.torque_cutoff, dt)

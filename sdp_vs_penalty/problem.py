@@ -166,7 +166,7 @@ class Problem:
     def _link_constraints(self, link: int, indices: NDArray[np.intp]) -> list[Constraint]:
         name = f"link {link + 1}"
         box = self.box[link]
-        mass, com, moment = self._link_size(link)
+        mass, com, _ = self._link_size(link)
         out = [build.pseudo_inertia(name, indices)]
         rows, constant = _interval(box[0, 0], mass)
         out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))

@@ -239,6 +239,6 @@ def base_parameters(
         kept = tuple(rigid.index(name) for name in independent)
         if len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
             raise ValueError(f"the {len(kept)} parameters named are not {rank} independent ones")
-    dependence = np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0]
+    dependence = np.asarray(np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float)
     dependence[np.abs(dependence) < 1e-10] = 0.0
     return dependence, kept

@@ -115,10 +115,10 @@ class Robot:
 
     def _with_inertias(self, theta: ArrayLike) -> Any:
         model = self._model.copy()
-        theta = np.asarray(theta, float).reshape(self.n, 10)
+        links = np.asarray(theta, float).reshape(self.n, 10)
         if self._link_maps is not None:
-            theta = np.einsum("lab,lb->la", self._link_maps, theta)
-        for i, row in enumerate(theta):
+            links = np.einsum("lab,lb->la", self._link_maps, links)
+        for i, row in enumerate(links):
             # FromDynamicParameters divides by the mass: a massless link keeps its inertia this way.
             mass = row[0]
             if mass == 0.0:
@@ -191,10 +191,12 @@ class Robot:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Robot:
         arrays = ("placement", "axis", "link_frame")
-        joints = tuple(
-            Joint(**{k: np.array(v, float) if k in arrays else v for k, v in j.items()})
-            for j in data["joints"]
-        )
+
+        def joint(given: Mapping[str, Any]) -> Joint:
+            fields: dict[str, Any] = {**given, **{k: np.array(given[k], float) for k in arrays}}
+            return Joint(**fields)
+
+        joints = tuple(map(joint, data["joints"]))
         return cls(data["name"], joints, _vector3(data["gravity"]))
 
     @classmethod
@@ -213,7 +215,7 @@ class Robot:
         convention "modified" (Craig): Rx(alpha) Tx(a) Rz(q) Tz(d), the link frame on its own joint
         axis; "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the link frame at the link's far end.
         """
-        joints = []
+        joints: list[Joint] = []
         for i, row in enumerate(zip(a, alpha, d, strict=True)):
             a_i, alpha_i, d_i = row
             if convention == "modified":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,16 @@ class _Reader:
         out[:3, :3] = _rotation_rpy(*self.numbers(origin, "rpy", (0.0, 0.0, 0.0)))
         return out
 
+    def end(self, joint: Any, which: str, links: Container[str]) -> str:
+        """The link that a joint names as its parent or child."""
+        element = joint.find(which)
+        link = None if element is None else element.get("link")
+        if link not in links:
+            raise self.fail(
+                f"joint {joint.get('name')!r} names link {link!r}, which the file does not have"
+            )
+        return str(link)
+
     def inertial(self, link: Any) -> Array:
         """Standard parameters (10,) about the link frame; zeros where the file gives none."""
         element = link.find("inertial")
@@ -90,15 +100,8 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     children: dict[str, list[Any]] = {name: [] for name in links}
     parent_of: dict[str, str] = {}
     for element in root.findall("joint"):
-        ends = [
-            None if element.find(end) is None else element.find(end).get("link")
-            for end in ("parent", "child")
-        ]
         name = element.get("name")
-        for end in ends:
-            if end not in links:
-                raise reader.fail(f"joint {name!r} names link {end!r}, which the file does not have")
-        parent, child = ends
+        parent, child = reader.end(element, "parent", links), reader.end(element, "child", links)
         if child in parent_of:
             raise reader.fail(
                 f"link {child!r} hangs on two joints (joint {name!r} closes a loop); "

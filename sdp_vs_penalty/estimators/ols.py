@@ -37,7 +37,7 @@ def standard_deviations(task: Task, independent_rows: float) -> tuple[Array, Arr
     w = task.data.R @ np.linalg.pinv(base)
     norms = np.linalg.norm(w, axis=0)
     seen = norms > 1e-10 * norms.max()
-    q, s, vt = np.linalg.svd(w[:, seen] / norms[seen], full_matrices=False)
+    _, s, vt = np.linalg.svd(w[:, seen] / norms[seen], full_matrices=False)
     good = s > 1e-9 * s[0]
     dof = max(task.data.rows / independent_rows - len(pi), 1.0)
     variance = task.data.loss(task.ols) / independent_rows / dof * independent_rows

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints import Constraint
@@ -232,7 +232,7 @@ class _Rows:
         i, j = np.nonzero(matrix)
         self._add(i, j, matrix[i, j], b, Cone(kind, len(b)))
 
-    def _add(self, i: Array, j: Array, v: Array, b: Array, cone: Cone) -> None:
+    def _add(self, i: ArrayLike, j: ArrayLike, v: ArrayLike, b: Array, cone: Cone) -> None:
         self.i.append(np.asarray(i, np.intp) + self.count)
         self.j.append(np.asarray(j, np.intp))
         self.v.append(np.asarray(v, float))
@@ -296,8 +296,8 @@ class _Rows:
                     blocks[10 + k, 4 + i, 4 + i] = 1.0
             columns = svec(blocks)
             variables = np.concatenate([link.indices, base + np.arange(len(lower))])
-            k, row = np.nonzero(columns)
-            self._add(row, variables[k], -columns[k, row], np.zeros(36), Cone("psd", 8))
+            used, row = np.nonzero(columns)
+            self._add(row, variables[used], -columns[used, row], np.zeros(36), Cone("psd", 8))
             for d in range(4):
                 diagonal = base + lower.index((d, d))
                 log = base + len(lower) + d
