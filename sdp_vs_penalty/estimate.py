@@ -215,7 +215,9 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
         upper = fit.objective.value(theta)
-        lower = lower_bound(fit.objective, fit.constraints, fit.multipliers, theta, task.bound)
+        lower = lower_bound(
+            fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
+        )
         scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
         gap = (upper - lower) / scale if scale > 0.0 else 0.0
     links = theta[task.links]

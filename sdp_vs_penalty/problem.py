@@ -168,7 +168,8 @@ class Problem:
         box = self.box[link]
         mass, com, _ = self._link_size(link)
         out = [build.pseudo_inertia(name, indices)]
-        rows, constant = _interval(box[0, 0], mass)
+        # m >= 0 is part of the pseudo-inertia
+        rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)
         out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))
         rows_com = []
         for axis in range(3):

@@ -159,6 +159,16 @@ class Regression:
         return out
 
 
+def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) -> Array:
+    """argmin |R theta - rho|, among the minimisers the one nearest to reference (scaled)."""
+    norms = data.column_norms
+    size = np.where(norms > 0.0, norms, 1.0)
+    unit = np.where(norms > 0.0, 1.0 / size, scale)
+    scaled = np.where(norms > 0.0, data.R * unit, 0.0)
+    step = np.linalg.lstsq(scaled, data.rho - data.R @ reference, rcond=1e-9)[0]
+    return reference + unit * step
+
+
 def triangular(parts: Sequence[Array]) -> Array:
     """The R factor of the stacked matrices, with a non-negative diagonal; at most square."""
     stack = np.vstack(parts)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import constraints as build
 from sdp_vs_penalty.constraints import Constraint, ConstraintSet
 from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.regression import LeastSquares, base_parameters
+from sdp_vs_penalty.regression import LeastSquares, base_parameters, nearest_least_squares
 from sdp_vs_penalty.solvers.conic import Objective
 
 Array = NDArray[np.float64]
@@ -94,16 +94,6 @@ class Task:
         ]
 
 
-def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) -> Array:
-    """argmin |R theta - rho|, among the minimisers the one nearest to reference (scaled)."""
-    norms = data.column_norms
-    size = np.where(norms > 0.0, norms, 1.0)
-    unit = np.where(norms > 0.0, 1.0 / size, scale)
-    scaled = np.where(norms > 0.0, data.R * unit, 0.0)
-    step = np.linalg.lstsq(scaled, data.rho - data.R @ reference, rcond=1e-9)[0]
-    return reference + unit * step
-
-
 @dataclass(frozen=True)
 class Fit:
     """theta (p,); for convex problems what the certificate needs to bound the optimum."""
@@ -112,6 +102,7 @@ class Fit:
     objective: Objective
     constraints: ConstraintSet
     multipliers: Sequence[Array] | None = None
+    entropy_slopes: Array | None = None
     interior: Array | None = None
     details: dict[str, Any] = field(default_factory=dict)
 

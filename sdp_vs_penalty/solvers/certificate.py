@@ -15,12 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints import ConstraintSet, cone_margin, project
+from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.solvers.conic import Objective
 
 Array = NDArray[np.float64]
@@ -58,33 +60,102 @@ def lower_bound(
     multipliers: Sequence[Array],
     theta: Array,
     bound: Array,
+    entropy_slopes: Array | None = None,
 ) -> float:
     """A lower bound on min objective over the constraints, from multipliers near the dual optimum.
 
     theta : where the objective is linearised (the closer to the optimum, the tighter the bound);
-    bound : (p,) |theta_k| <= bound_k for every feasible theta.
+    bound : (p,) |theta_k| <= bound_k for every feasible theta;
+    entropy_slopes : (links, 4, 4) positive definite S with which -log det P >= log det S + 4 -
+        tr(S P) is used; P(theta)^-1 by default, the dual's own S where a solver gives it.
     """
-    combined = np.zeros(len(bound))
-    constant = 0.0
-    for constraint, raw in zip(constraints.convex, multipliers, strict=True):
-        multiplier = project(constraint.cone, raw)
-        combined[constraint.indices] += constraint.adjoint(multiplier)
-        constant -= float(np.sum(multiplier * constraint.constant))
-    data = objective.least_squares
-    slope = -combined
-    if objective.entropy is not None:
-        value, gradient = objective.entropy.value(theta), objective.entropy.gradient(theta)
-        constant += value - float(gradient @ theta)
-        slope = slope + gradient
-    # |r|^2 >= 2 y^T r - y^T y for every y. Start from the residual at theta and shift y so that
-    # what is left of the slope vanishes wherever the data determine theta.
-    y = data.R @ theta - data.rho
-    leftover = slope + 2.0 * data.R.T @ y
-    shift = np.linalg.lstsq(2.0 * (data.R * bound).T, -bound * leftover, rcond=1e-12)[0]
-    y = y + shift
-    leftover = slope + 2.0 * data.R.T @ y
-    constant += data.floor**2 - 2.0 * float(y @ data.rho) - float(y @ y)
-    return constant - float(np.abs(leftover) @ bound)
+    tangent = _Tangent.of(objective, theta, bound, entropy_slopes)
+    dual = [project(c.cone, raw) for c, raw in zip(constraints.convex, multipliers, strict=True)]
+    spread = _spread(constraints)
+    best = -np.inf
+    for _ in range(_DUAL_ROUNDS):
+        value, leftover = tangent.bound(constraints, dual)
+        best = max(best, value)
+        # What is left of the slope goes into the multipliers of each link's 4x4 matrix, which can
+        # hold any of it; projecting them back onto the cone leaves less.
+        for k, inverse in spread.items():
+            c = constraints.convex[k]
+            correction = np.tensordot(leftover[c.indices], inverse, axes=(0, 0))
+            dual[k] = project(c.cone, dual[k] + correction)
+    return best
+
+
+#: Rounds of pushing the dual's residual into the multipliers; each gives a valid bound.
+_DUAL_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class _Tangent:
+    """A lower bound of the objective that is affine in theta once y is chosen.
+
+    f(theta) >= constant + slope^T theta + 2 y^T (R theta - rho) - y^T y for every y.
+    """
+
+    constant: float
+    slope: Array
+    data: LeastSquares
+    y: Array
+    limit: Array  # (p,) |theta_k| <= limit_k
+
+    @classmethod
+    def of(
+        cls, objective: Objective, theta: Array, limit: Array, entropy_slopes: Array | None
+    ) -> _Tangent:
+        data = objective.least_squares
+        constant, slope = data.floor**2, np.zeros(len(theta))
+        if objective.entropy is not None:
+            entropy = objective.entropy
+            for k, (link, p0) in enumerate(zip(entropy.links, entropy.nominal, strict=True)):
+                inverse = np.linalg.inv(link.value(theta))
+                s = inverse if entropy_slopes is None else entropy_slopes[k]
+                if np.linalg.eigvalsh(s)[0] <= 0.0:
+                    s = inverse
+                # -log det P + tr(P0^-1 P) + log det P0 - 4 >= log det (S P0) + tr((P0^-1 - S) P)
+                constant += entropy.weight * float(np.linalg.slogdet(s @ p0)[1])
+                difference = entropy.weight * (np.linalg.inv(p0) - s)
+                slope[link.indices] += link.adjoint(difference)
+                constant += float(np.sum(difference * link.constant))
+        return cls(constant, slope, data, data.R @ theta - data.rho, limit)
+
+    @cached_property
+    def _pull(self) -> Array:
+        return 2.0 * self.data.R.T
+
+    @cached_property
+    def _push(self) -> Array:
+        return np.linalg.pinv(self.limit[:, None] * self._pull, rcond=1e-12)
+
+    def bound(self, constraints: ConstraintSet, dual: Sequence[Array]) -> tuple[float, Array]:
+        """The bound for multipliers inside their cones, and the slope (p,) that they leave over."""
+        slope, constant = self.slope.copy(), self.constant
+        for constraint, multiplier in zip(constraints.convex, dual, strict=True):
+            slope[constraint.indices] -= constraint.adjoint(multiplier)
+            constant -= float(np.sum(multiplier * constraint.constant))
+        # Shift y so that what is left of the slope vanishes wherever the data determine theta.
+        y = self.y - self._push @ (self.limit * (slope + self._pull @ self.y))
+        leftover = slope + self._pull @ y
+        constant += -2.0 * float(y @ self.data.rho) - float(y @ y)
+        return constant - float(np.abs(leftover) @ self.limit), leftover
+
+
+def _spread(constraints: ConstraintSet) -> dict[int, Array]:
+    """For one 4x4 constraint a link the map (10, 4, 4) from a slope e to E with <F_i, E> = e_i."""
+    out: dict[int, Array] = {}
+    owner: dict[int, int] = {}
+    for k, c in enumerate(constraints.convex):
+        if c.cone != "psd" or len(c.indices) != 10 or c.constant.shape != (4, 4):
+            continue
+        # The last demand on a link (its minimum thickness) is the one that is active.
+        out.pop(owner.get(int(c.indices[0]), -1), None)
+        owner[int(c.indices[0])] = k
+        flat = c.coefficients.reshape(10, 16)
+        out[k] = np.linalg.pinv(flat).T.reshape(10, 4, 4)
+    return out
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:

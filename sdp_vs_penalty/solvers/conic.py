@@ -6,9 +6,9 @@ K_i is one of "zero", "nonnegative", "soc" (axis first), "psd" (svec: upper tria
 column, off-diagonals times sqrt(2)), "exp" {(x, y, z): y exp(x / y) <= z}.
 
 :func:`least_squares_sdp` writes identification in this form: x = (scaled theta, residual z, ...)
-with z = (R theta - rho) / lambda as variables of their own. In the bare quadratic form the large
-constant rho^T rho sits between the solver and the loss it is to minimise, and "solved" to 1e-8 of
-the constant can be percents of the loss.
+with z = (R theta - rho) / lambda as variables of their own, and theta about a centre. In the bare
+quadratic form the large constant rho^T rho sits between the solver and the loss it is to minimise,
+and "solved" to 1e-8 of the constant can be percents of the loss.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints import Constraint
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.regression import LeastSquares, nearest_least_squares
 
 Array = NDArray[np.float64]
 
@@ -125,12 +125,26 @@ class SdpProblem:
     """An identification problem in conic form with what is needed to read a solution back."""
 
     conic: ConicProblem
+    centre: Array
     theta_scale: Array
     loss_scale: float  # the conic objective is loss / loss_scale^2
     placed: tuple[_Placed, ...]
+    entropy: Entropy | None = None
+    entropy_rows: tuple[int, ...] = ()  # where each link's 8x8 block starts
 
     def theta(self, solution: Solution) -> Array:
-        return self.theta_scale * solution.x[: len(self.theta_scale)]
+        return self.centre + self.theta_scale * solution.x[: len(self.theta_scale)]
+
+    def entropy_slopes(self, solution: Solution) -> Array | None:
+        """(links, 4, 4) the dual's own idea of P(theta)^-1, for a tight bound on -log det."""
+        if self.entropy is None:
+            return None
+        out = []
+        for start, p0 in zip(self.entropy_rows, self.entropy.nominal, strict=True):
+            block = unsvec(solution.z[start : start + 36], 8)[:4, :4]
+            scale = 1.0 / np.sqrt(np.diagonal(p0))
+            out.append(block * np.outer(scale, scale) * self.loss_scale**2 / self.entropy.weight)
+        return np.array(out)
 
     def multipliers(self, solution: Solution) -> list[Array]:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
@@ -151,48 +165,50 @@ def least_squares_sdp(
     constraints: Sequence[Constraint],
     reference: Array,
     bound: Array,
+    centre: Array | None = None,
+    fine: bool = False,
 ) -> SdpProblem:
-    """Minimise the objective subject to the constraints, scaled for a solver.
+    """Minimise the objective subject to the constraints, centred and scaled for a solver.
 
     reference (p,) : an admissible theta whose size sets the scale of each cone.
     bound (p,) : largest plausible |theta|; the scale of parameters that the data do not see.
+    centre (p,) : theta = centre + scale x; near the optimum nothing cancels. Default: 0.
+    fine : a unit of a parameter makes the torque of the residual instead of the whole torque.
     """
     data = objective.least_squares
     p = len(bound)
-    # A unit of every scaled parameter that the data see makes the torque of the whole run.
+    centre = np.zeros(p) if centre is None else centre
+    best = nearest_least_squares(data, centre, bound)
+    loss_scale = float(np.sqrt(max(data.loss(best), 1e-12 * data.tau_squared, 1e-300)))
+    size = loss_scale if fine else float(np.sqrt(data.tau_squared)) or 1.0
     norms = data.column_norms
-    size = np.sqrt(data.tau_squared) if data.tau_squared > 0.0 else 1.0
     scale = bound.copy()
     np.divide(size, norms, out=scale, where=norms > 0.0)
     scale = np.minimum(scale, bound)
 
-    rows, rho = _independent_rows(data.R * scale, data.rho)
-    residual = rows @ np.linalg.lstsq(rows, rho, rcond=None)[0] - rho if len(rho) else rho
-    unconstrained = float(residual @ residual) + data.floor**2
-    loss_scale = float(np.sqrt(max(unconstrained, 1e-12 * data.tau_squared, 1e-300)))
+    rows, rho = _independent_rows(data.R * scale, data.R @ (best - centre))
     r = len(rho)
-
     pieces = _Rows(p + r)
-    # R theta - lambda z = rho
+    # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     pieces.dense("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
     placed = []
     for constraint in constraints:
-        start, cone_scale = pieces.constraint(constraint, scale, reference)
+        start, cone_scale = pieces.constraint(constraint, centre, scale, reference)
         placed.append(_Placed(constraint, start, cone_scale))
     quadratic = np.concatenate([np.zeros(p), 2.0 * np.ones(r)])
     linear = np.zeros(p + r)
+    entropy_rows: tuple[int, ...] = ()
     if objective.entropy is not None:
-        extra = pieces.log_det(objective.entropy, scale)
+        entropy_rows, logs = pieces.log_det(objective.entropy, centre, scale)
         weight = objective.entropy.weight / loss_scale**2
         for link, p0 in zip(objective.entropy.links, objective.entropy.nominal, strict=True):
             linear[link.indices] += weight * link.adjoint(np.linalg.inv(p0)) * scale[link.indices]
-        quadratic = np.concatenate([quadratic, np.zeros(extra)])
-        logs = pieces.log_columns - (p + r)
-        tail = np.zeros(extra)
-        tail[logs] = -weight
-        linear = np.concatenate([linear, tail])
+        extra = np.zeros(pieces.width - p - r)
+        quadratic = np.concatenate([quadratic, extra])
+        linear = np.concatenate([linear, extra])
+        linear[logs] = -weight
     conic = pieces.problem(sparse.diags(quadratic).tocsc(), linear)
-    return SdpProblem(conic, scale, loss_scale, tuple(placed))
+    return SdpProblem(conic, centre, scale, loss_scale, tuple(placed), objective.entropy, entropy_rows)
 
 
 def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: Array) -> SdpProblem:
@@ -204,7 +220,7 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: A
     pieces = _Rows(p + 1)
     placed = []
     for constraint in constraints:
-        start, cone_scale = pieces.constraint(constraint, bound, reference, slack=p)
+        start, cone_scale = pieces.constraint(constraint, np.zeros(p), bound, reference, slack=p)
         placed.append(_Placed(constraint, start, cone_scale))
     top = np.zeros((1, p + 1))
     top[0, p] = 1.0
@@ -212,7 +228,7 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: A
     linear = np.zeros(p + 1)
     linear[p] = -1.0
     conic = pieces.problem(sparse.csc_matrix((p + 1, p + 1)), linear)
-    return SdpProblem(conic, bound, 1.0, tuple(placed))
+    return SdpProblem(conic, np.zeros(p), bound, 1.0, tuple(placed))
 
 
 class _Rows:
@@ -226,7 +242,6 @@ class _Rows:
         self.v: list[Array] = []
         self.b: list[Array] = []
         self.cones: list[Cone] = []
-        self.log_columns: NDArray[np.intp] = np.zeros(0, np.intp)
 
     def dense(self, kind: str, matrix: Array, b: Array) -> None:
         i, j = np.nonzero(matrix)
@@ -241,10 +256,15 @@ class _Rows:
         self.count += len(b)
 
     def constraint(
-        self, c: Constraint, theta_scale: Array, reference: Array, slack: int | None = None
+        self,
+        c: Constraint,
+        centre: Array,
+        theta_scale: Array,
+        reference: Array,
+        slack: int | None = None,
     ) -> tuple[int, Array]:
         """Append F(theta) [- t e] in its cone; returns the first row and the cone's scaling."""
-        at = c.value(reference)
+        at, middle = c.value(reference), c.value(centre)
         local = theta_scale[c.indices]
         start = self.count
         if c.cone == "psd":
@@ -252,7 +272,7 @@ class _Rows:
             diagonal = np.abs(np.diagonal(at))
             scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
             twice = np.outer(scale, scale)
-            constant = svec(c.constant * twice)
+            constant = svec(middle * twice)
             columns = svec(c.coefficients * twice) * local[:, None]
             direction = svec(np.eye(d))
             cone = Cone("psd", d)
@@ -262,7 +282,7 @@ class _Rows:
             if c.cone == "soc":
                 size = np.full(len(size), size.max())
             scale = 1.0 / size
-            constant = c.constant * scale
+            constant = middle * scale
             columns = c.coefficients * scale * local[:, None]
             direction = c.identity
             cone = Cone(c.cone, len(constant))
@@ -276,32 +296,37 @@ class _Rows:
         self._add(i, j, v, constant, cone)
         return start, scale
 
-    def log_det(self, entropy: Entropy, theta_scale: Array) -> int:
-        """Append t_k with sum t <= log det P for each link; returns the number of new variables.
+    def log_det(
+        self, entropy: Entropy, centre: Array, theta_scale: Array
+    ) -> tuple[tuple[int, ...], NDArray[np.intp]]:
+        """Append t_k with sum t <= log det P for each link; first rows of the blocks, columns of t.
 
         log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower triangular.
         """
-        first = self.width
         lower = [(i, j) for j in range(4) for i in range(j, 4)]
-        logs = []
-        for number, (link, p0) in enumerate(zip(entropy.links, entropy.nominal, strict=True)):
-            base = first + number * (len(lower) + 4)
+        starts, logs = [], []
+        for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
+            base, self.width = self.width, self.width + len(lower) + 4
             scale = 1.0 / np.sqrt(np.diagonal(p0))
+            twice = np.outer(scale, scale)
             blocks = np.zeros((10 + len(lower), 8, 8))
-            blocks[:10, :4, :4] = link.coefficients * np.outer(scale, scale)
+            blocks[:10, :4, :4] = link.coefficients * twice
             blocks[:10] *= theta_scale[link.indices][:, None, None]
             for k, (i, j) in enumerate(lower):
                 blocks[10 + k, i, 4 + j] = blocks[10 + k, 4 + j, i] = 1.0
                 if i == j:
                     blocks[10 + k, 4 + i, 4 + i] = 1.0
+            constant = np.zeros((8, 8))
+            constant[:4, :4] = link.value(centre) * twice
             columns = svec(blocks)
             variables = np.concatenate([link.indices, base + np.arange(len(lower))])
-            used, row = np.nonzero(columns)
-            self._add(row, variables[used], -columns[used, row], np.zeros(36), Cone("psd", 8))
+            k, row = np.nonzero(columns)
+            starts.append(self.count)
+            self._add(row, variables[k], -columns[k, row], svec(constant), Cone("psd", 8))
             for d in range(4):
-                diagonal = base + lower.index((d, d))
-                log = base + len(lower) + d
+                diagonal, log = base + lower.index((d, d)), base + len(lower) + d
                 logs.append(log)
+                # exp(t) <= Z_dd
                 self._add(
                     np.array([0, 2]),
                     np.array([log, diagonal]),
@@ -309,10 +334,7 @@ class _Rows:
                     np.array([0.0, 1.0, 0.0]),
                     Cone("exp", 3),
                 )
-        extra = len(entropy.links) * (len(lower) + 4)
-        self.width += extra
-        self.log_columns = np.array(logs)
-        return extra
+        return tuple(starts), np.array(logs)
 
     def problem(self, quadratic: sparse.csc_matrix, linear: Array) -> ConicProblem:
         i, j, v = (np.concatenate(x) for x in (self.i, self.j, self.v))
