@@ -154,7 +154,7 @@ def _spread(constraints: ConstraintSet) -> dict[int, Array]:
         out.pop(owner.get(int(c.indices[0]), -1), None)
         owner[int(c.indices[0])] = k
         flat = c.coefficients.reshape(10, 16)
-        out[k] = np.linalg.pinv(flat).T.reshape(10, 4, 4)
+        out[k] = np.asarray(np.linalg.pinv(flat), float).T.reshape(10, 4, 4)
     return out
 
 
