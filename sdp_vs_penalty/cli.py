@@ -1,0 +1,294 @@
+"""The command line. Heavy imports happen inside the verbs, so that --help answers at once."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sdp_vs_penalty import __version__
+from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.estimators.estimator import Estimator
+
+app = typer.Typer(
+    name="sdp-vs-penalty",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+#: Options that take all words up to the next option: --data run1.csv run2.csv.
+_MANY = frozenset({"--data"})
+
+Data = Annotated[
+    list[Path],
+    typer.Option(
+        "--data", metavar="RUN.csv ...", help="Runs: .csv, .npz, or a folder of the authors' log."
+    ),
+]
+Window = Annotated[
+    str | None,
+    typer.Option(metavar="START:STOP", help="Part of each run to use, in seconds from its start."),
+]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        print(f"sdp-vs-penalty {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+    debug: Debug = False,
+) -> None:
+    """Identify a robot's dynamics: the LMI-SDP and penalty-based retrieval, each with a certificate."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+class Budget(StrEnum):
+    """How long the penalty runs of the tables may take."""
+
+    quick = "quick"
+    paper = "paper"
+
+
+@app.command()
+def tables(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[III IV VIII IX]", help="Default: all.")
+    ] = None,
+    problem: Annotated[str | None, typer.Option(help="two_link or panda.")] = None,
+    budget: Annotated[Budget, typer.Option(help="quick, or as many runs as the paper.")] = Budget.quick,
+    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
+    debug: Debug = False,
+) -> None:
+    """Regenerate the paper's comparison tables.
+
+    Example: [cyan]sdp-vs-penalty tables III --out results[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.tables import make_tables
+
+    with console.progress("tables") as progress:
+        written = make_tables(
+            names or None, problem=problem, budget=budget.value, out=out, progress=progress
+        )
+    for path in written:
+        print(path)
+
+
+@app.command()
+def identify(
+    problem: Annotated[
+        str, typer.Argument(help="A built-in name, a folder with a problem.toml, or a URDF file.")
+    ],
+    data: Data,
+    out: Annotated[Path, typer.Option(metavar="model.json", help="File to write the model to.")],
+    method: Annotated[str, typer.Option(help="See `sdp-vs-penalty list methods`.")] = "lmi-sdp",
+    effects: Annotated[
+        str | None,
+        typer.Option(metavar="a,b,c", help="See `sdp-vs-penalty list effects`; default: the problem's."),
+    ] = None,
+    gravity: Annotated[
+        str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, m/s^2.")
+    ] = None,
+    solver: Annotated[
+        str | None, typer.Option(help="Of the SDP methods: see `sdp-vs-penalty list solvers`.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    window: Window = None,
+    debug: Debug = False,
+) -> None:
+    """Identify a robot's dynamic parameters from measured runs.
+
+    Example: [cyan]sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.comparison import compare as compare_models
+    from sdp_vs_penalty.estimators import identify as run_identification
+    from sdp_vs_penalty.measurements import load_measurements
+    from sdp_vs_penalty.problem import load_problem
+
+    estimator = _estimator(method, solver)
+    robot = load_problem(problem, _numbers("--gravity", gravity, 3) if gravity is not None else None)
+    start, stop = _window(window)
+    with console.progress("reading the measurements") as progress:
+        measurements = load_measurements(*data, joints=robot.robot.n, start=start, stop=stop)
+        begin = time.perf_counter()
+        estimate = run_identification(
+            robot, measurements, estimator, effects=effects, seed=seed, progress=progress
+        )
+        seconds = time.perf_counter() - begin
+        estimate.save(out)
+        fit = compare_models({estimate.method: estimate}, measurements)[0]
+    console.estimate_summary(estimate, fit, seconds)
+    console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+
+
+@app.command()
+def compare(
+    models: Annotated[list[Path], typer.Argument(metavar="model.json ...", help="Written by identify.")],
+    data: Data,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="out.json", help="Write the figures to this file.")
+    ] = None,
+    window: Window = None,
+    debug: Debug = False,
+) -> None:
+    """Compare models with measured runs: the error of each joint beside the noise.
+
+    Example: [cyan]sdp-vs-penalty compare model.json --data test.csv --json out.json[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.comparison import compare as compare_models
+    from sdp_vs_penalty.estimate import load_estimate
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.measurements import load_measurements
+
+    estimates = {str(path): load_estimate(path) for path in models}
+    start, stop = _window(window)
+    measurements = load_measurements(*data, start=start, stop=stop)
+    results = compare_models(estimates, measurements)
+    if json_file is not None:
+        content = {"models": [result.to_dict() for result in results]}
+        write_text(json_file, json.dumps(content, indent=1) + "\n")
+    console.comparison_tables(results, next(iter(estimates.values())).robot.torque_units)
+    if json_file is not None:
+        console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+
+
+class Kind(StrEnum):
+    """What can be listed."""
+
+    problems = "problems"
+    effects = "effects"
+    methods = "methods"
+    solvers = "solvers"
+    datasets = "datasets"
+
+
+@app.command("list")
+def list_names(
+    what: Annotated[Kind, typer.Argument(help="Which names to list.")], debug: Debug = False
+) -> None:
+    """List the names that the other verbs take.
+
+    Example: [cyan]sdp-vs-penalty list effects[/cyan]
+    """
+    from sdp_vs_penalty import console, registry
+
+    headings, rows = registry.listing(what.value)
+    console.listing(what.value, headings, rows)
+
+
+def _estimator(method: str, solver_name: str | None) -> Estimator:
+    """The estimator of a name, with its solver exchanged where one is asked for."""
+    from dataclasses import replace
+
+    from sdp_vs_penalty.estimators import make_estimator
+    from sdp_vs_penalty.solvers import solver
+
+    estimator: Any = make_estimator(method)
+    if solver_name is None:
+        return estimator
+    if not hasattr(estimator, "solver"):
+        raise InputError(f"--solver {solver_name}: method {method} solves no SDP; leave --solver out.")
+    solver(solver_name)
+    return replace(estimator, solver=solver_name)
+
+
+def _numbers(option: str, text: str, count: int) -> list[float]:
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count:
+        raise InputError(f"{option} {text!r}: {count} numbers separated by commas are needed.")
+    return values
+
+
+def _window(text: str | None) -> tuple[float, float]:
+    """START:STOP in seconds; either may be left out."""
+    if text is None:
+        return 0.0, float("inf")
+    first, colon, last = text.partition(":")
+    try:
+        start, stop = float(first or 0.0), float(last or "inf")
+    except ValueError:
+        start, stop = 0.0, -1.0
+    if not (colon and 0.0 <= start < stop):
+        raise InputError(
+            f"--window {text!r}: write START:STOP in seconds from a run's start, like 0:14 or 14.2:."
+        )
+    return start, stop
+
+
+def expand_many(arguments: Sequence[str]) -> list[str]:
+    """Repeat an option of several values before each: --data a b becomes --data a --data b."""
+    out: list[str] = []
+    many = ""
+    for word in arguments:
+        if word.startswith("-") and word != "-":
+            many = word if word in _MANY else ""
+        elif many and out[-1] != many:
+            out.append(many)
+        out.append(word)
+    return out
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line: exit code 0, 2 for what the user can mend, 130 after Ctrl-C."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    sys.exit(_run(given, debug="--debug" in given))
+
+
+def _run(arguments: Sequence[str], debug: bool) -> int:
+    try:
+        code = app(expand_many(arguments), prog_name="sdp-vs-penalty", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except KeyboardInterrupt:
+        return _fail("interrupted; files that were there before are unchanged.", 130)
+    except InputError as error:
+        if debug:
+            raise
+        return _fail(str(error), 2)
+    except BrokenPipeError:
+        # Whoever read our output has closed it; the interpreter would complain at exit otherwise.
+        sys.stdout = None  # type: ignore[assignment]
+        return 1
+    except MemoryError:
+        if debug:
+            raise
+        return _fail("not enough memory: use fewer or shorter runs.", 2)
+    except Exception as error:
+        if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # a usage error of typer's
+            context = getattr(error, "ctx", None)
+            verb = "sdp-vs-penalty" if context is None else context.command_path
+            return _fail(f"{error.format_message()} See `{verb} --help`.", error.exit_code)
+        if debug:
+            raise
+        return _fail(
+            f"an error of the program's own ({type(error).__name__}: {error}): "
+            "run again with --debug and report what it prints.",
+            1,
+        )
+
+
+def _fail(message: str, code: int) -> int:
+    print(f"sdp-vs-penalty: {message}", file=sys.stderr)
+    return code

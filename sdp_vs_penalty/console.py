@@ -1,0 +1,113 @@
+"""What the command line prints: tables and summaries on stdout, progress on stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.comparison import Comparison
+    from sdp_vs_penalty.estimate import Estimate
+
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+@contextmanager
+def progress(start: str) -> Iterator[Callable[[str], None]]:
+    """A line on stderr that says where a long computation stands; silent where nobody watches."""
+    if not err.is_terminal:
+        yield lambda _: None
+        return
+    with err.status(escape(start)) as status:
+        yield lambda text: status.update(escape(text))
+
+
+def listing(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table whose first column is never wrapped: it holds the names to type."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+    for k, heading in enumerate(headings):
+        table.add_column(heading, no_wrap=k == 0, overflow="fold")
+    for row in rows:
+        table.add_row(*(escape(cell) for cell in row))
+    out.print(table)
+
+
+def estimate_summary(estimate: Estimate, fit: Comparison, seconds: float) -> None:
+    """What was identified, how good it is, and what the certificate says of it."""
+    certificate = estimate.certificate
+    samples, runs = estimate.provenance["samples"], len(estimate.provenance["runs"])
+    out.print(
+        f"[bold]{escape(estimate.problem)}[/bold] by [bold]{estimate.method}[/bold] from {samples} "
+        f"samples in {runs} run(s), {len(estimate.theta)} parameters, {seconds:.1f} s"
+    )
+    broken = {family: v for family, v in certificate.violations.items() if v > 0.0}
+    lines = [
+        ("loss", f"{certificate.loss:.6g} (sum of squared weighted torque errors)"),
+        ("worst violation", _violations(broken)),
+        ("optimality gap", _gap(certificate.gap)),
+    ]
+    if certificate.smallest_thickness is not None:
+        lines.append(("smallest thickness", f"{1e3 * certificate.smallest_thickness:.1f} mm"))
+    if certificate.positive_mass_matrices is not None:
+        share = 100.0 * certificate.positive_mass_matrices
+        lines.append(("M(q) positive definite", f"at {share:.4g} % of 10 000 random poses"))
+    grid = Table.grid(padding=(0, 2))
+    for name, text in lines:
+        grid.add_row(name, text)
+    out.print(grid)
+    comparison_tables([fit], estimate.robot.torque_units, title="Fit to these measurements")
+
+
+def _violations(broken: dict[str, float]) -> str:
+    if not broken:
+        return "0 (every constraint holds)"
+    worst = sorted(broken.items(), key=lambda item: -item[1])
+    return ", ".join(f"{family} {value:.2g}" for family, value in worst)
+
+
+def _gap(gap: float | None) -> str:
+    if gap is None:
+        return "no lower bound: this method is not convex, or has no constraints"
+    return f"{gap:.1e} of the loss (certified lower bound)"
+
+
+def comparison_tables(
+    results: Sequence[Comparison], units: Sequence[str], title: str = "Measured against modelled"
+) -> None:
+    """One row a joint: RMSE, R^2 of every model beside the noise floor; the totals below."""
+    band = results[0].band_hz
+    table = Table(
+        title=f"{title}, below {band:.3g} Hz",
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+    )
+    table.add_column("joint", justify="right")
+    table.add_column("unit")
+    for result in results:
+        head = f"{escape(result.name)}\n" if len(results) > 1 else ""
+        table.add_column(f"{head}RMSE", justify="right")
+        table.add_column("R2", justify="right")
+    floor = results[0].noise_floor
+    table.add_column("noise floor", justify="right")
+    for j, unit in enumerate(units):
+        cells = [str(j + 1), unit]
+        for result in results:
+            cells += [f"{result.rmse[j]:.4g}", f"{result.r2[j]:.4f}"]
+        cells.append("-" if floor is None else f"{floor[j]:.4g}")
+        table.add_row(*cells)
+    out.print(table)
+    for result in results:
+        out.print(
+            f"relative error {result.relative_error_percent:.3f} %"
+            + (f"  {escape(result.name)}" if len(results) > 1 else "")
+        )
+    if floor is None:
+        out.print("No motion repeats in these runs: the noise floor is unknown.")

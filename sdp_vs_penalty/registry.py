@@ -1,0 +1,65 @@
+"""What there is to choose from, read from the folders that hold it: for `list` and the README."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Rows = list[tuple[str, ...]]
+Listing = tuple[tuple[str, ...], Rows]
+
+
+def listing(kind: str) -> Listing:
+    """Headings and rows of problems, effects, methods, solvers or datasets; names come first."""
+    return _KINDS[kind]()
+
+
+def _problems() -> Listing:
+    from sdp_vs_penalty.problem import load_problem, problem_names
+
+    rows: Rows = []
+    for name in problem_names():
+        problem = load_problem(name)
+        rows.append((name, str(problem.robot.n), problem.torque_side, problem.title))
+    return ("name", "joints", "torque side", "what it is"), rows
+
+
+def _effects() -> Listing:
+    from sdp_vs_penalty.effects import effect_types
+
+    rows: Rows = []
+    for name, kind in effect_types().items():
+        shape = ", ".join(f"{key}={value:g}" for key, value in kind.shape_defaults.items())
+        rows.append((name, kind.equation, shape, kind.explanation))
+    return ("name", "torque", "shape constants", "what it is"), rows
+
+
+def _methods() -> Listing:
+    from sdp_vs_penalty.estimators import estimator_types
+
+    return ("name", "what it is"), [(name, kind.description) for name, kind in estimator_types().items()]
+
+
+def _solvers() -> Listing:
+    from sdp_vs_penalty.solvers import solver_modules
+
+    rows: Rows = []
+    for name, module in solver_modules().items():
+        extra = "core" if module.EXTRA is None else f"extra [{module.EXTRA}]"
+        rows.append((name, extra, (module.__doc__ or "").strip().splitlines()[0]))
+    return ("name", "installed by", "what it is"), rows
+
+
+def _datasets() -> Listing:
+    from sdp_vs_penalty.datasets import DATASETS
+
+    rows: Rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
+    return ("name", "problem", "licence", "what it is"), rows
+
+
+_KINDS: dict[str, Callable[[], Listing]] = {
+    "problems": _problems,
+    "effects": _effects,
+    "methods": _methods,
+    "solvers": _solvers,
+    "datasets": _datasets,
+}
