@@ -128,7 +128,7 @@ class _Tangent:
 
     @cached_property
     def _push(self) -> Array:
-        return np.linalg.pinv(self.limit[:, None] * self._pull, rcond=1e-12)
+        return np.asarray(np.linalg.pinv(self.limit[:, None] * self._pull, rcond=1e-12))
 
     def bound(self, constraints: ConstraintSet, dual: Sequence[Array]) -> tuple[float, Array]:
         """The bound for multipliers inside their cones, and the slope (p,) that they leave over."""
