@@ -31,7 +31,7 @@ from sdp_vs_penalty.urdf import load_urdf
 Array = NDArray[np.float64]
 
 #: Defaults that keep the feasible set of a robot without published bounds (a URDF) bounded.
-DEFAULT_LINK_MASS = 100.0  # kg, upper bound of one link
+DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not one
 DEFAULT_REACH_FACTOR = 1.5  # a link's mass lies within this times its reach of its frame
 #: Friction, offsets and other joint parameters: |theta| below this, in SI units.
 PARAMETER_RANGE = 1e4
@@ -144,7 +144,7 @@ class Problem:
         """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
         box = self.box[link]
         reach = DEFAULT_REACH_FACTOR * self.robot.link_reach()[link]
-        mass = box[0, 1] if np.isfinite(box[0, 1]) else DEFAULT_LINK_MASS
+        mass = box[0, 1] if np.isfinite(box[0, 1]) else DEFAULT_LINK_MASS[1]
         if np.isfinite(self.total_mass[1]):
             mass = min(mass, self.total_mass[1])
         com = np.abs(box[1:4]).max(axis=1)
@@ -280,7 +280,7 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
 def _from_urdf(path: Path) -> Problem:
     robot, nominal = load_urdf(path)
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.0
+    box[:, 0] = DEFAULT_LINK_MASS
     return Problem(
         robot.name,
         f"{robot.name} from {path.name}",
