@@ -50,11 +50,28 @@ class Joint:
 
 @dataclass(frozen=True)
 class Robot:
-    """Joints (n), parents before children, and the gravity vector [m/s^2] in the base frame."""
+    """Joints (n), depth first, and the gravity vector [m/s^2] in the base frame.
+
+    Depth first: what a joint carries follows it without a gap. Pinocchio's composite rigid body
+    algorithm takes subtrees as index ranges and is silently wrong on any other order.
+    Raises InputError for joints in another order.
+    """
 
     name: str
     joints: tuple[Joint, ...]
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
+
+    def __post_init__(self) -> None:
+        open_branch: list[int] = []  # from the base to the last joint
+        for i, joint in enumerate(self.joints):
+            while open_branch and open_branch[-1] != joint.parent:
+                open_branch.pop()
+            if not open_branch and joint.parent != -1:
+                raise InputError(
+                    f"robot {self.name}: joint {joint.name} must come after its parent and before "
+                    "any other branch (depth first)."
+                )
+            open_branch.append(i)
 
     @property
     def n(self) -> int:

@@ -97,6 +97,11 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
         raise reader.fail(f"the outermost element is <{root.tag}>, a URDF's is <robot>")
 
     links = {link.get("name"): link for link in root.findall("link")}
+    for tag in ("link", "joint"):
+        names = [element.get("name") for element in root.findall(tag)]
+        for name in names:
+            if names.count(name) > 1:
+                raise reader.fail(f"{tag} {name!r} is there {names.count(name)} times")
     children: dict[str, list[Any]] = {name: [] for name in links}
     parent_of: dict[str, str] = {}
     for element in root.findall("joint"):
@@ -116,9 +121,11 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
 
     joints: list[Joint] = []
     nominal: list[Array] = []
+    reached: set[str] = set()
 
     def visit(link_name: str, body: int, pose: Array) -> None:
         """Add what hangs on a link; pose is that of the link in the frame of its moving body."""
+        reached.add(link_name)
         if body >= 0:
             nominal[body] = nominal[body] + inertia.transform(pose) @ reader.inertial(links[link_name])
         for element in children[link_name]:
@@ -160,6 +167,9 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
             visit(child, len(joints) - 1, np.eye(4))
 
     visit(roots[0], -1, np.eye(4))
+    if len(reached) < len(links):
+        name = next(name for name in links if name not in reached)
+        raise reader.fail(f"link {name!r} is in a loop of joints apart from the base {roots[0]!r}")
     if not joints:
         raise reader.fail("no moving joint: there is nothing to identify")
     name = root.get("name") or path.stem

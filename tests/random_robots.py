@@ -1,0 +1,134 @@
+"""Random robots, links and motions for the tests, and an independent computation of their torques."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.robot import Joint, Robot
+
+Array = NDArray[np.float64]
+
+
+def rotation(rng: np.random.Generator) -> Array:
+    """A uniformly random rotation (3, 3)."""
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q = q * np.sign(np.diagonal(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+def pose(rng: np.random.Generator, reach: float) -> Array:
+    """A random pose (4, 4) whose translation is ``reach`` long."""
+    out = np.eye(4)
+    out[:3, :3] = rotation(rng)
+    direction = rng.normal(size=3)
+    out[:3, 3] = reach * direction / np.linalg.norm(direction)
+    return out
+
+
+def link_parameters(
+    rng: np.random.Generator, reach: float, mass: float | None = None, thickness: float = 0.03
+) -> Array:
+    """Standard parameters (10,) of a solid ellipsoid inside the ball of radius ``reach``.
+
+    Its radius of gyration is at least ``thickness`` in every direction.
+    """
+    mass = float(rng.uniform(0.5, 5.0)) if mass is None else mass
+    gyration = rng.uniform(thickness, max(thickness, 0.25 * reach), size=3)
+    r = rotation(rng)
+    direction = rng.normal(size=3)
+    centre = direction / np.linalg.norm(direction) * reach * rng.uniform(0.05, 0.3)
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = mass * ((r * gyration**2) @ r.T + np.outer(centre, centre))
+    pseudo[:3, 3] = pseudo[3, :3] = mass * centre
+    pseudo[3, 3] = mass
+    return inertia.from_pseudo_inertia(pseudo)
+
+
+def tree(rng: np.random.Generator, n: int, *, branched: bool = True, link_frames: bool = False) -> Robot:
+    """A random tree of n revolute and prismatic joints, depth first."""
+    joints: list[Joint] = []
+    branch: list[int] = []  # from the base to the last joint
+    for i in range(n):
+        if branched and i > 1 and rng.random() < 0.4:
+            branch = branch[: rng.integers(0, len(branch))]
+        parent = branch[-1] if branch else -1
+        branch.append(i)
+        axis = rng.normal(size=3)
+        joints.append(
+            Joint(
+                f"joint{i + 1}",
+                "prismatic" if rng.random() < 0.3 else "revolute",
+                parent,
+                pose(rng, rng.uniform(0.2, 0.5)),
+                axis / np.linalg.norm(axis),
+                pose(rng, 0.2) if link_frames else np.eye(4),
+            )
+        )
+    return Robot("random", tuple(joints), tuple(rng.normal(size=3) * 6.0))
+
+
+def sines(
+    rng: np.random.Generator, n: int, t: Array, base_hz: float = 0.1, harmonics: int = 5
+) -> Motion:
+    """Sums of sines with exact derivatives: q, dq, ddq (N, n), speeds of about 1 rad/s or m/s."""
+    w = 2.0 * np.pi * base_hz * np.arange(1, harmonics + 1)
+    a, b = rng.normal(size=(2, n, harmonics)) * 1.0 / np.sqrt(harmonics)
+    wt = t[:, None] * w
+    s, c = np.sin(wt), np.cos(wt)
+    q = s @ (a / w).T - c @ (b / w).T + rng.uniform(-1, 1, n)
+    return Motion(t, q, c @ a.T + s @ b.T, -s @ (a * w).T + c @ (b * w).T)
+
+
+def uicker_torques(robot: Robot, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+    """Joint torques (n,) at one state by virtual work over 4x4 matrices (Uicker 1965).
+
+    With T_l(q) the pose of link l's frame, P_l its pseudo-inertia and g e4^T the gravity field,
+
+        tau_j = sum_l tr( dT_l/dq_j  P_l  (d^2 T_l/dt^2 - g e4^T)^T ),
+
+    no cross products, no recursion over forces, nothing of Pinocchio.
+    """
+    n = robot.n
+    gravity = np.zeros((4, 4))
+    gravity[:3, 3] = robot.gravity
+    pose: list[Array] = []
+    velocity: list[Array] = []
+    acceleration: list[Array] = []
+    partial: list[list[Array]] = []  # partial[l][j] = d T_l / d q_j
+    for i, joint in enumerate(robot.joints):
+        twist = np.zeros((4, 4))
+        if joint.kind == "revolute":
+            x, y, z = joint.axis
+            twist[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+            k = twist[:3, :3]
+            move = np.eye(4)
+            move[:3, :3] += np.sin(q[i]) * k + (1 - np.cos(q[i])) * (k @ k)
+        else:
+            twist[:3, 3] = joint.axis
+            move = np.eye(4) + q[i] * twist
+        first = twist @ move
+        second = twist @ first
+        p = joint.parent
+        t0 = np.eye(4) if p < 0 else pose[p]
+        t1 = np.zeros((4, 4)) if p < 0 else velocity[p]
+        t2 = np.zeros((4, 4)) if p < 0 else acceleration[p]
+        here = joint.placement
+        m1 = first * dq[i]
+        m2 = second * dq[i] ** 2 + first * ddq[i]
+        pose.append(t0 @ here @ move)
+        velocity.append(t1 @ here @ move + t0 @ here @ m1)
+        acceleration.append(t2 @ here @ move + 2.0 * t1 @ here @ m1 + t0 @ here @ m2)
+        above = [np.zeros((4, 4))] * n if p < 0 else partial[p]
+        mine = [d @ here @ move for d in above]
+        mine[i] = t0 @ here @ first
+        partial.append(mine)
+    tau = np.zeros(n)
+    for i, joint in enumerate(robot.joints):
+        pseudo = inertia.pseudo_inertia(theta.reshape(n, 10)[i])
+        force = acceleration[i] @ joint.link_frame - gravity
+        for j in range(n):
+            tau[j] += np.trace(partial[i][j] @ joint.link_frame @ pseudo @ force.T)
+    return tau

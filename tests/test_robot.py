@@ -1,0 +1,175 @@
+"""Kinematics and rigid-body dynamics: against Pinocchio's RNEA and against virtual work."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_robots import link_parameters, tree, uicker_torques
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.robot import Robot
+
+seeds = st.integers(0, 2**32 - 1)
+quick = settings(max_examples=30, deadline=None, derandomize=True)
+
+
+def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndarray]:
+    """A robot, consistent parameters (10 n,), and states (3, samples, n)."""
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, int(rng.integers(1, 6)), link_frames=bool(rng.integers(2)))
+    theta = np.concatenate([link_parameters(rng, 0.5) for _ in robot.joints])
+    return robot, theta, rng.normal(size=(3, samples, robot.n))
+
+
+@quick
+@given(seeds)
+def test_regressor_equals_inverse_dynamics_equals_virtual_work(seed: int) -> None:
+    robot, theta, (q, dq, ddq) = random_case(seed)
+    by_regressor = robot.regressor(q, dq, ddq) @ theta
+    by_rnea = robot.inverse_dynamics(theta, q, dq, ddq)
+    by_work = [uicker_torques(robot, theta, *state) for state in zip(q, dq, ddq, strict=True)]
+    size = np.abs(by_rnea).max() + 1e-3
+    np.testing.assert_allclose(by_regressor, by_rnea, atol=1e-11 * size)
+    np.testing.assert_allclose(by_rnea, by_work, atol=1e-11 * size)
+
+
+@quick
+@given(seeds)
+def test_regressor_is_linear_also_outside_the_consistent_set(seed: int) -> None:
+    """Estimates without constraints have negative masses: prediction must not care."""
+    robot, theta, (q, dq, ddq) = random_case(seed)
+    wild = theta * np.random.default_rng(seed).normal(size=len(theta))
+    torque = robot.regressor(q, dq, ddq) @ wild
+    by_work = [uicker_torques(robot, wild, *state) for state in zip(q, dq, ddq, strict=True)]
+    np.testing.assert_allclose(torque, by_work, atol=1e-10 * (np.abs(torque).max() + 1e-3))
+    np.testing.assert_allclose(
+        robot.inverse_dynamics(wild, q, dq, ddq), by_work, atol=1e-9 * (np.abs(torque).max() + 1e-3)
+    )
+
+
+@quick
+@given(seeds)
+def test_mass_matrix_is_the_derivative_of_torque_by_acceleration(seed: int) -> None:
+    robot, theta, (q, dq, ddq) = random_case(seed)
+    matrices = robot.mass_matrices(theta, q)
+    rest = robot.inverse_dynamics(theta, q, dq, 0.0 * ddq)
+    by_rnea = robot.inverse_dynamics(theta, q, dq, ddq) - rest
+    np.testing.assert_allclose(np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9)
+    np.testing.assert_array_equal(matrices, np.swapaxes(matrices, 1, 2))
+    assert np.all(np.linalg.eigvalsh(matrices) > 0.0)  # the parameters are consistent
+
+
+@quick
+@given(seeds)
+def test_only_the_subtree_makes_torque_on_a_joint(seed: int) -> None:
+    robot, _, (q, dq, ddq) = random_case(seed)
+    regressor = robot.regressor(q, dq, ddq).reshape(len(q), robot.n, robot.n, 10)
+    for joint, links in enumerate(robot.subtree):
+        others = [k for k in range(robot.n) if k not in links]
+        assert not np.any(regressor[:, joint, others])
+        assert joint in links
+
+
+def test_a_massless_link_with_rotational_inertia_counts() -> None:
+    robot, theta, (q, dq, ddq) = random_case(7)
+    theta = theta.copy()
+    theta[:4] = 0.0
+    np.testing.assert_allclose(
+        robot.inverse_dynamics(theta, q, dq, ddq), robot.regressor(q, dq, ddq) @ theta, atol=1e-12
+    )
+
+
+@quick
+@given(seeds)
+def test_dictionary_restores_the_robot_to_the_last_bit(seed: int) -> None:
+    robot, _, (q, dq, ddq) = random_case(seed)
+    again = Robot.from_dict(json.loads(json.dumps(robot.to_dict(), allow_nan=False)))
+    np.testing.assert_array_equal(robot.regressor(q, dq, ddq), again.regressor(q, dq, ddq))
+    for a, b in zip(robot.joints, again.joints, strict=True):
+        for key, value in vars(a).items():
+            assert np.array_equal(value, getattr(b, key)), key
+    assert again.gravity == robot.gravity
+
+
+def test_dh_conventions_place_the_same_arm() -> None:
+    """A planar 2R written in both conventions: the tip of the second link at the same place."""
+    standard = Robot.from_dh("s", [0.7, 0.4], [0.0, 0.0], [0.0, 0.0], "standard")
+    modified = Robot.from_dh("m", [0.0, 0.7], [0.0, 0.0], [0.0, 0.0], "modified")
+    np.testing.assert_allclose(
+        standard.joint_origins(), np.array([[0.7, 0, 0], [1.1, 0, 0]]), atol=1e-15
+    )
+    np.testing.assert_allclose(modified.joint_origins(), np.array([[0, 0, 0], [0.7, 0, 0]]), atol=1e-15)
+    # A point mass at each link's tip: at the standard frame's origin, 0.4 m along x in Craig's.
+    at_origin = np.zeros((2, 10))
+    at_origin[:, 0] = 1.0
+    along_x = np.zeros((2, 10))
+    for row, x in zip(along_x, (0.7, 0.4), strict=True):
+        row[[0, 1, 6, 9]] = 1.0, x, x**2, x**2
+    state = np.random.default_rng(0).normal(size=(3, 5, 2))
+    gravity = (1.0, -9.0, 2.0)
+    torques = [
+        Robot(robot.name, robot.joints, gravity).regressor(*state) @ theta.ravel()
+        for robot, theta in ((standard, at_origin), (modified, along_x))
+    ]
+    np.testing.assert_allclose(torques[0], torques[1], atol=1e-12)
+
+
+def test_joints_must_come_depth_first() -> None:
+    """In any other order Pinocchio's mass matrix is silently wrong."""
+    arm, *_ = tree(np.random.default_rng(0), 1).joints
+    parents = {"chain": (-1, 0, 1), "branches": (-1, 0, 0, -1, 3), "forest": (-1, -1, -1)}
+    for order in parents.values():
+        Robot("r", tuple(replace(arm, parent=p) for p in order))
+    for order in ((-1, 0, 0, 1), (0,), (-1, 2, 0), (-1, -1, 0), (-2,)):
+        with pytest.raises(InputError, match="depth first"):
+            Robot("r", tuple(replace(arm, parent=p) for p in order))
+
+
+def test_dh_convention_must_be_known() -> None:
+    with pytest.raises(InputError, match="standard"):
+        Robot.from_dh("x", [0.0], [0.0], [0.0], "denavit")
+
+
+def test_planar_arm_against_textbook_equations(two_link: Problem) -> None:
+    """Point masses on a planar 2R under gravity along -y (Siciliano et al., sec. 7.3.2)."""
+    l1, l2, m1, m2, g = 0.7, 0.4, 2.0, 1.5, 9.81
+    robot = Robot.from_dh("2R", [l1, l2], [0.0, 0.0], [0.0, 0.0], "standard", (0.0, -g, 0.0))
+    theta = np.zeros((2, 10))
+    theta[:, 0] = m1, m2
+    (q1, q2), (v1, v2), (a1, a2) = np.array([0.3, -0.8]), np.array([0.7, 1.1]), np.array([-0.4, 2.0])
+    c2, s2 = np.cos(q2), np.sin(q2)
+    h = m2 * l1 * l2 * s2
+    tau1 = (
+        (m1 * l1**2 + m2 * (l1**2 + l2**2 + 2 * l1 * l2 * c2)) * a1
+        + m2 * (l2**2 + l1 * l2 * c2) * a2
+        - h * (2 * v1 * v2 + v2**2)
+        + (m1 + m2) * g * l1 * np.cos(q1)
+        + m2 * g * l2 * np.cos(q1 + q2)
+    )
+    tau2 = m2 * (l2**2 + l1 * l2 * c2) * a1 + m2 * l2**2 * a2 + h * v1**2 + m2 * g * l2 * np.cos(q1 + q2)
+    found = robot.inverse_dynamics(theta, [q1, q2], [v1, v2], [a1, a2])[0]
+    np.testing.assert_allclose(found, [tau1, tau2], rtol=1e-12)
+
+
+def test_units_follow_the_joint() -> None:
+    robot = tree(np.random.default_rng(5), 5)
+    kinds = [j.kind for j in robot.joints]
+    assert set(kinds) == {"revolute", "prismatic"}, "the seed no longer gives both kinds"
+    for kind, position, torque in zip(kinds, robot.position_units, robot.torque_units, strict=True):
+        assert (position, torque) == (("m", "N") if kind == "prismatic" else ("rad", "N*m"))
+
+
+def test_random_configurations_keep_the_joint_range(panda: Problem) -> None:
+    q = panda.robot.random_configurations(500, seed=3)
+    lower = [j.lower for j in panda.robot.joints]
+    upper = [j.upper for j in panda.robot.joints]
+    assert np.all((q >= lower) & (q <= upper))
+    np.testing.assert_array_equal(q, panda.robot.random_configurations(500, seed=3))
+    assert np.any(q != panda.robot.random_configurations(500, seed=4))
+    assert np.all(np.ptp(q, axis=0) > 0.8 * np.subtract(upper, lower))

@@ -1,0 +1,224 @@
+"""URDF files: the same robot as Pinocchio's own parser builds, and refusals in one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_robots import sines
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty._pinocchio import pin
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators import identify
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.problem import load_problem
+from sdp_vs_penalty.urdf import load_urdf
+
+
+def inertial(mass: float, xyz: str, rpy: str, six: str) -> str:
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    tensor = " ".join(f'{n}="{v}"' for n, v in zip(names, six.split(), strict=True))
+    origin = f'<origin xyz="{xyz}" rpy="{rpy}"/>'
+    return f'<inertial>{origin}<mass value="{mass}"/><inertia {tensor}/></inertial>'
+
+
+#: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind two fixed joints,
+#: a camera arm as a branch, a fixed pedestal; link "upper" and the camera mount have no inertial.
+ARM = f"""<?xml version="1.0"?>
+<robot name="gantry">
+  <link name="pedestal">{inertial(50, "0 0 0.1", "0 0 0", "1 0 0 1 0 1")}</link>
+  <link name="base_plate">{inertial(9, "0 0 0", "0 0 0", "0.1 0 0 0.1 0 0.1")}</link>
+  <link name="carriage">
+    {inertial(4, "0.05 0.02 -0.1", "0.3 -0.2 0.9", "0.06 0.01 -0.005 0.07 0.004 0.05")}
+  </link>
+  <link name="upper"/>
+  <link name="fore">{inertial(1.5, "0.1 0 0.02", "0 0.4 0", "0.004 0.0005 0 0.02 -0.0002 0.021")}</link>
+  <link name="flange">{inertial(0.4, "0 0.01 0", "0 0 0", "0.0004 0 0 0.0004 0 0.0006")}</link>
+  <link name="tool">
+    {inertial(0.8, "0.02 0 0.06", "1 0.5 -0.3", "0.003 0.0001 0.0002 0.003 0 0.001")}
+  </link>
+  <link name="a_camera">{inertial(0.3, "0 0 0.03", "0 0 0", "0.0005 0 0 0.0005 0 0.0004")}</link>
+  <link name="frame_only"/>
+  <joint name="stand" type="fixed">
+    <parent link="pedestal"/><child link="base_plate"/><origin xyz="0 0.2 0.3" rpy="0.1 0 -0.4"/>
+  </joint>
+  <joint name="rail" type="prismatic">
+    <parent link="base_plate"/><child link="carriage"/><origin xyz="0 0 0.2" rpy="0 0.3 0"/>
+    <axis xyz="1 0.2 0"/><limit lower="-0.5" upper="0.8" effort="300" velocity="1.5"/>
+  </joint>
+  <joint name="shoulder" type="continuous">
+    <parent link="carriage"/><child link="upper"/><origin xyz="0.1 0 0.1" rpy="1.2 0 0"/>
+    <axis xyz="0 0 1"/><limit effort="80" velocity="3"/>
+  </joint>
+  <joint name="elbow" type="revolute">
+    <parent link="upper"/><child link="fore"/><origin xyz="0.3 0 0" rpy="0 0 0.7"/>
+    <axis xyz="0 1 1"/><limit lower="-2" upper="2.2" effort="40" velocity="3"/>
+  </joint>
+  <joint name="bolts" type="fixed">
+    <parent link="fore"/><child link="flange"/><origin xyz="0.25 0 0" rpy="0 1.57 0"/>
+  </joint>
+  <joint name="grip" type="fixed">
+    <parent link="flange"/><child link="tool"/><origin xyz="0 0.01 0.05" rpy="0.2 -0.1 2.0"/>
+  </joint>
+  <joint name="mark" type="fixed"><parent link="tool"/><child link="frame_only"/></joint>
+  <joint name="a_pan" type="revolute">
+    <parent link="carriage"/><child link="a_camera"/><origin xyz="0 0.1 0" rpy="0 0 0"/>
+    <axis xyz="0 0 -1"/><limit lower="-1" upper="1" effort="5" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "gantry.urdf"
+    path.write_text(ARM)
+    return path
+
+
+def test_joints_come_in_the_order_of_the_file_with_their_limits(arm: Path) -> None:
+    robot, _ = load_urdf(arm)
+    rail, shoulder, elbow, pan = robot.joints
+    assert [j.name for j in robot.joints] == ["rail", "shoulder", "elbow", "a_pan"]
+    assert [j.kind for j in robot.joints] == ["prismatic", "revolute", "revolute", "revolute"]
+    assert [j.parent for j in robot.joints] == [-1, 0, 1, 0]
+    assert (rail.lower, rail.upper, rail.effort, rail.velocity) == (-0.5, 0.8, 300.0, 1.5)
+    assert (shoulder.lower, shoulder.upper, shoulder.effort) == (-np.inf, np.inf, 80.0)
+    assert np.linalg.norm(elbow.axis) == pytest.approx(1.0)
+    assert (pan.lower, pan.upper) == (-1.0, 1.0)
+    assert robot.subtree == ((0, 1, 2, 3), (1, 2), (2,), (3,))
+
+
+def test_torques_equal_those_of_pinocchios_own_parser(arm: Path) -> None:
+    robot, theta = load_urdf(arm)
+    reference = pin.buildModelFromXML(ARM)
+    data = reference.createData()
+    order = [reference.getJointId(j.name) for j in robot.joints]
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        q, dq, ddq = rng.normal(size=(3, robot.n))
+        full_q, full_v, full_a = np.zeros(reference.nq), np.zeros(reference.nv), np.zeros(reference.nv)
+        for k, identifier in enumerate(order):
+            joint = reference.joints[identifier]
+            full_v[joint.idx_v], full_a[joint.idx_v] = dq[k], ddq[k]
+            at = slice(joint.idx_q, joint.idx_q + joint.nq)
+            full_q[at] = [np.cos(q[k]), np.sin(q[k])] if joint.nq == 2 else [q[k]]
+        expected = pin.rnea(reference, data, full_q, full_v, full_a)
+        expected = [expected[reference.joints[i].idx_v] for i in order]
+        found = robot.inverse_dynamics(theta, q, dq, ddq)[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_fixed_links_are_merged_and_missing_inertials_are_zero(arm: Path) -> None:
+    _, theta = load_urdf(arm)
+    assert theta[:, 0] == pytest.approx([4.0, 0.0, 1.5 + 0.4 + 0.8, 0.3])
+    assert not theta[1].any()
+    assert np.all(inertia.consistency_margin(theta[[0, 2, 3]]) > 0.0)
+
+
+def test_nominal_is_plausible_where_the_file_says_nothing(arm: Path) -> None:
+    problem = load_problem(arm)
+    _, given = load_urdf(arm)
+    np.testing.assert_array_equal(problem.nominal_links[[0, 2, 3]], given[[0, 2, 3]])
+    assert np.all(inertia.consistency_margin(problem.nominal_links) > 0.0)
+
+
+def test_an_unseen_arm_is_identified_in_one_call(arm: Path) -> None:
+    problem = load_problem(arm, gravity=(0.4, -0.2, -9.7))
+    truth = problem.nominal_links.copy()
+    truth[1] = inertia.standard_from_barycentric(
+        [2.2, 0.12, 0.01, -0.02, 0.006, 0.0004, 0.021, -0.0003, 0.0006, 0.022]
+    )
+    model = problem.model()
+    theta = np.zeros(len(model.parameters))
+    theta[model.rigid_indices] = truth.ravel()
+    friction = [k for k, p in enumerate(model.parameters) if p.effect != "rigid_body"]
+    theta[friction] = np.random.default_rng(1).uniform(0.1, 1.0, len(friction))
+    t = np.arange(0.0, 16.0, 0.004)
+    motion = sines(np.random.default_rng(3), 4, t, 0.15, 5)
+    measurements = Measurements(t, motion.q, model.torque(theta, motion))
+    estimate = identify(problem, measurements, seed=1)
+    other = sines(np.random.default_rng(4), 4, t, 0.13, 5)
+    torque = model.torque(theta, other)
+    error = np.linalg.norm(estimate.torque(other) - torque) / np.linalg.norm(torque)
+    assert error < 2e-3
+    assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) > 0.0)
+    assert estimate.certificate.gap is not None
+    assert estimate.certificate.gap < 1e-6
+
+
+def test_gravity_can_be_given(arm: Path) -> None:
+    assert load_problem(arm, gravity=(1, 2, 3)).robot.gravity == (1.0, 2.0, 3.0)
+    with pytest.raises(InputError, match="three finite numbers"):
+        load_problem(arm, gravity=(1, 2))
+    with pytest.raises(InputError, match="three finite numbers"):
+        load_problem(arm, gravity=(1, 2, np.nan))
+
+
+def change(old: str, new: str) -> str:
+    assert old in ARM
+    return ARM.replace(old, new, 1)
+
+
+REFUSALS = {
+    "floating": (
+        change('name="elbow" type="revolute"', 'name="elbow" type="floating"'), "elbow.*floating"
+    ),
+    "planar": (change('name="rail" type="prismatic"', 'name="rail" type="planar"'), "rail.*planar"),
+    "mimic": (
+        change('name="elbow" type="revolute">', 'name="elbow" type="revolute"><mimic joint="rail"/>'),
+        "elbow.*mimics",
+    ),
+    "loop": (
+        change('<joint name="mark" type="fixed"><parent link="tool"/><child link="frame_only"/>',
+               '<joint name="mark" type="fixed"><parent link="tool"/><child link="carriage"/>'),
+        "carriage.*two joints",
+    ),
+    "two bases": (change('<link name="frame_only"/>', '<link name="frame_only"/><link name="b"/>'),
+        "one base link.*pedestal, b"),
+    "loop apart": (change('<parent link="pedestal"/>', '<parent link="frame_only"/>'), "loop.*pedestal"),
+    "same link": (change('<link name="upper"/>', '<link name="upper"/><link name="upper"/>'), "2 times"),
+    "same joint": (change('name="a_pan"', 'name="elbow"'), "joint 'elbow' is there 2 times"),
+    "no moving joint": (
+        ARM.replace("prismatic", "fixed").replace("continuous", "fixed").replace("revolute", "fixed"),
+        "no moving joint",
+    ),
+    "unknown link": (change('<child link="tool"/>', '<child link="toool"/>'), "grip.*toool"),
+    "no child": (
+        change('<parent link="tool"/><child link="frame_only"/>', '<parent link="tool"/>'), "mark"
+    ),
+    "axis": (change('<axis xyz="0 1 1"/>', '<axis xyz="0 0 0"/>'), "elbow.*axis"),
+    "number": (change('xyz="0.3 0 0"', 'xyz="0.3 zero 0"'), "line [0-9]+.*3 finite"),
+    "not finite": (change('<mass value="1.5"/>', '<mass value="nan"/>'), "mass.*1 finite"),
+    "not xml": (ARM[: len(ARM) // 2], "not an XML file"),
+    "another root": ("<model/>", "outermost element is <model>"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_what_cannot_be_used_is_refused_in_one_sentence(case: str, tmp_path: Path) -> None:
+    text, expected = REFUSALS[case]
+    path = tmp_path / "bad.urdf"
+    path.write_text(text)
+    with pytest.raises(InputError, match=expected) as refusal:
+        load_urdf(path)
+    message = str(refusal.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert message.endswith(".")
+
+
+def test_entities_and_missing_files_do_no_harm(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.txt"
+    secret.write_text("<axis xyz='1 0 0'/>")
+    path = tmp_path / "x.urdf"
+    path.write_text(
+        f'<!DOCTYPE robot [<!ENTITY e SYSTEM "{secret}">]>'
+        '<robot name="r"><link name="a">&e;</link></robot>'
+    )
+    with pytest.raises(InputError, match="no moving joint"):
+        load_urdf(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        load_urdf(tmp_path / "absent.urdf")
