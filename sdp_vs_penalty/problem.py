@@ -32,7 +32,9 @@ Array = NDArray[np.float64]
 
 #: Defaults that keep the feasible set of a robot without published bounds (a URDF) bounded.
 DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not one
-DEFAULT_REACH_FACTOR = 1.5  # a link's mass lies within this times its reach of its frame
+#: A link's mass lies in a ball around its frame: this times the link's reach, at least the radius.
+DEFAULT_REACH_FACTOR = 1.5
+DEFAULT_RADIUS = 1.0  # m: what a last link bears beyond its frame, the kinematics do not say
 #: Friction, offsets and other joint parameters: |theta| below this, in SI units.
 PARAMETER_RANGE = 1e4
 #: Nominal mass per length of a link about which nothing is known [kg/m].
@@ -131,6 +133,9 @@ class Problem:
         theta = np.zeros(len(model.parameters))
         if len(model.rigid_indices):
             theta[model.rigid_indices] = self.nominal_links.ravel()
+        load = _payload_indices(model)
+        if load:  # a solid ball of 5 cm radius and 0.5 kg
+            theta[load] = 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
         return theta
 
     @cached_property
@@ -140,28 +145,43 @@ class Problem:
             return {}
         return {p.stem: _read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
 
-    def _link_size(self, link: int) -> tuple[float, Array, Array]:
-        """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
-        box = self.box[link]
-        reach = DEFAULT_REACH_FACTOR * self.robot.link_reach()[link]
-        mass = box[0, 1] if np.isfinite(box[0, 1]) else DEFAULT_LINK_MASS[1]
-        if np.isfinite(self.total_mass[1]):
-            mass = min(mass, self.total_mass[1])
-        com = np.abs(box[1:4]).max(axis=1)
+    def _centre_of_mass(self, link: int) -> Array:
+        """(3,) bounds of |c| from the box and the cones [m]; infinite where there is none."""
+        com = np.abs(self.box[link, 1:4]).max(axis=1)
         for cone in self.cones:
             if cone.link == link:
-                along = box[1 + cone.axis]
+                along = self.box[link, 1 + cone.axis]
                 if np.all(np.isfinite(along)) or cone.slope == 0.0:
                     widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
                     across = [a for a in range(3) if a != cone.axis]
                     com[across] = np.minimum(com[across], widest)
-        com = np.where(np.isfinite(com), com, reach)
-        upper = box[[4, 6, 9], 1]
-        square = com**2
-        steiner = mass * (square.sum() - square)
-        if np.all(np.isfinite(upper)):
-            return mass, com, upper + steiner
-        return mass, com, np.full(3, 2.0 * mass * reach**2)
+        return np.asarray(com)
+
+    def _has_full_box(self, link: int) -> bool:
+        """Whether the bounds on centre of mass and moments alone bound the link's inertia."""
+        upper = self.box[link, [4, 6, 9], 1]
+        return bool(np.all(np.isfinite(upper)) and np.all(np.isfinite(self._centre_of_mass(link))))
+
+    def _radius(self, link: int) -> float:
+        """Of the ball around the link frame that holds the link's mass, by default [m]."""
+        known = self._centre_of_mass(link)
+        reach = max(self.robot.link_reach()[link], *known[np.isfinite(known)], 0.0)
+        joint = self.robot.joints[link]
+        stroke = joint.upper - joint.lower if joint.kind == "prismatic" else 0.0
+        return max(DEFAULT_REACH_FACTOR * reach, DEFAULT_RADIUS, stroke if np.isfinite(stroke) else 0.0)
+
+    def _link_size(self, link: int) -> tuple[float, Array, Array]:
+        """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
+        box = self.box[link]
+        mass = box[0, 1] if np.isfinite(box[0, 1]) else DEFAULT_LINK_MASS[1]
+        if np.isfinite(self.total_mass[1]):
+            mass = min(mass, self.total_mass[1])
+        com = self._centre_of_mass(link)
+        if self._has_full_box(link):
+            square = com**2
+            return mass, com, box[[4, 6, 9], 1] + mass * (square.sum() - square)
+        radius = self._radius(link)
+        return mass, np.minimum(com, radius), np.full(3, mass * radius**2)
 
     def _link_constraints(self, link: int, indices: NDArray[np.intp]) -> list[Constraint]:
         name = f"link {link + 1}"
@@ -196,17 +216,17 @@ class Problem:
                         "centre of mass cone", name, indices[:4], coefficients, np.zeros(3)
                     )
                 )
-        upper = box[[4, 6, 9], 1]
-        if np.all(np.isfinite(upper)):
+        if self._has_full_box(link):
             # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.
             square = com**2
             coefficients = np.zeros((4, 3))
             coefficients[0] = square.sum() - square
             coefficients[1:] = -np.eye(3)
+            upper = box[[4, 6, 9], 1]
             out.append(build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper))
         else:
-            reach = DEFAULT_REACH_FACTOR * self.robot.link_reach()[link]
-            out.append(build.density_in_ellipsoid(name, indices, np.zeros(3), np.full(3, reach)))
+            ball = np.full(3, self._radius(link))
+            out.append(build.density_in_ellipsoid(name, indices, np.zeros(3), ball))
         return out
 
     def _barycentric_bounds(self, link: int, indices: NDArray[np.intp]) -> list[BarycentricBound]:
@@ -227,8 +247,11 @@ def _interval(lower: float, upper: float) -> tuple[Array, Array]:
 
 def _effect_constraints(model: Model) -> list[Constraint]:
     """Sign and range of every parameter that is not a link's; the payload's pseudo-inertia."""
-    out = []
+    out: list[Constraint] = []
     rigid = set(model.rigid_indices.tolist())
+    load = _payload_indices(model)
+    if load:
+        out.append(build.pseudo_inertia("payload", load))
     for index, parameter in enumerate(model.parameters):
         if index in rigid:
             continue
@@ -239,6 +262,10 @@ def _effect_constraints(model: Model) -> list[Constraint]:
             build.linear("range", name, [index], [[1.0, -1.0]], [PARAMETER_RANGE, PARAMETER_RANGE])
         )
     return out
+
+
+def _payload_indices(model: Model) -> list[int]:
+    return [k for k, p in enumerate(model.parameters) if p.effect == "payload"]
 
 
 def problems_folder() -> Path:
@@ -386,7 +413,7 @@ def _nominal_from_box(problem: Problem) -> Array:
     size = np.zeros((problem.robot.n, 3))
     centre = np.zeros_like(size)
     for link in range(problem.robot.n):
-        _, com, _ = problem._link_size(link)
+        com = np.minimum(problem._link_size(link)[1], problem.robot.link_reach()[link])
         box = problem.box[link, 1:4]
         box = np.where(np.isfinite(box), box, np.column_stack([-com, com]))
         size[link] = np.maximum(0.5 * (box[:, 1] - box[:, 0]), 0.06)

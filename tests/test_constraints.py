@@ -1,0 +1,292 @@
+"""Constraint arrays against what they stand for: eigenvalues, point masses, geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_robots import link_parameters, rotation
+
+from sdp_vs_penalty import constraints as build
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.constraints import Constraint, ConstraintSet, cone_margin, project
+from sdp_vs_penalty.problem import Problem
+
+seeds = st.integers(0, 2**32 - 1)
+quick = settings(max_examples=40, deadline=None, derandomize=True)
+
+CONES = ("psd", "soc", "nonnegative")
+
+
+def random_value(rng: np.random.Generator, cone: str) -> np.ndarray:
+    if cone == "psd":
+        a = rng.normal(size=(4, 4))
+        return a + a.T
+    return rng.normal(size=4)
+
+
+def wild_link(rng: np.random.Generator) -> np.ndarray:
+    """Parameters of a link that may or may not be consistent."""
+    return link_parameters(rng, 0.5) + rng.normal(size=10) * 10.0 ** rng.uniform(-4, 0)
+
+
+def one_of_each(rng: np.random.Generator) -> list[Constraint]:
+    link = np.arange(10) + 5
+    return [
+        build.pseudo_inertia("link", link),
+        build.minimum_thickness("link", link, 0.05),
+        build.density_in_ellipsoid("link", link, rng.normal(size=3), rng.uniform(0.1, 1, 3)),
+        build.linear("mass", "link", link[:1], [[1.0, -1.0]], [-0.5, 3.0]),
+        build.second_order("cone", "link", link[:4], rng.normal(size=(4, 3)), rng.normal(size=3)),
+    ]
+
+
+@quick
+@given(seeds)
+def test_margin_of_a_link_is_its_smallest_eigenvalue(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    theta = np.concatenate([rng.normal(size=5), wild_link(rng), rng.normal(size=3)])
+    constraint = build.pseudo_inertia("link 1", np.arange(5, 15))
+    eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(theta[5:15]))
+    assert constraint.margin(theta) == pytest.approx(eigenvalues[0], abs=1e-14)
+
+
+@quick
+@given(seeds, st.floats(0.001, 0.3))
+def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed: int, radius: float) -> None:
+    theta = wild_link(np.random.default_rng(seed))
+    if theta[0] <= 1e-3 or abs(inertia.thickness(theta) - radius) < 1e-6:
+        return
+    constraint = build.minimum_thickness("link 1", np.arange(10), radius)
+    assert (constraint.margin(theta) >= 0.0) == (inertia.thickness(theta) >= radius)
+
+
+def test_minimum_thickness_implies_consistency() -> None:
+    """Sigma - m r^2 1 in the corner is below Sigma: nothing thick can be inconsistent."""
+    rng = np.random.default_rng(0)
+    thick = build.minimum_thickness("link 1", np.arange(10), 0.03)
+    kept = [t for t in (wild_link(rng) for _ in range(500)) if thick.margin(t) >= 0.0]
+    assert 50 < len(kept) < 450
+    assert np.all(inertia.consistency_margin(kept) >= 0.0)
+
+
+@quick
+@given(seeds)
+def test_ellipsoid_is_the_mean_over_the_mass(seed: int) -> None:
+    """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over points."""
+    rng = np.random.default_rng(seed)
+    masses, x = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
+    centre, half = rng.normal(size=3) * 0.3, rng.uniform(0.5, 3.0, 3)
+    homogeneous = np.column_stack([x, np.ones(20)])
+    theta = inertia.from_pseudo_inertia((homogeneous.T * masses) @ homogeneous)
+    constraint = build.density_in_ellipsoid("link 1", np.arange(10), centre, half)
+    expected = masses @ (1.0 - np.sum(((x - centre) / half) ** 2, axis=1))
+    assert constraint.value(theta)[0] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    if np.all(np.sum(((x - centre) / half) ** 2, axis=1) <= 1.0):
+        assert constraint.margin(theta) >= 0.0
+
+
+@pytest.mark.parametrize("cone", CONES)
+@quick
+@given(seed=seeds)
+def test_projection_is_the_nearest_point_of_the_cone(cone: str, seed: int) -> None:
+    """Moreau: x = P(x) - P(-x) with both parts in the self-dual cone and orthogonal."""
+    x = random_value(np.random.default_rng(seed), cone)
+    inside, polar = project(cone, x), project(cone, -x)
+    assert cone_margin(cone, inside) >= -1e-12
+    assert cone_margin(cone, polar) >= -1e-12
+    np.testing.assert_allclose(inside - polar, x, atol=1e-12)
+    assert float(np.sum(inside * polar)) == pytest.approx(0.0, abs=1e-10)
+    np.testing.assert_allclose(project(cone, inside), inside, atol=1e-12)
+
+
+@quick
+@given(seeds)
+def test_identity_shifts_the_margin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(size=20)
+    for constraint in one_of_each(rng):
+        value, t = constraint.value(theta), rng.normal()
+        shifted = cone_margin(constraint.cone, value + t * constraint.identity)
+        assert shifted == pytest.approx(constraint.margin(theta) + t, abs=1e-9)
+
+
+@quick
+@given(seeds)
+def test_adjoint_belongs_to_the_coefficients(seed: int) -> None:
+    """<F(theta) - F_0, S> = theta^T F^*(S)."""
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(size=20)
+    for c in one_of_each(rng):
+        s = random_value(rng, "psd") if c.cone == "psd" else rng.normal(size=len(c.constant))
+        left = float(np.sum((c.value(theta) - c.constant) * s))
+        assert left == pytest.approx(float(theta[c.indices] @ c.adjoint(s)), abs=1e-9)
+
+
+@quick
+@given(seeds)
+def test_stacks_hold_the_same_values(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    everything = one_of_each(rng) + one_of_each(rng)
+    theta = rng.normal(size=20)
+    seen = 0
+    for stack in ConstraintSet(tuple(everything)).stacks:
+        for member, value in zip(stack.members, stack.values(theta), strict=True):
+            np.testing.assert_allclose(value, member.value(theta), atol=1e-12)
+            seen += 1
+    assert seen == len(everything)
+
+
+def test_worst_violation_of_each_family_in_its_own_units() -> None:
+    theta = np.zeros(10)
+    theta[0] = 5.0  # a point mass: consistent but only just, and 2 kg too heavy
+    demands = ConstraintSet(
+        (
+            build.pseudo_inertia("link 1", np.arange(10)),
+            build.linear("mass", "link 1", [0], [[1.0, -1.0]], [-0.5, 3.0]),
+            build.linear("mass", "link 1", [0], [[-1.0]], [4.5]),
+        ),
+        (build.BarycentricBound("link 1", 0, np.arange(10), 0, 0.1, 0.2),),
+    )
+    assert demands.worst(theta) == {
+        "pseudo-inertia": 0.0,
+        "mass": 2.0,
+        "barycentric inertia": pytest.approx(0.1),
+    }
+    assert demands.margin(theta) == -2.0
+    assert demands.with_families(lambda f: f != "mass").margin(theta) == 0.0
+    assert set(demands.with_families(lambda f: f == "mass").worst(theta)) == {"mass"}
+
+
+@quick
+@given(seeds)
+def test_barycentric_bound_is_about_the_centre_of_mass(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    theta = link_parameters(rng, 0.5)
+    barycentric = inertia.barycentric_from_standard(theta)
+    for entry in range(6):
+        bound = build.BarycentricBound("link 1", 0, np.arange(10), entry, -0.01, 0.02)
+        x = barycentric[4 + entry]
+        assert bound.margin(theta) == pytest.approx(min(x + 0.01, 0.02 - x), abs=1e-12)
+    assert build.BarycentricBound("link 1", 0, np.arange(10), 0, 1.0, 2.0).margin(np.zeros(10)) == 0.0
+
+
+def in_two_link(problem: Problem, link: int, c: np.ndarray, mass: float = 1.3) -> bool:
+    """Whether a centre of mass satisfies the cones of the 2R, read from its constraint arrays."""
+    theta = np.zeros(20)
+    theta[10 * link : 10 * link + 4] = mass, *(mass * c)
+    demands = problem.constraints(problem.model(["rigid_body"]))
+    cones = [
+        d for d in demands.convex if d.family == "centre of mass cone" and d.name == f"link {link + 1}"
+    ]
+    assert len(cones) == 1 + link
+    return all(d.margin(theta) >= 0.0 for d in cones)
+
+
+@quick
+@given(seeds)
+def test_cones_of_the_two_link_robot_are_its_shapes(two_link: Problem, seed: int) -> None:
+    """Fig. 8: link 1 a cylinder of 0.15 m around y; link 2 one of 0.08 m around x whose last
+    0.2 m taper to 0.02 m at the frame's origin; the paper's alpha_2 is written as an if-else."""
+    rng = np.random.default_rng(seed)
+    c1 = np.array([rng.uniform(-0.2, 0.2), rng.uniform(-1.5, 0.0), rng.uniform(-0.2, 0.2)])
+    if abs(np.hypot(c1[0], c1[2]) - 0.15) > 1e-9:
+        assert in_two_link(two_link, 0, c1) == (np.hypot(c1[0], c1[2]) <= 0.15)
+    x = rng.uniform(-0.8, 0.0)
+    c2 = np.array([x, *rng.uniform(-0.1, 0.1, 2)])
+    radius = 0.08 if x <= -0.2 else 0.02 + (0.08 - 0.02) * (-x) / 0.2
+    distance = np.hypot(c2[1], c2[2])
+    if abs(distance - radius) > 1e-9:
+        assert in_two_link(two_link, 1, c2) == (distance <= radius)
+
+
+@pytest.mark.parametrize("name", ["panda", "two_link"])
+def test_convex_constraints_follow_from_the_published_bounds(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    """Whatever satisfies the barycentric boxes and is consistent satisfies the SDP's constraints:
+    the trace bound and the centre-of-mass rows are consequences, not further demands."""
+    problem: Problem = request.getfixturevalue(name)
+    rng = np.random.default_rng(11)
+    model = problem.model(["rigid_body"])
+    demands = problem.constraints(model)
+    # Where nothing is published, somewhere near.
+    box = np.where(np.isfinite(problem.box), problem.box, np.sign(problem.box) * 0.2)
+    kept, worst = 0, dict.fromkeys(("trace", "centre of mass", "mass"), 0.0)
+    bound = problem.parameter_bound(model)
+    for _ in range(3000):
+        # Moments biased to their upper bounds, where the trace bound would bite first.
+        u = rng.random(box.shape[:2]) ** np.where(np.arange(10) >= 4, 0.3, 1.0)
+        barycentric = box[..., 0] + u * (box[..., 1] - box[..., 0])
+        barycentric[:, [5, 7, 8]] *= 0.1
+        links = inertia.standard_from_barycentric(barycentric)
+        links = links[inertia.consistency_margin(links) > 0.0]
+        if len(links) < problem.robot.n:
+            continue
+        theta = links.ravel()
+        if problem.cones and demands.with_families(lambda f: f == "centre of mass cone").margin(theta) < 0:
+            continue
+        if demands.with_families(lambda f: f == "total mass").margin(theta) < 0:
+            continue
+        kept += 1
+        violations = demands.worst(theta)
+        for family in worst:
+            worst[family] = max(worst[family], violations[family])
+        if violations.get("bounding ellipsoid", 0.0) == 0.0:
+            assert np.all(np.abs(theta) <= bound + 1e-12)
+    assert kept > 10
+    assert worst == {"trace": 0.0, "centre of mass": 0.0, "mass": 0.0}
+
+
+@quick
+@given(seeds)
+def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed: int) -> None:
+    """The certificate's lower bound multiplies by these numbers: they must follow."""
+    from sdp_vs_penalty.robot import Robot
+
+    rng = np.random.default_rng(seed)
+    robot = Robot.from_dh("r", [0.0, 0.4, 0.3], [0.0, 1.2, 0.0], [0.2, 0.0, 0.1], "modified")
+    box = np.full((3, 10, 2), (-np.inf, np.inf))
+    box[:, 0] = 0.0, 10.0 ** rng.uniform(-1, 2)
+    # Any subset of the other bounds may be known.
+    known = rng.random((3, 9)) < rng.choice([0.0, 0.5, 1.0])
+    limits = np.array([0.2, 0.2, 0.2, 0.1, 0.02, 0.1, 0.02, 0.02, 0.1])
+    box[:, 1:, 0] = np.where(known, -limits, -np.inf)
+    box[:, 1:, 1] = np.where(known, limits, np.inf)
+    problem = Problem("r", "r", robot, box, np.zeros((3, 10)))
+    model = problem.model(["rigid_body"])
+    demands, bound = problem.constraints(model), problem.parameter_bound(model)
+    for _ in range(5):
+        theta = extreme_point(demands, rng, 30)
+        assert demands.margin(theta) >= -1e-6
+        assert np.all(np.abs(theta) <= bound * (1 + 1e-5) + 1e-6)
+
+
+def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> np.ndarray:
+    """The feasible point farthest in a random direction among the parameters' axes."""
+    from sdp_vs_penalty.solvers import solver
+    from sdp_vs_penalty.solvers.conic import ConicProblem, _Rows
+
+    pieces = _Rows(p)
+    for c in demands.convex:
+        pieces.constraint(c, np.zeros(p), np.ones(p), np.ones(p))
+    direction = np.zeros(p)
+    direction[rng.integers(p)] = rng.choice([-1.0, 1.0])
+    from scipy import sparse
+
+    problem: ConicProblem = pieces.problem(sparse.csc_matrix((p, p)), direction)
+    solution = solver("clarabel").solve(problem, 1e-9)
+    assert solution.claims == "optimal"
+    return np.asarray(solution.x)
+
+
+def test_rotating_a_link_rotates_its_margins() -> None:
+    """P_A = X P_B X^T: for rotations the eigenvalues, hence the margin, stay."""
+    rng = np.random.default_rng(4)
+    theta = link_parameters(rng, 0.5)
+    turn = np.eye(4)
+    turn[:3, :3] = rotation(rng)
+    moved = inertia.transform(turn) @ theta
+    constraint = build.minimum_thickness("link 1", np.arange(10), 0.02)
+    assert constraint.margin(moved) == pytest.approx(constraint.margin(theta), rel=1e-9)
