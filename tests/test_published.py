@@ -1,0 +1,101 @@
+"""The paper's tables against each other: what follows from what, and where they contradict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.published import errata, published_cell, published_links, published_values
+from sdp_vs_penalty.regression import base_parameters
+
+#: Rows of Table III whose pi(p_hat) the paper leaves empty (erratum 8).
+EMPTY = {8, 24}
+
+
+def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
+    base, _ = base_parameters(problem.model(), problem.independent)
+    return base @ published_links(problem, "p_hat", corrected).ravel()
+
+
+def rows_that_differ(problem: Problem, pi: np.ndarray, corrected: bool) -> set[int]:
+    """Rows of Table III that do not come out as printed, at the four digits printed."""
+    out = set()
+    for row, value in zip(problem.published["table_III"], pi, strict=False):
+        text = published_cell(problem, "table_III", row, "pi_p_hat", corrected)
+        if text and f"{value:.4f}".replace("-0.0000", "0.0000") != f"{float(text):.4f}":
+            out.add(int(row["row"]))
+    return out
+
+
+def test_with_the_corrections_every_printed_digit_follows(panda: Problem) -> None:
+    assert rows_that_differ(panda, pi_p_hat(panda, True), corrected=True) == set()
+
+
+def test_as_printed_the_known_rows_and_no_others_differ(panda: Problem) -> None:
+    assert rows_that_differ(panda, pi_p_hat(panda, False), corrected=False) == {17, 21, 25, 39}
+    assert rows_that_differ(panda, pi_p_hat(panda, True), corrected=False) == {17}
+    empty = {int(r["row"]) for r in panda.published["table_III"][:43] if not r["pi_p_hat"]}
+    assert empty == EMPTY
+
+
+def test_published_values_stay_as_printed(panda: Problem) -> None:
+    assert published_values(panda, "p_hat", corrected=False)["c6z"] == -1.0517e-02
+    assert published_values(panda, "p_hat", corrected=True)["c6z"] == -0.01924
+    row = next(r for r in panda.published["table_VIII"] if r["parameter"] == "c6z")
+    assert row["p_hat"] == "-1.0517e-02"
+
+
+def test_the_symbol_of_row_two_counts_m3_once(panda: Problem) -> None:
+    base, _ = base_parameters(panda.model(), panda.independent)
+    m3 = base[1, 20]
+    assert m3 == pytest.approx(0.316**2)  # 0.0998 m3 and nothing more
+    np.testing.assert_allclose(base[1, [30, 40, 50, 60]], 0.316**2 + 0.0825**2)
+    np.testing.assert_allclose(base[1, 20:] - base[5, 20:], 0.0, atol=1e-12)
+
+
+def test_row_six_of_the_two_link_has_the_square_of_the_length(two_link: Problem) -> None:
+    base, _ = base_parameters(two_link.model(["rigid_body"]), two_link.independent)
+    np.testing.assert_allclose(base[5, [10, 19]], [-0.64, 1.0], atol=1e-12)
+
+
+def test_the_cylinder_of_the_two_link_is_around_y(two_link: Problem) -> None:
+    c = published_values(two_link, "p_real")
+    assert np.hypot(c["c1y"], c["c1z"]) > 0.15 >= np.hypot(c["c1x"], c["c1z"])
+    model = two_link.model(["rigid_body"])
+    theta = published_links(two_link, "p_real").ravel()
+    assert two_link.constraints(model).worst(theta)["centre of mass cone"] == 0.0
+
+
+def test_delta_is_not_consistent_at_its_printed_digits(panda: Problem) -> None:
+    links = published_links(panda, "delta")
+    moments = np.linalg.eigvalsh(inertia.inertia_matrix(inertia.barycentric_from_standard(links[1])[4:]))
+    assert moments[0] == pytest.approx(-2.2e-5, abs=1e-6)
+    # Half of D1 + D2 - D3 is the smallest eigenvalue of the second moment about the centre of mass.
+    assert inertia.triangle_margin(links[1]) / 2.0 == pytest.approx(-1.9e-5, abs=5e-7)
+    margins = inertia.consistency_margin(links)
+    assert margins[1] < 0.0
+    assert np.all(np.delete(margins, 1) > 0.0)
+    assert published_values(panda, "delta")["c7z"] < panda.box[6, 3, 0]
+
+
+def test_every_erratum_is_listed_once(panda: Problem, two_link: Problem) -> None:
+    assert sorted(e.number for p in (panda, two_link) for e in errata(p)) == list(range(1, 9))
+
+
+def test_cells_named_by_errata_exist(panda: Problem) -> None:
+    def cells(problem: Problem) -> list[Mapping[str, str]]:
+        return [e.cell for e in errata(problem) if e.cell is not None]
+
+    for cell in cells(panda):
+        rows = panda.published[cell["table"]]
+        assert [r for r in rows if next(iter(r.values())) == cell["row"] and cell["column"] in r]
+
+
+def test_an_unknown_column_is_refused(panda: Problem) -> None:
+    with pytest.raises(InputError, match="no published parameters 'p_star'"):
+        published_links(panda, "p_star")

@@ -1,0 +1,149 @@
+"""Simulated measurements: each part by itself, and the committed noise figures by estimation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from sdp_vs_penalty.comparison import compare
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators import identify
+from sdp_vs_penalty.experiment import experiment
+from sdp_vs_penalty.measurements import Measurements, load_measurements, save_csv
+from sdp_vs_penalty.problem import Problem, load_problem
+from sdp_vs_penalty.simulation import (
+    Sensor,
+    innovation_share,
+    model_torque,
+    repetition_noise,
+    sigmoid_friction,
+    simulate,
+    step_size,
+)
+
+
+def test_an_ideal_sensor_shows_the_truth(panda: Problem) -> None:
+    x = experiment(panda)
+    model = panda.model(["rigid_body"])
+    m = simulate(x.trajectory, [model_torque(model, x.links.ravel())], Sensor.ideal(7))
+    q, dq, ddq = x.trajectory.states(m.t)
+    np.testing.assert_array_equal(m.q, q)
+    # The regressor's torque against Newton-Euler's: two routes to the same number.
+    expected = panda.robot.inverse_dynamics(x.links, q, dq, ddq)
+    np.testing.assert_allclose(m.tau, expected, atol=1e-10)
+
+
+def test_sources_add_up(two_link: Problem) -> None:
+    x = experiment(two_link)
+    sensor = Sensor.ideal(2)
+    both = simulate(x.trajectory, [*x.sources, lambda m: np.ones_like(m.q)], sensor)
+    alone = simulate(x.trajectory, x.sources, sensor)
+    np.testing.assert_allclose(both.tau - alone.tau, 1.0, atol=1e-12)
+
+
+def test_sigmoid_friction_is_the_papers_formula(panda: Problem) -> None:
+    phi = experiment(panda).friction
+    assert phi is not None
+    dq = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 7))
+    got = sigmoid_friction(phi)(Motion(np.zeros(50), dq, dq, dq))
+    p1, p2, p3 = phi.T
+    expected = p1 / (1 + np.exp(-p2 * (dq + p3))) - p1 / (1 + np.exp(-p2 * p3))
+    np.testing.assert_allclose(got, expected, atol=1e-13)
+    rest = sigmoid_friction(phi)(Motion(np.zeros(1), *(np.zeros((1, 7)),) * 3))
+    np.testing.assert_allclose(rest, 0.0, atol=1e-15)
+
+
+def test_noise_has_the_spectrum_it_is_given(panda: Problem) -> None:
+    sensor = experiment(panda).sensor
+    e = sensor.noise(200_000, np.random.default_rng(1))
+    np.testing.assert_allclose(e.std(axis=0), sensor.torque_std, rtol=0.02)
+    for j in range(7):
+        whitened = signal.lfilter(np.concatenate([[1.0], -sensor.torque_ar[j]]), [1.0], e[:, j])
+        share = whitened.var() / e[:, j].var()
+        assert share == pytest.approx(innovation_share(sensor.torque_ar[j]), rel=0.02)
+        lagged = [np.corrcoef(whitened[k:], whitened[:-k])[0, 1] for k in range(1, 9)]
+        assert np.abs(lagged).max() < 0.01
+
+
+def test_an_unstable_noise_process_is_refused() -> None:
+    with pytest.raises(InputError, match="no stable process"):
+        Sensor(1000.0, np.ones(1), np.array([[1.01]]), np.zeros(1), np.zeros(1))
+
+
+def test_same_seed_same_bits_other_seed_other_noise(two_link: Problem) -> None:
+    x = experiment(two_link)
+    one, two, other = x.training_run(5), x.training_run(5), x.training_run(6)
+    assert one.data_hash == two.data_hash != other.data_hash
+    np.testing.assert_array_equal(one.q, other.q)
+
+
+def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda: Problem) -> None:
+    m = experiment(panda).training_run()
+    steps = np.diff(m.t)
+    assert steps.min() > 0.0
+    assert steps.mean() == pytest.approx(1.0222e-3, rel=0.01)
+    repeated = np.mean(np.all(np.diff(m.q, axis=0) == 0.0, axis=1))
+    assert 0.04 < repeated < 0.09  # 6.1 % in the real log
+    for j, step in enumerate(experiment(panda).sensor.torque_step):
+        np.testing.assert_allclose(m.tau[:, j] / step, np.round(m.tau[:, j] / step), atol=1e-6)
+    assert step_size(m.q[:, 0]) == pytest.approx(1e-5)
+
+
+@pytest.mark.real_data
+def test_the_committed_sensor_is_what_the_real_run_shows(
+    panda: Problem, panda_run: Measurements
+) -> None:
+    sensor = experiment(panda).sensor
+    std, ar = repetition_noise(panda_run, 2.0 / 0.15, sensor.rate)
+    np.testing.assert_allclose(sensor.torque_std, std, atol=6e-5)
+    np.testing.assert_allclose(sensor.torque_ar, ar, atol=6e-5)
+    # The step sizes are rounded to the digits in which all levels of one joint agree.
+    np.testing.assert_allclose(sensor.torque_step, [step_size(x) for x in panda_run.tau.T], rtol=3e-3)
+    steps = np.diff(panda_run.t)
+    assert sensor.log_step == pytest.approx(steps.mean(), rel=1e-4)
+    assert sensor.log_jitter == pytest.approx(steps.std(), rel=1e-3)
+
+
+@pytest.mark.real_data
+def test_simulated_noise_reads_like_the_real_one(panda: Problem, panda_run: Measurements) -> None:
+    """Estimated from a simulated run as from the real one, and behind the filters of `compare`."""
+    x = experiment(panda)
+    run = x.training_run()
+    std, _ = repetition_noise(run, 2.0 / 0.15, x.sensor.rate)
+    np.testing.assert_allclose(std, x.sensor.torque_std, rtol=0.1)
+    floors = []
+    for data in (run, panda_run):
+        floor = compare(identify(panda, data, "ols"), data)[0].noise_floor
+        assert floor is not None
+        floors.append(floor)
+    # The autoregression of order 4 holds at the full rate; below 8 Hz it is right to a factor.
+    ratio = floors[0] / floors[1]
+    assert np.all((ratio > 0.6) & (ratio < 1.7))
+
+
+def test_any_robot_has_an_experiment(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        """<robot name="arm">
+        <link name="base"/><link name="a"/><link name="b"/>
+        <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
+          <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
+        <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/>
+          <origin xyz="0.4 0 0"/><axis xyz="1 0 0"/>
+          <limit lower="0" upper="0.3" velocity="0.5" effort="9"/></joint></robot>"""
+    )
+    problem = load_problem(urdf)
+    x = experiment(problem)
+    estimate = identify(problem, x.training_run(), effects=x.effects)
+    judged = compare(estimate, x.validation_runs()[0])[0]
+    assert judged.relative_error_percent < 3.0
+
+
+def test_a_simulated_run_reads_back_from_a_file(two_link: Problem, tmp_path: Path) -> None:
+    run = experiment(two_link).training_run().window(0.0, 1.0)
+    save_csv(run, tmp_path / "run.csv")
+    assert load_measurements(tmp_path / "run.csv", joints=2).data_hash == run.data_hash
