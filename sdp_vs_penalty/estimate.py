@@ -100,6 +100,7 @@ class Estimate:
             "certificate": self.certificate.to_dict(),
             "robot": self.robot.to_dict(),
             "effects": [e.to_dict() for e in self.model.effects],
+            "reference": None if self.model.reference is None else self.model.reference.tolist(),
             "preprocessing": dataclasses.asdict(self.preprocessing),
             "covariance": {
                 "parameters": [self.model.parameters[k].name for k in seen],
@@ -145,7 +146,14 @@ def load_estimate(path: str | Path) -> Estimate:
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
     robot = Robot.from_dict(data["robot"])
-    model = Model(robot, tuple(effect_from_dict(e, robot) for e in data["effects"]))
+    reference = data.get("reference")
+    model = Model(
+        robot,
+        tuple(effect_from_dict(e, robot) for e in data["effects"]),
+        None if reference is None else np.array(reference, float),
+    )
+    if reference is not None and len(reference) != len(model.parameters):
+        raise ValueError("reference and parameters differ in length")
     names = [p.name for p in model.parameters]
     given = {p["name"]: float(p["value"]) for p in data["parameters"]}
     missing = [name for name in names if name not in given]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Block, CurrentModel, Effect, Motion, Parameter
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import Robot
 
@@ -26,10 +26,16 @@ class JointColumns:
 
 @dataclass(frozen=True)
 class Model:
-    """tau = sum over effects of Y_e theta_e; theta concatenates the effects' parameters."""
+    """tau = sum over effects of Y_e theta_e; theta concatenates the effects' parameters.
+
+    reference : (p,) the current model that effects refer to whose columns depend on a torque or on
+        the links (a gain, elasticity): only its entries of all other effects are read. None where
+        no effect needs it.
+    """
 
     robot: Robot
     effects: tuple[Effect, ...]
+    reference: Array | None = None
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.parameters]
@@ -45,6 +51,26 @@ class Model:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(p for effect in self.effects for p in effect.parameters)
+
+    @property
+    def needs_reference(self) -> bool:
+        """Whether some effect's columns depend on a current model."""
+        return any(_depends(effect) for effect in self.effects)
+
+    @cached_property
+    def independent(self) -> Model:
+        """The same model without the effects that depend on a current model."""
+        return Model(self.robot, tuple(e for e in self.effects if not _depends(e)))
+
+    @cached_property
+    def independent_indices(self) -> NDArray[np.intp]:
+        """Where the parameters of :attr:`independent` sit in theta."""
+        parts = [
+            np.arange(offset, offset + len(effect.parameters))
+            for offset, effect in zip(self.offsets, self.effects, strict=True)
+            if not _depends(effect)
+        ]
+        return np.concatenate([np.arange(0), *parts])
 
     @property
     def offsets(self) -> list[int]:
@@ -64,15 +90,19 @@ class Model:
     def joint_indices(self) -> tuple[NDArray[np.intp], ...]:
         """For each joint the indices into theta that its torque can depend on."""
         zero = np.zeros((1, self.robot.n))
-        motion = Motion(np.zeros(1), zero, zero, zero, zero)
+        current = CurrentModel(self.robot, np.zeros((self.robot.n, 10)))
+        motion = Motion(np.zeros(1), zero, zero, zero, zero, current)
         return tuple(c.indices for c in self.columns(motion))
 
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
         indices: list[list[NDArray[np.intp]]] = [[] for _ in range(self.robot.n)]
         columns: list[list[Array]] = [[] for _ in range(self.robot.n)]
-        for offset, effect in zip(self.offsets, self.effects, strict=True):
-            for block in effect.blocks(motion):
+        blocks = {k: e.blocks(motion) for k, e in enumerate(self.effects) if not _depends(e)}
+        if self.needs_reference and motion.current is None:
+            motion = self._with_current(motion, blocks)
+        for k, (offset, effect) in enumerate(zip(self.offsets, self.effects, strict=True)):
+            for block in blocks[k] if k in blocks else effect.blocks(motion):
                 indices[block.joint].append(block.parameters + offset)
                 columns[block.joint].append(block.columns)
         empty = np.zeros((len(motion.t), 0))
@@ -83,7 +113,29 @@ class Model:
             for i, c in zip(indices, columns, strict=True)
         ]
 
+    def _with_current(self, motion: Motion, blocks: Mapping[int, list[Block]]) -> Motion:
+        """The motion with the torque and the links of the reference."""
+        if self.reference is None:
+            name = next(e.name for e in self.effects if _depends(e))
+            raise InputError(
+                f"effect {name} refers to a current model and this one has none: identify the robot "
+                "without it first, then add it."
+            )
+        torque = np.zeros_like(motion.q)
+        offsets = self.offsets
+        for k, parts in blocks.items():
+            for block in parts:
+                torque[:, block.joint] += block.columns @ self.reference[offsets[k] + block.parameters]
+        links = self.reference[self.rigid_indices].reshape(-1, 10)
+        if not len(links):
+            links = np.zeros((self.robot.n, 10))
+        return replace(motion, torque=torque, current=CurrentModel(self.robot, links))
+
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Modelled torque (N, n)."""
         theta = np.asarray(theta, float)
         return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
+
+
+def _depends(effect: Effect) -> bool:
+    return effect.needs_torque or effect.needs_links

@@ -152,6 +152,35 @@ class Robot:
         q, dq, ddq = (np.ascontiguousarray(np.atleast_2d(x), float) for x in (q, dq, ddq))
         return np.stack([pin.rnea(model, data, *row) for row in zip(q, dq, ddq, strict=True)])
 
+    def inverse_dynamics_derivatives(
+        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+    ) -> tuple[Array, Array, Array]:
+        """Partial derivatives of the joint torques, each (N, n, n): [k, i, j] = d tau_i / d x_j.
+
+        With respect to q, dq and ddq, of rigid links; theta has 10 n entries (Carpentier, Mansard,
+        RSS 2018).
+        """
+        model = self._with_inertias(theta)
+        data = model.createData()
+        q, dq, ddq = (np.ascontiguousarray(np.atleast_2d(x), float) for x in (q, dq, ddq))
+        by_q, by_dq, by_ddq = np.empty((3, len(q), self.n, self.n))
+        for k in range(len(q)):
+            pin.computeRNEADerivatives(model, data, q[k], dq[k], ddq[k])
+            by_q[k], by_dq[k], by_ddq[k] = data.dtau_dq, data.dtau_dv, data.M
+        upper = np.triu(by_ddq)  # Pinocchio fills one triangle of M
+        return by_q, by_dq, upper + np.swapaxes(np.triu(by_ddq, 1), 1, 2)
+
+    def jacobians(self, q: ArrayLike, link: int) -> Array:
+        """(N, 6, n) of a link's joint frame: linear, then angular velocity, in world axes."""
+        model, data = self._model, self._model.createData()
+        q = np.ascontiguousarray(np.atleast_2d(q), float)
+        out = np.empty((len(q), 6, self.n))
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        for k in range(len(q)):
+            pin.computeJointJacobians(model, data, q[k])
+            out[k] = pin.getJointJacobian(model, data, link + 1, frame)
+        return out
+
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:
         """Joint-space inertia matrices M(q), shape (N, n, n)."""
         model = self._with_inertias(theta)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
+from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion, smooth_sign
 
 
 class CoulombFriction(JointEffect):
@@ -17,7 +17,7 @@ class CoulombFriction(JointEffect):
     symbol = "f_c"
     units = ("N*m", "N")
     lower = 0.0
-    shape_defaults = {"v_s": 0.01}
+    shape_defaults = {"v_s": SIGN_WIDTH}
 
     def column(self, motion: Motion, joint: int) -> Array:
         return smooth_sign(motion.dq[:, joint], self.shape["v_s"])

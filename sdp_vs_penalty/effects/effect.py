@@ -10,8 +10,10 @@ A file in this folder that defines a subclass of :class:`Effect` is its registra
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -35,14 +37,62 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class CurrentModel:
+    """What torque-dependent effects refer to: the robot and its links' standard parameters (n, 10)."""
+
+    robot: Robot
+    links: Array
+
+
+@dataclass(frozen=True)
 class Motion:
-    """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model."""
+    """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
+
+    Effects that need a torque read ``torque``, those that need inverse dynamics ``current``: both
+    come from the model as it stands, never from the measured torque.
+    """
 
     t: Array
     q: Array
     dq: Array
     ddq: Array
     torque: Array | None = None
+    current: CurrentModel | None = None
+
+    @cached_property
+    def model_torque(self) -> Array:
+        """``torque``; ValueError where this motion carries none."""
+        if self.torque is None:
+            raise ValueError("this effect needs Motion.torque, the current model's prediction")
+        return self.torque
+
+    @cached_property
+    def torque_rate(self) -> Array:
+        """d torque / dt (N, n) by central differences."""
+        return _time_derivative(self.model_torque, self.t)
+
+    @cached_property
+    def torque_acceleration(self) -> Array:
+        """d^2 torque / dt^2 (N, n)."""
+        return _time_derivative(self.torque_rate, self.t)
+
+    @property
+    def model_links(self) -> Array:
+        """(n, 10) standard parameters of the current model's links; ValueError without one."""
+        if self.current is None:
+            raise ValueError("this effect needs Motion.current, the current model's links")
+        return self.current.links
+
+    @cached_property
+    def derivatives(self) -> tuple[Array, Array, Array]:
+        """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
+        links = self.model_links
+        assert self.current is not None
+        return self.current.robot.inverse_dynamics_derivatives(links, self.q, self.dq, self.ddq)
+
+
+def _time_derivative(values: Array, t: Array) -> Array:
+    return np.gradient(values, t, axis=0) if len(t) > 1 else np.zeros_like(values)
 
 
 @dataclass(frozen=True)
@@ -71,9 +121,21 @@ class Effect(ABC):
     has_memory: ClassVar[bool] = False
     #: True where the columns need Motion.torque.
     needs_torque: ClassVar[bool] = False
+    #: True where the columns need Motion.current, the links of the current model.
+    needs_links: ClassVar[bool] = False
+    #: True where one parameter acts on the whole robot: there is nothing to choose joints from.
+    whole_robot: ClassVar[bool] = False
+    #: True where the links absorb the effect, so that it shows only against a model held fixed.
+    frozen_only: ClassVar[bool] = False
+    #: Values of each shape constant that a search starts from, and the range that it may refine in
+    #: (constants without a range stay on their values).
+    shape_grid: ClassVar[Mapping[str, Sequence[float]]] = {}
+    shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot
+        if self.whole_robot and joints is not None:
+            raise InputError(f"effect {self.name} acts on the whole robot: write it without joints.")
         self.joints = tuple(range(robot.n)) if joints is None else tuple(sorted(set(joints)))
         #: Which joints were asked for; None means all, and is how the effect is written down.
         self.asked_joints = None if joints is None else self.joints
@@ -98,6 +160,23 @@ class Effect(ABC):
     @abstractmethod
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
+
+    @classmethod
+    def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        """The shape constants with which a search begins on one joint; none where it cannot act."""
+        names = list(cls.shape_grid)
+        return [dict(zip(names, v, strict=True)) for v in product(*(cls.shape_grid[k] for k in names))]
+
+    def shape_unit(self, key: str, joint: int) -> str:
+        """Unit of a shape constant on a joint; "-" for a number."""
+        return "-"
+
+    @property
+    def text(self) -> str:
+        """How the effect is written on the command line."""
+        joints = "" if self.asked_joints is None else ":" + "+".join(str(j + 1) for j in self.joints)
+        shape = "".join(f"@{k}={v:.6g}" for k, v in self.shape.items())
+        return f"{self.name}{joints}{shape}"
 
     def to_dict(self) -> dict[str, object]:
         joints = None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
@@ -137,6 +216,18 @@ class JointEffect(Effect):
         ]
 
 
-def smooth_sign(velocity: Array, width: float) -> Array:
+#: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
+SIGN_WIDTH = 0.01
+
+
+def smooth_sign(velocity: Array, width: float = SIGN_WIDTH) -> Array:
     """tanh(dq / width): the sign of a velocity whose value near zero is noise [-]."""
     return np.tanh(velocity / width)
+
+
+def velocity_unit(robot: Robot, joint: int) -> str:
+    return f"{robot.position_units[joint]}/s"
+
+
+def position_unit(robot: Robot, joint: int) -> str:
+    return robot.position_units[joint]

@@ -73,6 +73,8 @@ def identify(
     estimator = make_estimator(method)
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
+    if model.needs_reference:
+        model = with_reference(problem, model, measurements, settings, weighting, progress)
     progress("compressing the measurements")
     regression = compress(measurements, model, settings)
     progress(f"estimating by {estimator.name}")
@@ -80,6 +82,32 @@ def identify(
     return build_estimate(
         problem, task, estimator, estimator.fit(task), regression, settings, measurements, weighting
     )
+
+
+def with_reference(
+    problem: Problem,
+    model: Model,
+    measurements: Measurements,
+    settings: Preprocessing,
+    weighting: str = "noise",
+    progress: Progress = no_progress,
+    passes: int = 2,
+) -> Model:
+    """The model with the current model that its torque-dependent effects refer to.
+
+    Least squares without those effects, then ``passes - 1`` times with them: the reference is what
+    the other effects are estimated to be when these have taken their share.
+    """
+    reference = np.zeros(len(model.parameters))
+    for k in range(passes):
+        progress(f"the current model, pass {k + 1} of {passes}")
+        part = model.independent if k == 0 else replace(model, reference=reference)
+        regression = compress(measurements, part, settings)
+        theta = make_task(problem, part, regression, weighting).ols
+        free = theta if k == 0 else theta[model.independent_indices]
+        reference = np.zeros(len(model.parameters))
+        reference[model.independent_indices] = free
+    return replace(model, reference=reference)
 
 
 def make_task(

@@ -1,0 +1,27 @@
+"""Torque logged late on all joints alike."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+
+
+class GlobalDelay(Effect):
+    name = "global_delay"
+    equation = "-T_g d tau_hat / dt on every joint"
+    explanation = (
+        "All torques are logged T_g later than the positions (to first order): two clocks, or one "
+        "filter for all channels."
+    )
+    reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
+    needs_torque = True
+    has_memory = True
+    whole_robot = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("T_g", "s", self.name, 0),)
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        return [Block(j, np.array([0]), -motion.torque_rate[:, [j]]) for j in range(self.robot.n)]

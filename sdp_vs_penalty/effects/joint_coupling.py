@@ -1,0 +1,70 @@
+"""A torque that another joint's motion makes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Parameter, smooth_sign
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot import Robot
+
+
+class JointCoupling(JointEffect):
+    name = "joint_coupling"
+    equation = (
+        "f_c times dq_i | sign(dq_i) | sign(dq_j + dq_i) | sign(dq_j - dq_i), for form = 1 | 2 | 3 | 4"
+    )
+    explanation = (
+        "The motion of the neighbouring joint i makes a torque on joint j, as friction does in wrists "
+        "whose motors sit one link further back and drive through each other's gears. i counts from 1; "
+        "0 stands for the joint before (after, for the first)."
+    )
+    reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
+    symbol = "f_c"
+    shape_defaults = {"i": 0.0, "form": 1.0}
+
+    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+        super().__init__(robot, joints, **shape)
+        i, form = self.shape["i"], self.shape["form"]
+        if form not in (1.0, 2.0, 3.0, 4.0):
+            raise InputError(f"effect {self.name}: form is 1, 2, 3 or 4, not {form:g}.")
+        if i != int(i) or not 0 <= i <= robot.n:
+            raise InputError(f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}.")
+        if joints is None:
+            self.joints = tuple(j for j in self.joints if j + 1 != i and robot.n > 1)
+        elif any(j + 1 == i for j in self.joints) or robot.n < 2:
+            raise InputError(f"effect {self.name}: a joint cannot be coupled to itself.")
+
+    def partner(self, joint: int) -> int:
+        """The joint i (from 0) whose motion acts on ``joint``."""
+        if self.shape["i"] > 0.0:
+            return int(self.shape["i"]) - 1
+        return joint - 1 if joint > 0 else 1
+
+    @classmethod
+    def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < robot.n]
+        return [{"i": float(i + 1), "form": form} for i in neighbours for form in (1.0, 2.0, 3.0, 4.0)]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        form = int(self.shape["form"])
+        return tuple(
+            Parameter(f"f_c{j + 1}_{self.partner(j) + 1}_{form}", self._unit(j), self.name, j + 1)
+            for j in self.joints
+        )
+
+    def _unit(self, joint: int) -> str:
+        torque = self.robot.torque_units[joint]
+        if self.shape["form"] != 1.0:
+            return torque
+        return f"{torque}*s/{self.robot.position_units[self.partner(joint)]}"
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        own, other = motion.dq[:, joint], motion.dq[:, self.partner(joint)]
+        form = int(self.shape["form"])
+        if form == 1:
+            return np.array(other)
+        return smooth_sign({2: other, 3: own + other, 4: own - other}[form])

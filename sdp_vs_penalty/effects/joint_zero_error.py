@@ -1,0 +1,23 @@
+"""An encoder whose zero is off."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.effects.effect import Array, Motion
+from sdp_vs_penalty.effects.link_deviation import LinkDeviation
+
+
+class JointZeroError(LinkDeviation):
+    name = "joint_zero_error"
+    equation = "e_0 dID/dq_j"
+    explanation = (
+        "Joint j truly stands at q_j + e_0: gravity and the coupling between links act at another angle "
+        "than the model believes. (A turn of the frames of both neighbours would do the same; on "
+        "some joints the links' parameters absorb it.)"
+    )
+    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
+    symbol = "e_0"
+    units = ("rad", "m")
+
+    def torques(self, motion: Motion, joint: int) -> Array:
+        by_q, _, _ = motion.derivatives
+        return by_q[:, :, joint]

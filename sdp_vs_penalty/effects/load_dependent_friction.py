@@ -1,0 +1,24 @@
+"""Dry friction that grows with the load."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
+
+
+class LoadDependentFriction(JointEffect):
+    name = "load_dependent_friction"
+    equation = "f_l |tau_hat| sign(dq)"
+    explanation = (
+        "Gear teeth and bearings are pressed harder by the transmitted torque and rub more: f_l is the "
+        "share of the torque lost, one minus the gear's efficiency."
+    )
+    reference = "Hamon, Gautier, Garrec, IROS 2010; Wahrburg et al., ICRA 2018"
+    symbol = "f_l"
+    units = ("-", "-")
+    lower = 0.0
+    needs_torque = True
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return np.abs(motion.model_torque[:, joint]) * smooth_sign(motion.dq[:, joint])

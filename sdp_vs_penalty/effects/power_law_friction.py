@@ -1,0 +1,26 @@
+"""Friction that bends with speed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
+
+
+class PowerLawFriction(JointEffect):
+    name = "power_law_friction"
+    equation = "f_p sign(dq) |dq|^alpha"
+    explanation = (
+        "A friction curve that is not straight in speed: alpha < 1 where the lubricant thins with "
+        "shear and warms, alpha > 1 where it is churned (2: like drag)."
+    )
+    reference = "Waiboer, Aarts, Jonker, ECCOMAS Multibody Dynamics 2005"
+    symbol = "f_p"
+    units = ("N*m*(s/rad)^alpha", "N*(s/m)^alpha")
+    shape_defaults = {"alpha": 2.0}
+    shape_grid = {"alpha": (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)}
+    shape_bounds = {"alpha": (0.15, 4.0)}
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        dq = motion.dq[:, joint]
+        return smooth_sign(dq) * np.abs(dq) ** self.shape["alpha"]

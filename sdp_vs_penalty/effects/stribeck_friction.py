@@ -1,0 +1,30 @@
+"""Friction that falls as motion sets in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign, velocity_unit
+
+
+class StribeckFriction(JointEffect):
+    name = "stribeck_friction"
+    equation = "f_st sign(dq) exp(-(|dq| / vs)^delta)"
+    explanation = (
+        "At low speed the surfaces touch; as speed rises a lubricant film lifts them apart and the "
+        "friction falls by f_st towards its Coulomb level, within about the Stribeck velocity vs."
+    )
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7"
+    symbol = "f_st"
+    units = ("N*m", "N")
+    lower = 0.0
+    shape_defaults = {"vs": 0.1, "delta": 2.0}
+    shape_grid = {"vs": (0.02, 0.04, 0.08, 0.16, 0.32), "delta": (1.0, 2.0)}
+    shape_bounds = {"vs": (0.012, 1.0)}
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        dq = motion.dq[:, joint]
+        return smooth_sign(dq) * np.exp(-((np.abs(dq) / self.shape["vs"]) ** self.shape["delta"]))
+
+    def shape_unit(self, key: str, joint: int) -> str:
+        return velocity_unit(self.robot, joint) if key == "vs" else "-"

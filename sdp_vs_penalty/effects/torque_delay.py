@@ -1,0 +1,22 @@
+"""A late torque channel."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+
+
+class TorqueDelay(JointEffect):
+    name = "torque_delay"
+    equation = "-T_d d tau_hat / dt"
+    explanation = (
+        "This joint's torque is logged T_d later than its position (to first order): a filter in the "
+        "drive, a slower bus. Negative: earlier."
+    )
+    reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
+    symbol = "T_d"
+    units = ("s", "s")
+    needs_torque = True
+    has_memory = True  # the time derivative looks at neighbouring samples
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return -motion.torque_rate[:, joint]

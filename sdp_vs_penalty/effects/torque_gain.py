@@ -1,0 +1,21 @@
+"""A wrong scale of the torque channel."""
+
+from __future__ import annotations
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+
+
+class TorqueGain(JointEffect):
+    name = "torque_gain"
+    equation = "g tau_hat"
+    explanation = (
+        "The torque channel of this joint reads 1 + g times the true torque: a sensor's or a drive's "
+        "gain. The other joints show the true inertia, therefore it can be seen."
+    )
+    reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
+    symbol = "g"
+    units = ("-", "-")
+    needs_torque = True
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.model_torque[:, joint]
