@@ -1,0 +1,143 @@
+"""Internal wrenches: Newton-Euler, the unfeasible example, certified intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty._pinocchio import pin
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem import Problem, load_problem
+from sdp_vs_penalty.published import published_links
+from sdp_vs_penalty.regression import base_parameters
+from sdp_vs_penalty.relaxed_retrieval import unfeasible_retrievals
+from sdp_vs_penalty.solvers.extremes import Slice
+from sdp_vs_penalty.wrenches import WrenchIntervals, equal_torques, joint_wrenches, wrench_intervals
+
+
+def states(problem: Problem, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, problem.robot.n))
+    return problem.robot.random_configurations(count, seed), dq, ddq
+
+
+def links_slice(problem: Problem, links: np.ndarray) -> Slice:
+    model = problem.model("rigid_body")
+    return equal_torques(
+        problem.robot, problem.constraints(model), links, problem.parameter_bound(model)
+    )
+
+
+@pytest.fixture(scope="module")
+def real(two_link: Problem) -> np.ndarray:
+    return published_links(two_link, "p_real")
+
+
+@pytest.fixture(scope="module")
+def feasible(two_link: Problem, real: np.ndarray) -> Slice:
+    return links_slice(two_link, real)
+
+
+@pytest.fixture(scope="module")
+def intervals(two_link: Problem, feasible: Slice) -> WrenchIntervals:
+    return wrench_intervals(two_link.robot, feasible, np.arange(3), *states(two_link, 3))
+
+
+@pytest.mark.parametrize(("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")])
+def test_wrenches_are_those_of_recursive_newton_euler(name: str, column: str) -> None:
+    problem = load_problem(name)
+    robot, links = problem.robot, published_links(problem, column)
+    q, dq, ddq = states(problem, 5)
+    wrenches = joint_wrenches(robot, links, q, dq, ddq)
+    model = robot._with_inertias(links)
+    data = model.createData()
+    for k in range(5):
+        pin.rnea(model, data, q[k], dq[k], ddq[k])
+        reference = np.array([data.f[j + 1].vector for j in range(robot.n)])
+        assert np.abs(wrenches[k] - reference).max() < 1e-10
+
+
+def test_torque_is_the_axial_moment(panda: Problem) -> None:
+    links = published_links(panda, "p_hat")
+    q, dq, ddq = states(panda, 20)
+    wrenches = joint_wrenches(panda.robot, links, q, dq, ddq)
+    torque = panda.robot.inverse_dynamics(links.ravel(), q, dq, ddq)
+    assert np.abs(wrenches[:, :, 5] - torque).max() < 1e-10
+
+
+def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
+    two_link: Problem, real: np.ndarray
+) -> None:
+    base, _ = base_parameters(two_link.model("rigid_body"), two_link.independent)
+    q, dq, ddq = states(two_link, 50)
+    torque = two_link.robot.inverse_dynamics(real.ravel(), q, dq, ddq)
+    true = joint_wrenches(two_link.robot, real, q, dq, ddq)
+    worst = []
+    for found in unfeasible_retrievals(two_link, base @ real.ravel(), 5, boxed=False):
+        assert inertia.consistency_margin(found.links).min() < 0.0
+        theirs = two_link.robot.inverse_dynamics(found.links.ravel(), q, dq, ddq)
+        assert np.abs(theirs - torque).max() < 1e-6 * np.abs(torque).max()
+        wrenches = joint_wrenches(two_link.robot, found.links, q, dq, ddq)
+        worst.append(np.abs(wrenches - true).max() / np.abs(true).max())
+    assert len(worst) == 5
+    assert max(worst) > 1e3
+
+
+def test_interval_contains_the_truth_and_is_certified(
+    two_link: Problem, real: np.ndarray, intervals: WrenchIntervals
+) -> None:
+    true = joint_wrenches(two_link.robot, real, *states(two_link, 3))
+    assert np.all(intervals.lower_bound <= true)
+    assert np.all(true <= intervals.upper_bound)
+    assert np.all(intervals.lower_bound <= intervals.lower)
+    assert np.all(intervals.upper <= intervals.upper_bound)
+    assert intervals.slack < 1e-6
+
+
+def test_interval_has_no_width_exactly_for_torques(intervals: WrenchIntervals) -> None:
+    width = intervals.upper_bound - intervals.lower_bound
+    assert width[:, :, 5].max() < 1e-6
+    assert width[:, :, :5].max(axis=0).min() > 1e-2
+
+
+@settings(max_examples=25, deadline=None)
+@given(direction=st.lists(st.floats(-1, 1), min_size=12, max_size=12), share=st.floats(0.05, 0.999))
+def test_every_feasible_parameter_of_equal_torque_lies_inside(
+    direction: list[float], share: float
+) -> None:
+    problem = load_problem("two_link")
+    feasible = links_slice(problem, published_links(problem, "p_real"))
+    step = feasible.basis @ np.array(direction)
+    if np.linalg.norm(direction) < 1e-3:
+        return
+    reach = 1e6
+    while feasible.constraints.margin(feasible.interior + reach * step) < 0.0:
+        reach *= 0.7
+    theta = feasible.interior + share * reach * step
+    at = states(problem, 1)
+    found = wrench_intervals(problem.robot, feasible, [0.0], *at)
+    wrench = joint_wrenches(problem.robot, theta, *at)
+    tiny = 1e-9 * np.abs(wrench).max()
+    assert np.all(found.lower_bound - tiny <= wrench)
+    assert np.all(wrench <= found.upper_bound + tiny)
+
+
+def test_extremes_are_attained_by_feasible_parameters(two_link: Problem, feasible: Slice) -> None:
+    base, _ = base_parameters(two_link.model("rigid_body"), two_link.independent)
+    slope = np.zeros(20)
+    slope[0] = 1.0  # the mass of link 1, which no torque shows
+    least, most = feasible.minimum(slope), feasible.maximum(slope)
+    for found in (least, most):
+        assert feasible.constraints.margin(found.theta) >= 0.0
+        assert np.abs(base @ (found.theta - feasible.interior)).max() < 1e-8
+        assert found.theta[0] == pytest.approx(found.value, abs=1e-12)
+    assert most.value - least.value > 5.0
+
+
+def test_a_slice_without_interior_is_refused(two_link: Problem, real: np.ndarray) -> None:
+    impossible = real.copy()
+    impossible[1, 9] = -5.0  # Izz2 is identifiable: no feasible parameters have these torques
+    with pytest.raises(InputError, match="strictly inside all constraints"):
+        links_slice(two_link, impossible)
