@@ -73,10 +73,15 @@ class Problem:
     preprocessing: Preprocessing = field(default_factory=Preprocessing)
     independent: tuple[str, ...] | None = None
     folder: Path | None = None
+    effects: tuple[str, ...] | None = None
 
     @property
     def default_effects(self) -> tuple[str, ...]:
-        """The usual four, and the rotor's inertia where the torque is measured before the gear."""
+        """Those that the problem names, else the usual four, and the rotor's inertia where the torque
+        is measured before the gear.
+        """
+        if self.effects is not None:
+            return self.effects
         return DEFAULT_EFFECTS + (("rotor_inertia",) if self.torque_side == "motor" else ())
 
     def model(self, effects: str | Sequence[str] | Sequence[Effect] | None = None) -> Model:
@@ -398,6 +403,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         Preprocessing(**settings),
         None if base is None else tuple(base),
         folder,
+        tuple(data["effects"]) if "effects" in data else None,
     )
     if given is None:
         given = _nominal_from_box(problem)
