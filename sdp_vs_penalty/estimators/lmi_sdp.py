@@ -26,6 +26,8 @@ from sdp_vs_penalty.solvers.conic import Entropy, Objective, largest_margin, lea
 
 #: A certified gap relative to the loss below which an answer is kept at once.
 _TIGHT = 1e-8
+#: The loss at the optimum relative to |tau|^2 that the first attempt expects at least.
+_FIRST_LOSS = 1e-6
 
 DEFAULT_THICKNESS = 0.02  # m: costs about 1 % of the Panda's loss
 
@@ -127,9 +129,13 @@ def solve_sdp(
     best: Fit | None = None
     smallest = np.inf
     said = []
+    data = objective.least_squares
     for centre, fine in ((interior, False), (task.ols, True), (None, False), (None, True)):
         around = best.theta if centre is None and best is not None else centre
-        problem = least_squares_sdp(objective, sent, interior, task.bound, around, fine)
+        # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and
+        # says nothing of the optimum: a problem scaled by it looks infeasible to a solver.
+        least = _FIRST_LOSS * data.tau_squared if best is None else data.loss(best.theta)
+        problem = least_squares_sdp(objective, sent, interior, task.bound, around, fine, least)
         solution = solver(solver_name).solve(problem.conic, accuracy)
         said.append(f"{solution.status} ({solution.iterations})")
         if solution.claims in ("infeasible", "unbounded", "failed"):
@@ -138,7 +144,7 @@ def solve_sdp(
         multipliers = _aligned(constraints, sent, problem.multipliers(solution))
         slopes = problem.entropy_slopes(solution)
         lower = lower_bound(objective, constraints, multipliers, theta, task.bound, slopes)
-        scale = max(objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
+        scale = max(data.loss(theta), 1e-12 * data.tau_squared)
         gap = (objective.value(theta) - lower) / scale if scale > 0.0 else 0.0
         if gap < smallest:
             smallest = gap

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints import ConstraintSet, cone_margin, project
 from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.conic import Objective
 
 Array = NDArray[np.float64]
@@ -62,7 +63,10 @@ def lower_bound(
     bound: Array,
     entropy_slopes: Array | None = None,
 ) -> float:
-    """A lower bound on min objective over the constraints, from multipliers near the dual optimum.
+    """A rigorous lower bound on min objective over the constraints, from any multipliers.
+
+    Found in plain floating point, then proved with outward rounding (:mod:`verified`); tight where
+    the multipliers are near the dual optimum.
 
     theta : where the objective is linearised (the closer to the optimum, the tighter the bound);
     bound : (p,) |theta_k| <= bound_k for every feasible theta;
@@ -72,17 +76,26 @@ def lower_bound(
     tangent = _Tangent.of(objective, theta, bound, entropy_slopes)
     dual = [project(c.cone, raw) for c, raw in zip(constraints.convex, multipliers, strict=True)]
     spread = _spread(constraints)
-    best = -np.inf
+    best, kept = -np.inf, list(dual)
     for _ in range(_DUAL_ROUNDS):
         value, leftover = tangent.bound(constraints, dual)
-        best = max(best, value)
+        if value > best:
+            best, kept = value, list(dual)
         # What is left of the slope goes into the multipliers of each link's 4x4 matrix, which can
         # hold any of it; projecting them back onto the cone leaves less.
         for k, inverse in spread.items():
             c = constraints.convex[k]
             correction = np.tensordot(leftover[c.indices], inverse, axes=(0, 0))
             dual[k] = project(c.cone, dual[k] + correction)
-    return best
+    return verified.lower_bound(
+        objective,
+        constraints.convex,
+        kept,
+        tangent.y,
+        bound,
+        tangent.entropy_slopes,
+        tangent.push,
+    )
 
 
 #: Rounds of pushing the dual's residual into the multipliers; each gives a valid bound.
@@ -101,6 +114,7 @@ class _Tangent:
     data: LeastSquares
     y: Array
     limit: Array  # (p,) |theta_k| <= limit_k
+    entropy_slopes: tuple[Array, ...]
 
     @classmethod
     def of(
@@ -108,6 +122,7 @@ class _Tangent:
     ) -> _Tangent:
         data = objective.least_squares
         constant, slope = data.floor**2, np.zeros(len(theta))
+        used: list[Array] = []
         if objective.entropy is not None:
             entropy = objective.entropy
             for k, (link, p0) in enumerate(zip(entropy.links, entropy.nominal, strict=True)):
@@ -115,19 +130,20 @@ class _Tangent:
                 s = inverse if entropy_slopes is None else entropy_slopes[k]
                 if np.linalg.eigvalsh(s)[0] <= 0.0:
                     s = inverse
+                used.append(np.asarray(s))
                 # -log det P + tr(P0^-1 P) + log det P0 - 4 >= log det (S P0) + tr((P0^-1 - S) P)
                 constant += entropy.weight * float(np.linalg.slogdet(s @ p0)[1])
                 difference = entropy.weight * (np.linalg.inv(p0) - s)
                 slope[link.indices] += link.adjoint(difference)
                 constant += float(np.sum(difference * link.constant))
-        return cls(constant, slope, data, data.R @ theta - data.rho, limit)
+        return cls(constant, slope, data, data.R @ theta - data.rho, limit, tuple(used))
 
     @cached_property
     def _pull(self) -> Array:
         return 2.0 * self.data.R.T
 
     @cached_property
-    def _push(self) -> Array:
+    def push(self) -> Array:
         return np.asarray(np.linalg.pinv(self.limit[:, None] * self._pull, rcond=1e-12))
 
     def bound(self, constraints: ConstraintSet, dual: Sequence[Array]) -> tuple[float, Array]:
@@ -137,7 +153,7 @@ class _Tangent:
             slope[constraint.indices] -= constraint.adjoint(multiplier)
             constant -= float(np.sum(multiplier * constraint.constant))
         # Shift y so that what is left of the slope vanishes wherever the data determine theta.
-        y = self.y - self._push @ (self.limit * (slope + self._pull @ self.y))
+        y = self.y - self.push @ (self.limit * (slope + self._pull @ self.y))
         leftover = slope + self._pull @ y
         constant += -2.0 * float(y @ self.data.rho) - float(y @ y)
         return constant - float(np.abs(leftover) @ self.limit), leftover

@@ -167,6 +167,7 @@ def least_squares_sdp(
     bound: Array,
     centre: Array | None = None,
     fine: bool = False,
+    least_loss: float = 0.0,
 ) -> SdpProblem:
     """Minimise the objective subject to the constraints, centred and scaled for a solver.
 
@@ -174,12 +175,14 @@ def least_squares_sdp(
     bound (p,) : largest plausible |theta|; the scale of parameters that the data do not see.
     centre (p,) : theta = centre + scale x; near the optimum nothing cancels. Default: 0.
     fine : a unit of a parameter makes the torque of the residual instead of the whole torque.
+    least_loss : what the loss at the optimum is at least about, where the constraints cost far more
+        than the unconstrained residual: the objective is a number of size one in that unit.
     """
     data = objective.least_squares
     p = len(bound)
     centre = np.zeros(p) if centre is None else centre
     best = nearest_least_squares(data, centre, bound)
-    loss_scale = float(np.sqrt(max(data.loss(best), 1e-12 * data.tau_squared, 1e-300)))
+    loss_scale = float(np.sqrt(max(data.loss(best), 1e-12 * data.tau_squared, least_loss, 1e-300)))
     size = loss_scale if fine else float(np.sqrt(data.tau_squared)) or 1.0
     norms = data.column_norms
     scale = bound.copy()

@@ -1,0 +1,318 @@
+"""Bounds on the optimum that hold in floating point, whatever was rounded on the way.
+
+In the manner of Jansson, Chaykin, Keil ("Rigorous error bounds for the optimal value in
+semidefinite programming", SIAM J. Numer. Anal. 2007): any numbers a solver returns are turned into
+a lower bound on the optimum over {theta feasible, |theta_k| <= B_k}, and into a point that is
+feasible beyond doubt, hence an upper bound. R, rho, floor and the constraint arrays are taken as
+exact, as the doubles they are.
+
+Lower side. A multiplier is used as V V^T, which is positive semidefinite whatever V's entries are,
+so that no eigenvalue has to be trusted. Sums are formed in extended precision with the error bound
+of any order of summation, |fl(a.b) - a.b| <= gamma_n |a|.|b| (Higham, Accuracy and Stability of
+Numerical Algorithms, 2002, sec. 3.1). Upper side. F(theta) is formed in rational arithmetic and
+factorised exactly: feasible is then a fact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.constraints import Constraint
+from sdp_vs_penalty.solvers.conic import Entropy, Objective
+
+Array = NDArray[np.float64]
+#: Extended precision where the machine has it, plain doubles elsewhere; the error bounds follow.
+Long = np.longdouble
+Extended = Any  # an array or a number of Long
+
+#: An upper bound of the unit roundoff of Long.
+_U = Long(max(float(np.finfo(Long).eps), 2.0**-64))
+#: Added once an operation for what underflow can lose.
+_TINY = Long(1e-300)
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """Numbers known up to a radius: |true - value| <= radius, entry by entry."""
+
+    value: Extended
+    radius: Extended
+
+    @classmethod
+    def exact(cls, numbers: ArrayLike) -> Enclosure:
+        value = np.asarray(numbers, Long)
+        return cls(value, np.zeros_like(value))
+
+    def __add__(self, other: Enclosure) -> Enclosure:
+        value = self.value + other.value
+        return Enclosure(value, _up(self.radius + other.radius + 2 * _U * np.abs(value)))
+
+    def __sub__(self, other: Enclosure) -> Enclosure:
+        return self + Enclosure(-other.value, other.radius)
+
+    def times(self, factor: float) -> Enclosure:
+        value = self.value * Long(factor)
+        return Enclosure(value, _up(self.radius * abs(Long(factor)) + 2 * _U * np.abs(value)))
+
+    @property
+    def lower(self) -> Extended:
+        return self.value - _up(self.radius + 2 * _U * np.abs(self.value))
+
+    @property
+    def upper(self) -> Extended:
+        return self.value + _up(self.radius + 2 * _U * np.abs(self.value))
+
+    def magnitude(self) -> Extended:
+        """An upper bound of |true|."""
+        return _up(np.abs(self.value) + self.radius)
+
+
+def _up(x: Any) -> Any:
+    """At least the exact value of what a handful of additions and products of non-negatives gave."""
+    return x * (1 + 16 * _U) + _TINY
+
+
+def product(a: ArrayLike, b: ArrayLike) -> Enclosure:
+    """a @ b of exact numbers; gamma_n doubled, which covers the rounding of the bound itself."""
+    a, b = np.asarray(a, Long), np.asarray(b, Long)
+    gamma = 2 * (a.shape[-1] + 2) * _U
+    return Enclosure(a @ b, gamma * (np.abs(a) @ np.abs(b)) + _TINY * (a.shape[-1] + 1))
+
+
+def total(numbers: Enclosure) -> Enclosure:
+    """The sum of all entries."""
+    gamma = 2 * (numbers.value.size + 2) * _U
+    radius = gamma * np.abs(numbers.value).sum() + (1 + gamma) * numbers.radius.sum()
+    return Enclosure(numbers.value.sum(), _up(radius))
+
+
+def inner(exact: Array, numbers: Enclosure) -> Enclosure:
+    """(k,) inner products of exact arrays (k, ...) with one enclosed array (...)."""
+    rows = np.asarray(exact, Long).reshape(len(exact), -1)
+    made = product(rows, numbers.value.ravel())
+    return Enclosure(made.value, _up(made.radius + np.abs(rows) @ numbers.radius.ravel()))
+
+
+def in_cone(cone: str, multiplier: Array) -> Enclosure:
+    """A multiplier that lies in its (self-dual) cone exactly, near the one given."""
+    if cone == "psd":
+        eigenvalues, vectors = np.linalg.eigh(0.5 * (multiplier + multiplier.T))
+        factor = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+        return product(factor, factor.T)
+    if cone == "soc":
+        norm = np.sqrt(product(multiplier[1:], multiplier[1:]).upper)
+        axis = max(Long(multiplier[0]), norm * (1 + 4 * _U) + _TINY)
+        return Enclosure.exact(np.concatenate([[axis], np.asarray(multiplier[1:], Long)]))
+    return Enclosure.exact(np.maximum(multiplier, 0.0))
+
+
+class _Affine:
+    """constant + slope^T theta, collected with its rounding errors."""
+
+    def __init__(self, size: int) -> None:
+        self.constant = Enclosure.exact(0.0)
+        self.value = np.zeros(size, Long)
+        self.radius = np.zeros(size, Long)
+
+    def subtract(self, constraint: Constraint, multiplier: Enclosure) -> None:
+        """Take away <S, F(theta)>, which is not negative."""
+        self.constant = self.constant - total(inner(constraint.constant[None], multiplier))
+        self.add(constraint.indices, inner(-constraint.coefficients, multiplier))
+
+    def add(self, indices: NDArray[np.intp], terms: Enclosure) -> None:
+        """Indices do not repeat within a constraint."""
+        both = Enclosure(self.value[indices], self.radius[indices]) + terms
+        self.value[indices], self.radius[indices] = both.value, both.radius
+
+    @property
+    def slope(self) -> Enclosure:
+        return Enclosure(self.value, self.radius)
+
+
+def _entropy_tangent(affine: _Affine, entropy: Entropy, slopes: Sequence[Array]) -> None:
+    """Add -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly."""
+    for link, p0, raw in zip(entropy.links, entropy.nominal, slopes, strict=True):
+        factor = np.linalg.cholesky(0.5 * (raw + raw.T))
+        inverse, logdet0 = _nominal(p0)
+        logs = np.log(np.asarray(np.diagonal(factor), Long))
+        log_det = Enclosure(2 * logs, _up(16 * _U * (np.abs(logs) + 1)))
+        constant = total(log_det) + Enclosure.exact(logdet0)
+        affine.constant = affine.constant + constant.times(entropy.weight)
+        difference = Enclosure.exact(inverse) - product(factor, factor.T)
+        offset = total(inner(link.constant[None], difference))
+        affine.constant = affine.constant + offset.times(entropy.weight)
+        affine.add(link.indices, inner(link.coefficients, difference).times(entropy.weight))
+
+
+def _nominal(p0: Array) -> tuple[Array, float]:
+    """P_0^-1 and log det P_0 as the doubles that define the entropy, for both bounds alike."""
+    inverse = np.linalg.inv(p0)
+    return 0.5 * (inverse + inverse.T), float(np.linalg.slogdet(p0)[1])
+
+
+def lower_bound(
+    objective: Objective,
+    constraints: Sequence[Constraint],
+    multipliers: Sequence[Array],
+    y: Array,
+    bound: Array,
+    entropy_slopes: Sequence[Array] = (),
+    correct: Array | None = None,
+) -> float:
+    """A number that is certainly <= min objective over the constraints and |theta_k| <= bound_k.
+
+    f(theta) >= floor^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and all
+    S_i in their cones; what is left of the slope, e, costs |e|^T bound. y (r,) near the residual at
+    the optimum, multipliers near the dual optimum; correct (r, p) : a map from a leftover slope,
+    times bound, to the shift of y that removes it, applied in extended precision.
+    """
+    data = objective.least_squares
+    affine = _Affine(len(bound))
+    for constraint, raw in zip(constraints, multipliers, strict=True):
+        affine.subtract(constraint, in_cone(constraint.cone, raw))
+    if objective.entropy is not None:
+        _entropy_tangent(affine, objective.entropy, entropy_slopes)
+    pull = 2 * np.asarray(data.R.T, Long)
+    shifted = np.asarray(y, Long)
+    if correct is not None:
+        for _ in range(3):
+            leftover = affine.value + pull @ shifted
+            shifted = shifted - correct @ np.asarray(bound * leftover, float)
+    left = affine.slope + product(pull, shifted)
+    constant = affine.constant + product([Long(data.floor)], [Long(data.floor)])
+    constant = constant - product(2 * shifted, np.asarray(data.rho, Long))
+    constant = constant - product(shifted, shifted)
+    reach = product(left.magnitude(), np.asarray(bound, Long))
+    return _down((constant - Enclosure(reach.upper, Long(0))).lower)
+
+
+def proves_infeasible(
+    constraints: Sequence[Constraint], multipliers: Sequence[Array], bound: Array
+) -> bool:
+    """Whether the multipliers prove that no |theta_k| <= bound_k satisfies all constraints.
+
+    0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas). It is the
+    lower bound of the objective zero: positive exactly if the set is empty.
+    """
+    from sdp_vs_penalty.regression import LeastSquares
+
+    p = len(bound)
+    nothing = Objective(LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0))
+    return lower_bound(nothing, constraints, multipliers, np.zeros(0), bound) > 0.0
+
+
+def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
+    """Whether theta satisfies all constraints, decided in rational arithmetic."""
+    exact = [Fraction(float(x)) for x in theta]
+    return all(_inside(c.cone, _exact_value(c, exact)) for c in constraints)
+
+
+def feasible_point(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array | None:
+    """The first point on the way from theta to an interior point that is certainly feasible."""
+    for step in _steps():
+        point = theta + step * (interior - theta)
+        if certainly_feasible(constraints, point):
+            return point
+    return None
+
+
+def _steps() -> Iterator[float]:
+    yield 0.0
+    yield from (10.0 ** (0.5 * k) for k in range(-32, 1))
+
+
+def upper_bound(objective: Objective, theta: Array) -> float:
+    """A number that is certainly >= objective(theta)."""
+    data = objective.least_squares
+    residual = product(data.R, theta) - Enclosure.exact(data.rho)
+    worst = residual.magnitude()
+    value = product(worst, worst) + product([Long(data.floor)], [Long(data.floor)])
+    if objective.entropy is not None:
+        value = value + _entropy_value(objective.entropy, theta)
+    return -_down(-value.upper)
+
+
+def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
+    exact = [Fraction(float(x)) for x in theta]
+    value = Enclosure.exact(0.0)
+    for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
+        matrix = _exact_value(link, exact)
+        determinant = math.prod(_pivots(matrix), start=Fraction(1))
+        if determinant <= 0:
+            return Enclosure.exact(np.inf)
+        log_det = Long(_log(determinant))
+        inverse, logdet0 = _nominal(p0)
+        trace = sum(
+            (Fraction(float(inverse[a, b])) * matrix[a][b] for a in range(4) for b in range(4)),
+            Fraction(0),
+        )
+        trace_long = Long(float(trace))
+        part = Enclosure(trace_long, 2.0**-52 * abs(trace_long)) - Enclosure(
+            log_det, Long(2.0**-50) * (abs(log_det) + 1)
+        )
+        value = value + (part + Enclosure.exact(logdet0 - 4.0)).times(entropy.weight)
+    return value
+
+
+def _log(x: Fraction) -> float:
+    """log of a positive rational of any size."""
+    shift = x.numerator.bit_length() - x.denominator.bit_length()
+    return math.log(float(x / Fraction(2) ** shift)) + shift * math.log(2.0)
+
+
+def _exact_value(constraint: Constraint, theta: Sequence[Fraction]) -> Any:
+    """F(theta) in rational numbers: nested lists of the shape of the constraint's arrays."""
+    out = [Fraction(float(x)) for x in constraint.constant.ravel()]
+    for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
+        flat = coefficient.ravel()
+        for entry in np.flatnonzero(flat):
+            out[entry] += theta[k] * Fraction(float(flat[entry]))
+    if constraint.constant.ndim == 1:
+        return out
+    d = len(constraint.constant)
+    return [out[i * d : (i + 1) * d] for i in range(d)]
+
+
+def _inside(cone: str, value: Any) -> bool:
+    if cone == "psd":
+        return all(pivot >= 0 for pivot in _pivots(value))
+    if cone == "soc":
+        return value[0] >= 0 and value[0] ** 2 >= sum(u**2 for u in value[1:])
+    return all(x >= 0 for x in value)
+
+
+def _pivots(matrix: Sequence[Sequence[Fraction]]) -> list[Fraction]:
+    """The D of L D L^T: all >= 0 exactly if the symmetric matrix is positive semidefinite.
+
+    A zero pivot whose column is not zero makes the matrix indefinite: it is returned as -1.
+    """
+    order = range(len(matrix))
+    rows = [[(matrix[i][j] + matrix[j][i]) / 2 for j in order] for i in order]
+    pivots: list[Fraction] = []
+    for k in range(len(rows)):
+        pivot = rows[k][k]
+        below = range(k + 1, len(rows))
+        if pivot <= 0:
+            if pivot < 0 or any(rows[i][k] != 0 for i in below):
+                return [*pivots, Fraction(-1)]
+            pivots.append(Fraction(0))
+            continue
+        for i in below:
+            ratio = rows[i][k] / pivot
+            for j in below:
+                rows[i][j] -= ratio * rows[k][j]
+        pivots.append(pivot)
+    return pivots
+
+
+def _down(x: Any) -> float:
+    """The largest double that is not above x."""
+    double = float(x)
+    return double if Long(double) <= x else float(np.nextafter(double, -np.inf))
