@@ -24,6 +24,7 @@ from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
 
 if TYPE_CHECKING:
+    from sdp_vs_penalty.black_box import BlackBox
     from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
     from sdp_vs_penalty.problem import Problem
     from sdp_vs_penalty.regression import LeastSquares, Regression
@@ -186,7 +187,7 @@ def build_estimate(
     fit: Fit,
     regression: Regression,
     preprocessing: Preprocessing,
-    measurements: Measurements,
+    measurements: Measurements | BlackBox,
     weighting: str,
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
@@ -199,7 +200,7 @@ def build_estimate(
         "seed": task.seed,
         "data_hash": measurements.data_hash,
         "runs": list(measurements.names),
-        "samples": len(measurements.t),
+        "samples": measurements.samples,
         "versions": versions(),
     }
     return Estimate(

@@ -42,6 +42,10 @@ class Measurements:
     def n(self) -> int:
         return int(self.q.shape[1])
 
+    @property
+    def samples(self) -> int:
+        return len(self.t)
+
     def runs(self) -> list[Measurements]:
         """The single runs, in order."""
         if self.run is None:

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from sdp_vs_penalty.black_box import BlackBox, compress_black_box
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate, build_estimate
@@ -48,7 +49,7 @@ def make_estimator(method: str | Estimator) -> Estimator:
 
 def identify(
     problem: Problem,
-    measurements: Measurements,
+    measurements: Measurements | BlackBox,
     method: str | Estimator = DEFAULT_METHOD,
     *,
     effects: str | Sequence[str] | Sequence[Effect] | None = None,
@@ -57,12 +58,14 @@ def identify(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Estimate:
-    """Identify a robot's dynamic parameters from measurements.
+    """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
     effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
         the problem's); weighting : "noise" divides each joint's rows by its residual in a first
         least-squares pass, "none" leaves newton metres of all joints equal.
+    A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
+    applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
     """
     if measurements.n != problem.robot.n:
@@ -71,6 +74,13 @@ def identify(
             f"{problem.robot.n}: choose the problem that belongs to the file."
         )
     estimator = make_estimator(method)
+    if isinstance(measurements, BlackBox):
+        return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
+    if estimator.needs_black_box:
+        raise InputError(
+            f"method {estimator.name} needs a black box's answers: an .npz file with q, gravity and "
+            "mass_matrix; for measured runs choose another method."
+        )
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
     if model.needs_reference:
@@ -81,6 +91,25 @@ def identify(
     task = make_task(problem, model, regression, weighting, seed, progress)
     return build_estimate(
         problem, task, estimator, estimator.fit(task), regression, settings, measurements, weighting
+    )
+
+
+def _identify_black_box(
+    problem: Problem,
+    box: BlackBox,
+    estimator: Estimator,
+    effects: str | Sequence[str] | Sequence[Effect] | None,
+    seed: int,
+    progress: Progress,
+) -> Estimate:
+    model = problem.model("rigid_body" if effects is None else effects)
+    progress("compressing the black box's answers")
+    regression = compress_black_box(box, model)
+    progress(f"estimating by {estimator.name}")
+    task = make_task(problem, model, regression, "none", seed, progress)
+    settings = problem.preprocessing
+    return build_estimate(
+        problem, task, estimator, estimator.fit(task), regression, settings, box, "none"
     )
 
 

@@ -112,6 +112,8 @@ class Estimator(ABC):
 
     name: ClassVar[str]
     description: ClassVar[str]
+    #: True where the method is defined on a black box's answers only.
+    needs_black_box: ClassVar[bool] = False
 
     @abstractmethod
     def fit(self, task: Task) -> Fit:
