@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+import traceback
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -196,6 +197,34 @@ def list_names(
     console.listing(what.value, headings, rows)
 
 
+@app.command()
+def fetch(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[panda|ur10e|emps] ...", help="Default: all.")
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option(help="Where to keep the files; default: the user's cache.")
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Download public measurements and write them as RUN.csv files; prints their paths.
+
+    Example: [cyan]sdp-vs-penalty fetch emps[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.datasets import DATASETS, dataset
+    from sdp_vs_penalty.datasets import fetch as fetch_dataset
+
+    for name in [dataset(name).name for name in names or DATASETS]:
+        with console.progress(f"fetching {name}"):
+            remarks: list[str] = []
+            paths = fetch_dataset(name, folder, say=remarks.append)
+        for remark in remarks:
+            print(f"sdp-vs-penalty: {remark}", file=sys.stderr)
+        for path in paths:
+            print(path)
+
+
 def _estimator(method: str, solver_name: str | None) -> Estimator:
     """The estimator of a name, with its solver exchanged where one is asked for."""
     from dataclasses import replace
@@ -254,41 +283,33 @@ def expand_many(arguments: Sequence[str]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: exit code 0, 2 for what the user can mend, 130 after Ctrl-C."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    sys.exit(_run(given, debug="--debug" in given))
-
-
-def _run(arguments: Sequence[str], debug: bool) -> int:
     try:
-        code = app(expand_many(arguments), prog_name="sdp-vs-penalty", standalone_mode=False)
-        return code if isinstance(code, int) else 0
-    except KeyboardInterrupt:
-        return _fail("interrupted; files that were there before are unchanged.", 130)
-    except InputError as error:
-        if debug:
-            raise
-        return _fail(str(error), 2)
+        code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)
+        if code == 130:  # what typer makes of Ctrl-C
+            raise KeyboardInterrupt
     except BrokenPipeError:
         # Whoever read our output has closed it; the interpreter would complain at exit otherwise.
         sys.stdout = None  # type: ignore[assignment]
-        return 1
-    except MemoryError:
-        if debug:
-            raise
-        return _fail("not enough memory: use fewer or shorter runs.", 2)
-    except Exception as error:
-        if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # a usage error of typer's
-            context = getattr(error, "ctx", None)
-            verb = "sdp-vs-penalty" if context is None else context.command_path
-            return _fail(f"{error.format_message()} See `{verb} --help`.", error.exit_code)
-        if debug:
-            raise
-        return _fail(
-            f"an error of the program's own ({type(error).__name__}: {error}): "
-            "run again with --debug and report what it prints.",
-            1,
-        )
+        code = 1
+    except (Exception, KeyboardInterrupt) as error:
+        if "--debug" in given:
+            traceback.print_exc()
+        message, code = _explain(error)
+        print(f"sdp-vs-penalty: {message}", file=sys.stderr)
+    sys.exit(code if isinstance(code, int) else 0)
 
 
-def _fail(message: str, code: int) -> int:
-    print(f"sdp-vs-penalty: {message}", file=sys.stderr)
-    return code
+def _explain(error: BaseException) -> tuple[str, int]:
+    """One sentence about an error and the exit code that it deserves."""
+    if isinstance(error, KeyboardInterrupt | typer.Abort):
+        return "interrupted; files that were there before are unchanged.", 130
+    if isinstance(error, InputError):
+        return str(error), 2
+    if isinstance(error, MemoryError):
+        return "not enough memory: use fewer or shorter runs.", 2
+    if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer's usage errors
+        context = getattr(error, "ctx", None)
+        verb = "sdp-vs-penalty" if context is None else context.command_path
+        return f"{error.format_message().rstrip('.')}; see `{verb} --help`.", int(error.exit_code)
+    what = f"{type(error).__name__}: {error}"
+    return f"an error of the program's own ({what}): run again with --debug and report it.", 1

@@ -11,9 +11,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sdp_vs_penalty.constraints import BarycentricBound
+
 if TYPE_CHECKING:
     from sdp_vs_penalty.comparison import Comparison
     from sdp_vs_penalty.estimate import Estimate
+    from sdp_vs_penalty.solvers.certificate import Certificate
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
@@ -47,11 +50,10 @@ def estimate_summary(estimate: Estimate, fit: Comparison, seconds: float) -> Non
         f"[bold]{escape(estimate.problem)}[/bold] by [bold]{estimate.method}[/bold] from {samples} "
         f"samples in {runs} run(s), {len(estimate.theta)} parameters, {seconds:.1f} s"
     )
-    broken = {family: v for family, v in certificate.violations.items() if v > 0.0}
     lines = [
         ("loss", f"{certificate.loss:.6g} (sum of squared weighted torque errors)"),
-        ("worst violation", _violations(broken)),
-        ("optimality gap", _gap(certificate.gap)),
+        ("worst violation", _violations(certificate)),
+        ("optimality gap", _gap(certificate)),
     ]
     if certificate.smallest_thickness is not None:
         lines.append(("smallest thickness", f"{1e3 * certificate.smallest_thickness:.1f} mm"))
@@ -65,17 +67,21 @@ def estimate_summary(estimate: Estimate, fit: Comparison, seconds: float) -> Non
     comparison_tables([fit], estimate.robot.torque_units, title="Fit to these measurements")
 
 
-def _violations(broken: dict[str, float]) -> str:
+def _violations(certificate: Certificate) -> str:
+    broken = {family: v for family, v in certificate.violations.items() if v > 0.0}
     if not broken:
         return "0 (every constraint holds)"
     worst = sorted(broken.items(), key=lambda item: -item[1])
-    return ", ".join(f"{family} {value:.2g}" for family, value in worst)
+    text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
+    if certificate.gap is not None and set(broken) == {BarycentricBound.family}:
+        return f"{text} (not convex, hence not imposed); every other constraint holds"
+    return text
 
 
-def _gap(gap: float | None) -> str:
-    if gap is None:
+def _gap(certificate: Certificate) -> str:
+    if certificate.gap is None:
         return "no lower bound: this method is not convex, or has no constraints"
-    return f"{gap:.1e} of the loss (certified lower bound)"
+    return f"{certificate.gap:.1e} of the loss (certified lower bound)"
 
 
 def comparison_tables(

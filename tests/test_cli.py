@@ -1,0 +1,282 @@
+"""The command line: verbs, files, exit codes, sentences instead of tracebacks."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_runs import write_run
+
+import sdp_vs_penalty
+from sdp_vs_penalty import __version__, registry
+from sdp_vs_penalty.cli import expand_many, main
+from sdp_vs_penalty.estimate import load_estimate
+from sdp_vs_penalty.problem import Problem
+
+#: Whatever copy these tests have imported, also from another folder.
+HERE = {**os.environ, "PYTHONPATH": str(Path(sdp_vs_penalty.__file__).parents[1])}
+PROGRAM = [sys.executable, "-c", "from sdp_vs_penalty.cli import main; main()"]
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command line in this process: (exit code, stdout, stderr)."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as stop:
+            main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        assert isinstance(stop.value.code, int)
+        return stop.value.code, out, err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> list[Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def model(runs: list[Path]) -> Path:
+    path = runs[0].parent / "model.json"
+    with pytest.raises(SystemExit) as stop:
+        main(["identify", "two_link", "--data", *map(str, runs), "--out", str(path)])
+    assert stop.value.code == 0
+    return path
+
+
+def assert_one_sentence(err: str, *words: str) -> None:
+    """One line, ending like a sentence, without a traceback, with the words in it."""
+    assert err.startswith("sdp-vs-penalty: ")
+    assert err.count("\n") == 1
+    assert err.rstrip().endswith(".")
+    assert "Traceback" not in err
+    for word in words:
+        assert word in err
+
+
+def test_help_answers_at_once() -> None:
+    seconds = []
+    for _ in range(4):
+        start = time.perf_counter()
+        result = subprocess.run([*PROGRAM, "--help"], capture_output=True, text=True, check=True)
+        seconds.append(time.perf_counter() - start)
+    assert "identify" in result.stdout
+    assert min(seconds) < 0.5
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom sdp_vs_penalty.cli import main\n"
+        "try:\n    main(['identify', '--help'])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'scipy', 'pinocchio', 'cvxpy', 'clarabel', 'pandas', 'matplotlib'}\n"
+        "print('loaded:', heavy & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "loaded: set()" in result.stdout
+
+
+@pytest.mark.parametrize("verb", ["tables", "identify", "compare", "list", "fetch"])
+def test_help_of_every_verb_has_an_example(run: Run, verb: str) -> None:
+    code, out, _ = run(verb, "--help")
+    assert code == 0
+    assert f"Example: sdp-vs-penalty {verb}" in out
+
+
+def test_version(run: Run) -> None:
+    assert run("--version")[:2] == (0, f"sdp-vs-penalty {__version__}\n")
+
+
+def test_no_verb_shows_the_help(run: Run) -> None:
+    code, out, _ = run()
+    assert code == 0
+    assert "Commands" in out
+
+
+@pytest.mark.parametrize("kind", ["problems", "effects", "methods", "solvers", "datasets"])
+def test_list_shows_every_registered_name(run: Run, kind: str) -> None:
+    code, out, _ = run("list", kind)
+    assert code == 0
+    first_words = {line.split()[0] for line in out.splitlines() if line.split()}
+    names = {row[0] for row in registry.listing(kind)[1]}
+    assert names
+    assert names <= first_words
+
+
+def test_identify_writes_a_model_and_a_summary(run: Run, runs: list[Path], tmp_path: Path) -> None:
+    out_file = tmp_path / "new" / "model.json"
+    code, out, _ = run("identify", "two_link", "--data", *runs, "--seed", 3, "--out", out_file)
+    assert code == 0
+    for words in ("loss", "worst violation", "every other constraint holds", "optimality gap", "mm"):
+        assert words in out
+    assert "positive definite  at 100 %" in out
+    assert "RMSE" in out
+    data = json.loads(out_file.read_text())
+    assert data["method"] == "lmi-sdp"
+    assert data["provenance"]["seed"] == 3
+    assert data["provenance"]["runs"] == ["run1.csv", "run2.csv"]
+    assert {"name", "value", "unit", "std", "effect", "joint"} == set(data["parameters"][0])
+
+
+def test_identify_options_reach_the_model(run: Run, runs: list[Path], tmp_path: Path) -> None:
+    out_file = tmp_path / "model.json"
+    code, *_ = run(
+        *("identify", "two_link", "--data", runs[0], "--out", out_file, "--method", "ols"),
+        *("--effects", "rigid_body,viscous_friction:2", "--gravity", "-1,0,-9.5", "--window", ":4.5"),
+    )
+    assert code == 0
+    estimate = load_estimate(out_file)
+    assert estimate.method == "ols"
+    assert estimate.robot.gravity == (-1.0, 0.0, -9.5)
+    assert [p.name for p in estimate.model.parameters][20:] == ["f_v2"]
+    assert estimate.provenance["samples"] == 450
+
+
+def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path, tmp_path: Path) -> None:
+    other, out_file = tmp_path / "ols.json", tmp_path / "out.json"
+    run("identify", "two_link", "--data", runs[0], "--method", "ols", "--out", other)
+    code, out, _ = run("compare", model, other, "--data", runs[1], "--json", out_file)
+    assert code == 0
+    assert "noise floor" in out
+    content = json.loads(out_file.read_text())
+    assert list(content) == ["models"]
+    assert [entry["model"] for entry in content["models"]] == [str(model), str(other)]
+    for entry in content["models"]:
+        assert set(entry) == {
+            *("model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz")
+        }
+        assert len(entry["rmse"]) == len(entry["r2"]) == 2
+        assert np.allclose(np.square(entry["rmse"]), entry["mse"])
+        # White noise of 0.05 N m at 100 Hz, of which the band lets a part through.
+        assert all(0.0 < rmse < 0.05 for rmse in entry["rmse"])
+    assert len({entry["band_hz"] for entry in content["models"]}) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["identify", "three_link"], ["three_link", "two_link", "panda"]),
+        (["identify", "two_link", "--method", "magic"], ["magic", "lmi-sdp", "ols"]),
+        (["identify", "two_link", "--effects", "ether"], ["ether", "viscous_friction"]),
+        (["identify", "two_link", "--effects", "rigid_body,viscous_friction:x"], ["viscous_friction:x"]),
+        (["identify", "two_link", "--effects", "viscous_friction:9"], ["joint 9", "2"]),
+        (["identify", "two_link", "--solver", "oracle"], ["oracle", "clarabel"]),
+        (["identify", "two_link", "--method", "ols", "--solver", "clarabel"], ["--solver"]),
+        (["identify", "two_link", "--gravity", "0,0"], ["--gravity", "3 numbers"]),
+        (["identify", "two_link", "--gravity", "0,0,nan"], ["gravity", "finite"]),
+        (["identify", "two_link", "--window", "4:1"], ["--window", "START:STOP"]),
+        (["identify", "two_link", "--window", "100:200"], ["run1.csv", "100 s"]),
+        (["identify", "two_link", "--seed", "-1"], ["--seed"]),
+        (["identify", "panda"], ["run1.csv", "2 joint(s)", "7"]),
+    ],
+)
+def test_identify_refuses_in_one_sentence(
+    run: Run, runs: list[Path], tmp_path: Path, arguments: list[str], words: list[str]
+) -> None:
+    kept = tmp_path / "model.json"
+    kept.write_text("old")
+    code, _, err = run(*arguments, "--data", runs[0], "--out", kept)
+    assert code == 2
+    assert_one_sentence(err, *words)
+    assert kept.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [kept]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fly"], ["fly"]),
+        (["list", "robots"], ["robots", "problems"]),
+        (["fetch", "moon"], ["moon", "panda", "ur10e", "emps"]),
+        (["compare", "nowhere.json", "--data", "x.csv"], ["nowhere.json"]),
+        (["identify", "two_link", "--out", "m.json"], ["--data"]),
+        (["identify", "two_link", "--data", "nowhere.csv", "--out", "m.json"], ["nowhere.csv"]),
+        (["tables", "--budget", "endless"], ["endless", "quick", "paper"]),
+    ],
+)
+def test_usage_errors_are_one_sentence(run: Run, arguments: list[str], words: list[str]) -> None:
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert_one_sentence(err, *words)
+
+
+def test_debug_shows_the_traceback(runs: list[Path], tmp_path: Path) -> None:
+    arguments = ["identify", "two_link", "--method", "magic", "--data", runs[0], "--out", "m.json"]
+    result = subprocess.run(
+        [*PROGRAM, *map(str, arguments), "--debug"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=HERE,
+    )
+    assert result.returncode == 2
+    assert "Traceback" in result.stderr
+    assert "magic" in result.stderr
+
+
+def test_an_error_of_our_own_is_no_traceback(
+    run: Run, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("inner")
+
+    monkeypatch.setattr("sdp_vs_penalty.measurements.load_measurements", broken)
+    code, _, err = run("identify", "two_link", "--data", runs[0], "--out", tmp_path / "m.json")
+    assert code == 1
+    assert_one_sentence(err, "ZeroDivisionError", "--debug")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals differ")
+def test_ctrl_c_leaves_the_old_file(runs: list[Path], tmp_path: Path) -> None:
+    """SIGINT in the middle of an identification: exit 130 and the file as it was."""
+    kept = tmp_path / "model.json"
+    kept.write_text("old")
+    code = (
+        "import sdp_vs_penalty.estimators.lmi_sdp as l, sys, time\n"
+        "def endless(self, task):\n    print('fitting', flush=True)\n    time.sleep(60)\n"
+        "l.LmiSdp.fit = endless\n"
+        "from sdp_vs_penalty.cli import main; main()"
+    )
+    arguments = ["identify", "two_link", "--data", str(runs[0]), "--out", str(kept)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "fitting\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert_one_sentence(err, "interrupted")
+    assert kept.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [kept]
+
+
+def test_options_of_several_values() -> None:
+    words = ["identify", "p", "--data", "a", "b", "c", "--out", "m", "--debug"]
+    assert expand_many(words) == [
+        *("identify", "p", "--data", "a", "--data", "b", "--data", "c", "--out", "m", "--debug")
+    ]
+    assert expand_many(["x", "--data", "a", "--data", "b"]) == ["x", "--data", "a", "--data", "b"]
+    assert expand_many(["--gravity", "-1,0,0", "y"]) == ["--gravity", "-1,0,0", "y"]
+
+
+def test_a_closed_pipe_is_no_traceback() -> None:
+    shell = f"{sys.executable} -c 'from sdp_vs_penalty.cli import main; main()' list effects | head -n 1"
+    result = subprocess.run(["bash", "-c", shell], capture_output=True, text=True)
+    assert "Traceback" not in result.stderr
+    assert "BrokenPipe" not in result.stderr
