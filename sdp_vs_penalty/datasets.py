@@ -168,8 +168,10 @@ def clean_stretch(text: str, width: int, gap: float = _UR10E_GAP) -> tuple[Array
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(rows[:, 0])
     joined = whole[1:] & whole[:-1] & (steps > 0.0) & (steps <= gap)
+    if not whole.any():
+        return rows[:0], _row_range(1, len(lines)) + " (cut short or not numbers)" if lines else ""
     edges = np.concatenate([[0], np.flatnonzero(~joined) + 1, [len(lines)]])
-    longest = int(np.argmax(np.diff(edges)))
+    longest = int(np.argmax(np.diff(edges) * whole[edges[:-1]]))
     start, stop = int(edges[longest]), int(edges[longest + 1])
     unused = []
     if start > 0:

@@ -1,0 +1,208 @@
+"""Fetching public data: pinned, checked, converted; real files through a local address."""
+
+from __future__ import annotations
+
+import hashlib
+import http.server
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sdp_vs_penalty import compare, datasets, identify, load_measurements, load_problem
+from sdp_vs_penalty.datasets import DATASETS, clean_stretch, fetch
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem import problem_names
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.urdf import load_urdf
+
+
+@pytest.fixture(scope="module")
+def address(data_folder: Path) -> Iterator[str]:
+    """A local server with GitHub's layout of raw files over the shared measurements."""
+    files = {
+        f"/{d.source}/{d.commit}/{f.path}": data_folder / d.name / f.name
+        for d in DATASETS.values()
+        for f in d.files
+    }
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if self.path not in files:
+                self.send_error(404)
+                return
+            content = files[self.path].read_bytes()
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_address[1]}"
+    server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def fetched(address: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Every data set's folder of runs, with what was said of it in remarks.txt."""
+    root = tmp_path_factory.mktemp("cache")
+    out = {}
+    for name in DATASETS:
+        remarks: list[str] = []
+        paths = fetch(name, root, address, remarks.append)
+        assert paths
+        assert all(path.parent == root / name / "runs" for path in paths)
+        (root / name / "remarks.txt").write_text("\n".join(remarks))
+        out[name] = root / name / "runs"
+    return out
+
+
+def test_every_dataset_belongs_to_a_problem_and_is_pinned() -> None:
+    for chosen in DATASETS.values():
+        assert chosen.problem in problem_names()
+        assert len(chosen.commit) == 40
+        for file in chosen.files:
+            assert len(file.sha256) == 64
+            assert chosen.address(file).startswith("https://raw.githubusercontent.com/")
+
+
+@pytest.mark.real_data
+def test_panda_is_the_log_itself(fetched: dict[str, Path], data_folder: Path) -> None:
+    run = load_measurements(fetched["panda"] / "exciting.csv", joints=7)
+    log = load_measurements(data_folder / "panda")
+    assert run.data_hash == log.data_hash
+    assert run.dq is not None
+    assert log.dq is not None
+    assert np.array_equal(run.dq, log.dq)
+
+
+@pytest.mark.real_data
+def test_ur10e_says_what_it_cannot_use(fetched: dict[str, Path], data_folder: Path) -> None:
+    raw = np.loadtxt(data_folder / "ur10e" / "ur-20_02_19_14harm50sec.csv", delimiter=",")
+    run = load_measurements(fetched["ur10e"] / "ur-20_02_19_14harm50sec.csv", joints=6)
+    assert np.array_equal(run.q, raw[:, 1:7])
+    assert np.allclose(run.tau, raw[:, 13:19] * [10.0, 10.70, 8.46, 9.00, 9.48, 10.12])
+    bad = load_measurements(fetched["ur10e"] / "ur-20_02_19_15harm50secLoad.csv")
+    assert len(bad.t) == 6096  # of 6107 rows: ten before the clock runs, one cut short
+    assert np.abs(bad.q).max() < 4.0
+    remarks = (fetched["ur10e"].parent / "remarks.txt").read_text().splitlines()
+    assert len(remarks) == 1
+    for words in ("15harm50secLoad.csv", "rows 1 to 10", "row 6107 (cut short"):
+        assert words in remarks[0]
+
+
+@pytest.mark.real_data
+def test_a_raw_ur10e_file_is_refused_with_its_row(data_folder: Path) -> None:
+    file = data_folder / "ur10e" / "ur-20_02_19_15harm50secLoad.csv"
+    with pytest.raises(InputError, match=r"15harm50secLoad\.csv: row 1 .*header"):
+        load_measurements(file)
+
+
+@pytest.mark.real_data
+def test_emps_identification_gives_the_authors_values(fetched: dict[str, Path]) -> None:
+    """M, Fv, Fc and offset of Janot, Gautier, Brunot within 2 %, from the default settings."""
+    problem = load_problem("emps")
+    estimate = identify(problem, load_measurements(fetched["emps"] / "tracking.csv"))
+    value = dict(zip((p.name for p in estimate.model.parameters), estimate.theta, strict=True))
+    authors = {"m1": 95.1089, "f_v1": 203.5034, "f_c1": 20.3935, "f_o1": -3.1648}
+    for name, expected in authors.items():
+        assert value[name] == pytest.approx(expected, rel=0.02)
+    test = compare(estimate, load_measurements(fetched["emps"] / "pulses.csv"))[0]
+    assert test.relative_error_percent < 5.0
+
+
+@pytest.mark.real_data
+def test_ur10e_identification_predicts_another_trajectory(fetched: dict[str, Path]) -> None:
+    problem = load_problem("ur10e")
+    assert "rotor_inertia" in problem.default_effects
+    train = load_measurements(fetched["ur10e"] / "ur-20_02_19_14harm50sec.csv")
+    test = load_measurements(fetched["ur10e"] / "ur-20_02_19_15harm50sec.csv")
+    sdp, ols = (identify(problem, train, method) for method in ("lmi-sdp", "ols"))
+    assert sdp.certificate.worst == 0.0
+    assert sdp.certificate.positive_mass_matrices == 1.0
+    errors = [result.relative_error_percent for result in compare([sdp, ols], test)]
+    assert errors[0] < 5.0
+    assert errors[0] < 1.06 * errors[1]
+
+
+def joint_axes(robot: Robot, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """A point on each joint's axis and its direction, in the base frame."""
+    poses: list[np.ndarray] = []
+    axes = []
+    for joint, angle in zip(robot.joints, q, strict=True):
+        parent = np.eye(4) if joint.parent < 0 else poses[joint.parent]
+        pose = parent @ joint.placement
+        axes.append((pose[:3, 3], pose[:3, :3] @ joint.axis))
+        x, y, z = joint.axis
+        k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = np.eye(4)
+        turn[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k
+        poses.append(pose @ turn)
+    return axes
+
+
+@pytest.mark.real_data
+def test_ur10e_kinematics_are_those_of_the_authors(data_folder: Path) -> None:
+    """Our DH table puts every joint axis where their URDF does, within its rounding to 1 mm.
+
+    Their base_link is the controller's base frame turned by pi about z.
+    """
+    ours = load_problem("ur10e").robot
+    theirs, _ = load_urdf(data_folder / "ur10e" / "ur10e.urdf")
+    turn = np.diag([-1.0, -1.0, 1.0])
+    for q in ours.random_configurations(20, seed=1):
+        for (p1, a1), (p2, a2) in zip(joint_axes(ours, q), joint_axes(theirs, q), strict=True):
+            assert np.allclose(a1, turn @ a2, atol=1e-6)
+            offset = turn @ p2 - p1
+            assert np.linalg.norm(np.cross(offset, a1)) < 2e-3
+
+
+def test_offline_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        fetch("emps", tmp_path, "http://127.0.0.1:9")
+    message = str(caught.value)
+    assert "DATA_EMPS.mat" in message
+    assert "check the network" in message
+    assert "\n" not in message
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+@pytest.mark.real_data
+def test_offline_with_a_filled_cache_works(fetched: dict[str, Path]) -> None:
+    root = fetched["emps"].parents[1]
+    assert fetch("emps", root, "http://127.0.0.1:9")
+
+
+@pytest.mark.real_data
+def test_a_changed_file_is_refused(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = DATASETS["emps"]
+    wrong = replace(real.files[0], sha256=hashlib.sha256(b"another").hexdigest())
+    monkeypatch.setitem(datasets.DATASETS, "emps", replace(real, files=(wrong,)))
+    with pytest.raises(InputError, match="SHA-256 differs"):
+        fetch("emps", tmp_path, address)
+    assert not list(tmp_path.rglob("*.mat"))
+
+
+def test_clean_stretch_names_the_rows_that_it_drops() -> None:
+    lines = ["5,1", "0.1,9", "7,1", "7.01,2", "7.02,3", "7.02,4", "7.03"]
+    rows, unused = clean_stretch("\n".join(lines) + "\n\n", 2)
+    assert rows.tolist() == [[7.0, 1.0], [7.01, 2.0], [7.02, 3.0]]
+    assert unused == "rows 1 to 2 (no running clock before row 3) and rows 6 to 7 (no running clock)"
+
+
+@given(st.text(alphabet="0123456789.,-en\n", max_size=200))
+def test_clean_stretch_takes_any_text(text: str) -> None:
+    rows, _ = clean_stretch(text, 2)
+    assert np.all(np.isfinite(rows))
+    assert np.all(np.diff(rows[:, 0]) > 0.0)

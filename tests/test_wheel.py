@@ -1,0 +1,75 @@
+"""The wheel works from any directory: the built-in problems travel as package data."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from small_runs import write_run
+
+from sdp_vs_penalty.problem import Problem
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("hatchling", reason="hatchling builds the wheel: install the extra [test]")
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel on its own, the packages that it needs from this environment."""
+    folder = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def call(installed: Path, cwd: Path, *arguments: str) -> str:
+    code = "from sdp_vs_penalty.cli import main; main()"
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    result = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=cwd,
+        env=environment,
+        text=True,
+        capture_output=True,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_the_wheel_holds_package_and_problems_only(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    tops = {name.split("/")[0] for name in names}
+    assert {top.split("-")[0] for top in tops} == {"sdp_vs_penalty"}
+    for folder in (ROOT / "problems").iterdir():
+        assert f"sdp_vs_penalty/problems/{folder.name}/problem.toml" in names
+    assert "sdp_vs_penalty/datasets.toml" in names
+
+
+def test_the_command_works_from_another_folder(
+    installed: Path, tmp_path: Path, two_link: Problem
+) -> None:
+    write_run(tmp_path / "run.csv", two_link)
+    where = "import sdp_vs_penalty; print(sdp_vs_penalty.__file__)"
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    found = subprocess.run(
+        [sys.executable, "-c", where], cwd=tmp_path, env=environment, text=True, capture_output=True
+    )
+    assert Path(found.stdout.strip()).is_relative_to(installed)
+    for name in ("panda", "two_link", "ur10e", "emps"):
+        assert name in call(installed, tmp_path, "list", "problems")
+    call(installed, tmp_path, "identify", "two_link", "--data", "run.csv", "--out", "model.json")
+    assert "RMSE" in call(installed, tmp_path, "compare", "model.json", "--data", "run.csv")
