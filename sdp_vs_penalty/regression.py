@@ -20,6 +20,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.effects.effect import Parameter
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.model import Model
 from sdp_vs_penalty.preprocessing import Preprocessing, filtered_rows
@@ -229,7 +230,7 @@ def base_parameters(
     Their torque regressor is theta's independent columns (Gautier, J. Robotic Systems 1991): with
     Y_d = Y_b K for the dependent ones, pi = theta_b + K theta_d. ``independent`` names the
     parameters to keep (otherwise the pivoting of a QR of random states chooses). Returns B and the
-    indices of theta_b.
+    indices of theta_b. Raises InputError where those named are not independent.
     """
     robot = model.robot
     rng = np.random.default_rng(seed)
@@ -246,9 +247,15 @@ def base_parameters(
         kept = tuple(sorted(int(k) for k in pivots[:rank]))
     else:
         rigid = [model.parameters[k].name for k in model.rigid_indices]
+        for name in independent:
+            if name not in rigid:
+                raise InputError(f"base_parameters: {name!r} is not a parameter of a link, like Izz1.")
         kept = tuple(rigid.index(name) for name in independent)
         if len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
-            raise ValueError(f"the {len(kept)} parameters named are not {rank} independent ones")
+            raise InputError(
+                f"base_parameters: the {len(kept)} named are not the robot's {rank} independent ones: "
+                "leave the list out to let the program choose."
+            )
     dependence = np.asarray(np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float)
     dependence[np.abs(dependence) < 1e-10] = 0.0
     return dependence, kept

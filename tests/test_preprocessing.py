@@ -1,0 +1,260 @@
+"""Filters: exact where they claim it, zero phase, the same in pieces as in one go."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_robots import link_parameters, sines, tree
+
+from sdp_vs_penalty import preprocessing
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.preprocessing import Preprocessing, _Kernel, filtered_rows, filtered_torque
+
+CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
+
+
+def taps(kernel: _Kernel) -> np.ndarray:
+    return np.arange(-kernel.half, kernel.half + 1) * kernel.dt
+
+
+def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
+    """Gains (3,) of value, first and second derivative at share * cutoff over the ideal ones."""
+    kernel = _Kernel(cutoff, dt)
+    w, t = 2.0 * np.pi * share * cutoff, taps(kernel)
+    return np.array(
+        [
+            kernel.value @ np.cos(w * t),
+            -(kernel.first @ np.sin(w * t)) / w,
+            -(kernel.second @ np.cos(w * t)) / w**2,
+        ]
+    )
+
+
+@pytest.mark.parametrize(("cutoff", "dt"), CASES)
+def test_kernel_is_exact_on_polynomials_of_degree_seven(cutoff: float, dt: float) -> None:
+    kernel = _Kernel(cutoff, dt)
+    t = np.arange(4 * kernel.half) * dt
+    u = t / t[-1] - 0.5
+    c = np.random.default_rng(0).normal(size=8)
+    p = np.polynomial.Polynomial(c)
+    inner = slice(kernel.half, -kernel.half)
+    found = kernel.states(p(u)[:, None])
+    for order, values in enumerate(found):
+        exact = (p.deriv(order) if order else p)(u[inner]) / t[-1] ** order
+        np.testing.assert_allclose(values[:, 0], exact, atol=1e-9 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(("cutoff", "dt"), CASES)
+def test_gain_is_what_the_docstring_says(cutoff: float, dt: float) -> None:
+    np.testing.assert_allclose(responses(cutoff, dt, 0.1), 1.0, atol=6e-7)
+    assert responses(cutoff, dt, 0.1)[0] == pytest.approx(1.0, abs=6e-8)
+    np.testing.assert_allclose(responses(cutoff, dt, 0.5), 1.0, atol=0.012)
+    np.testing.assert_allclose(responses(cutoff, dt, 1.0), 0.5, atol=0.005)
+    stop = [abs(responses(cutoff, dt, x)[0]) for x in np.linspace(1.4, 0.5 / dt / cutoff, 100)]
+    assert max(stop) < 0.04
+
+
+@pytest.mark.parametrize(("cutoff", "dt"), CASES)
+def test_kernel_has_no_phase(cutoff: float, dt: float) -> None:
+    kernel = _Kernel(cutoff, dt)
+    size = np.abs(kernel.value).max()
+    np.testing.assert_allclose(kernel.value, kernel.value[::-1], atol=1e-13 * size)
+    np.testing.assert_allclose(
+        kernel.first, -kernel.first[::-1], atol=1e-13 * np.abs(kernel.first).max()
+    )
+    np.testing.assert_allclose(
+        kernel.second, kernel.second[::-1], atol=1e-13 * np.abs(kernel.second).max()
+    )
+
+
+def test_decimator_is_the_kernel_at_chosen_samples() -> None:
+    kernel = _Kernel(6.0, 2e-3)
+    x = np.random.default_rng(1).normal(size=(3000, 2))
+    every, _, _ = kernel.states(x)
+    at = np.array([kernel.half, 700, 1234, 3000 - kernel.half - 1])
+    found = kernel.decimator(3000, at) @ x
+    np.testing.assert_allclose(found, every[at - kernel.half], atol=1e-12)
+
+
+def test_a_position_far_from_zero_keeps_its_derivatives() -> None:
+    """A continuous joint after a thousand turns: rounding stays relative to the motion."""
+    kernel = _Kernel(5.0, 1e-3)
+    t = np.arange(6000) * 1e-3
+    q = np.sin(2 * np.pi * 0.3 * t)[:, None]
+    near, far = kernel.states(q), kernel.states(q + 6283.0)
+    for a, b in zip(near[1:], far[1:], strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-7 * np.abs(a).max())
+
+
+def model_and_run(
+    seed: int = 0, seconds: float = 12.0, dt: float = 2e-3, effects: str = "rigid_body,viscous_friction"
+) -> tuple[Model, np.ndarray, Measurements]:
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, 3)
+    model = Model(robot, parse_effects(effects, robot))
+    theta = np.concatenate([link_parameters(rng, 0.4) for _ in robot.joints])
+    theta = np.concatenate([theta, rng.uniform(0.1, 1.0, len(model.parameters) - len(theta))])
+    motion = sines(rng, 3, np.arange(0.0, seconds, dt))
+    return model, theta, Measurements(motion.t, motion.q, model.torque(theta, motion))
+
+
+def test_rows_obey_the_model_where_the_measurements_do() -> None:
+    model, theta, run = model_and_run()
+    rows = filtered_torque(run, model, Preprocessing().resolve(run))
+    modelled = np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
+    error = np.linalg.norm(modelled - rows.torque) / np.linalg.norm(rows.torque)
+    assert error < 1e-6
+
+
+@pytest.mark.parametrize("chunk", [1, 500, 10**9])
+def test_pieces_give_exactly_the_whole(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, _, run = model_and_run()
+    settings = Preprocessing(4.0, 6.0).resolve(run)
+    whole = filtered_torque(run, model, settings)
+    monkeypatch.setattr(preprocessing, "_CHUNK", chunk)
+    pieces = list(filtered_rows(run, model, settings))
+    assert len(pieces) == (1 if chunk == 10**9 else len(pieces))
+    if chunk == 1:
+        assert len(pieces) == len(whole.torque)
+    np.testing.assert_array_equal(np.concatenate([p.motion.t for p in pieces]), whole.motion.t)
+    for name in ("q", "dq", "ddq"):
+        joined = np.concatenate([getattr(p.motion, name) for p in pieces])
+        np.testing.assert_allclose(joined, getattr(whole.motion, name), atol=1e-9)
+    np.testing.assert_allclose(np.concatenate([p.torque for p in pieces]), whole.torque, atol=1e-12)
+    for k, columns in enumerate(whole.columns):
+        joined = np.concatenate([p.columns[k].columns for p in pieces])
+        np.testing.assert_allclose(joined, columns.columns, atol=1e-9)
+
+
+def test_jittered_time_stamps_are_resampled() -> None:
+    model, theta, run = model_and_run(dt=1e-3)
+    rng = np.random.default_rng(5)
+    t = np.cumsum(rng.uniform(0.3e-3, 1.7e-3, 12_000)).astype(np.float64)
+    jittered = Measurements(
+        t,
+        np.column_stack([np.interp(t, run.t, q) for q in run.q.T]),
+        np.column_stack([np.interp(t, run.t, x) for x in run.tau.T]),
+    )
+    rows = filtered_torque(jittered, model, Preprocessing(5.0, 8.0))
+    modelled = np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
+    error = np.linalg.norm(modelled - rows.torque) / np.linalg.norm(rows.torque)
+    assert error < 2e-4
+
+
+def test_a_gap_in_the_clock_is_not_bridged() -> None:
+    model, theta, run = model_and_run(seconds=20.0)
+    keep = (run.t < 8.0) | (run.t > 9.5)
+    broken = Measurements(run.t[keep], run.q[keep], run.tau[keep])
+    settings = Preprocessing(5.0, 8.0)
+    rows = filtered_torque(broken, model, settings)
+    margin = 2.0 / 5.0 + 2.0 / 8.0
+    near = (rows.motion.t > 8.0 - margin) & (rows.motion.t < 9.5 + margin)
+    assert not near.any()
+    assert np.any(rows.motion.t > 9.5 + margin)
+    modelled = np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
+    assert np.abs(modelled - rows.torque).max() < 1e-6 * np.abs(rows.torque).max()
+
+
+def test_standstill_is_dropped_and_motion_is_kept() -> None:
+    model, _, run = model_and_run(seconds=10.0, dt=2e-3)
+    rest = 3000
+    tail = np.repeat(run.q[-1:], rest, axis=0)
+    t = np.arange(len(run.t) + rest) * 2e-3
+    noise = 1e-6 * np.random.default_rng(1).normal(size=(len(t), 3))
+    stopped = Measurements(t, np.vstack([run.q, tail]) + noise, np.vstack([run.tau, 0 * tail]))
+    settings = Preprocessing(5.0, 8.0)
+    kept = filtered_torque(stopped, model, settings).motion.t
+    assert kept.max() < run.t[-1] + 0.3
+    everything = filtered_torque(stopped, model, replace(settings, standstill=-1.0)).motion.t
+    np.testing.assert_array_equal(everything[everything < 9.5], kept[kept < 9.5])
+    assert everything.max() > 14.0
+
+
+def test_idle_joints_do_not_set_the_filters() -> None:
+    """One joint moves, the others' encoders flicker: neither cut-off nor standstill is theirs."""
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 40.0, 0.01)
+    q = np.zeros((len(t), 3))
+    q[:, 1] = np.where(t < 30.0, np.sin(2 * np.pi * 0.3 * t), np.sin(2 * np.pi * 0.3 * 30.0))
+    q = q + rng.choice([0.0, 1e-5], size=q.shape)
+    run = Measurements(t, q, rng.normal(size=q.shape))
+    settings = Preprocessing().resolve(run)
+    assert settings.state_cutoff is not None
+    assert 3.0 <= settings.state_cutoff < 8.0
+    robot = tree(rng, 3)
+    rows = filtered_torque(run, Model(robot, parse_effects("torque_offset", robot)), settings)
+    assert rows.motion.t.max() < 30.5
+
+
+@pytest.mark.parametrize("base", [0.05, 0.2, 0.8])
+def test_default_cutoff_is_ten_times_the_highest_harmonic(base: float) -> None:
+    t = np.arange(0.0, 4.0 / base, 1e-3 / base)
+    rng = np.random.default_rng(2)
+    motion = sines(rng, 4, t, base, 5)
+    run = Measurements(t, motion.q + 1e-4 * rng.normal(size=motion.q.shape), motion.q)
+    settings = Preprocessing().resolve(run)
+    assert settings.state_cutoff is not None
+    assert settings.state_cutoff == pytest.approx(10 * 5 * base, rel=0.35)
+    assert settings.torque_cutoff == pytest.approx(1.6 * settings.state_cutoff)
+
+
+def test_cutoffs_stay_below_what_the_rate_allows() -> None:
+    t = np.arange(0.0, 10.0, 0.02)
+    run = Measurements(t, np.sin(2 * np.pi * 3.0 * t)[:, None], t[:, None])
+    settings = Preprocessing().resolve(run)
+    assert settings.state_cutoff == pytest.approx(5.0)
+    assert settings.torque_cutoff == pytest.approx(8.0)
+    given = Preprocessing(100.0, 200.0).resolve(run)
+    assert given.state_cutoff == pytest.approx(5.0)
+    assert given.torque_cutoff == pytest.approx(10.0)
+
+
+def test_resolving_twice_changes_nothing() -> None:
+    _, _, run = model_and_run()
+    once = Preprocessing().resolve(run)
+    assert once.resolve(run) == once
+
+
+def test_what_cannot_be_filtered_is_refused() -> None:
+    model, _, run = model_and_run(seconds=0.5)
+    with pytest.raises(InputError, match=r"no rows are left after filtering.*record longer"):
+        filtered_torque(run, model, Preprocessing(2.0, 4.0))
+    still = Measurements(run.t, 0.0 * run.q, run.tau)
+    with pytest.raises(InputError, match="does not move"):
+        Preprocessing().resolve(still)
+    noise = np.random.default_rng(0).normal(size=run.q.shape)
+    with pytest.raises(InputError, match="does not move"):
+        Preprocessing().resolve(Measurements(run.t, 1e-5 * noise, run.tau))
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("joint", [2, 5])
+def test_a_real_arms_idle_joints_do_not_set_the_filters(data_folder: Path, joint: int) -> None:
+    """Files of the UR10e in which one joint is driven (joint 5's with its neighbour 6)."""
+    rows = np.genfromtxt(data_folder / "ur10e" / f"ur-20_01_22-joint_{joint}.csv", delimiter=",")
+    run = Measurements(rows[:, 0], rows[:, 1:7], rows[:, 13:19])
+    moving = preprocessing._moving_joints(run)
+    assert (np.flatnonzero(moving) + 1).tolist() == ([2] if joint == 2 else [5, 6])
+    alone = Measurements(run.t, run.q[:, moving], run.tau[:, moving])
+    assert Preprocessing().resolve(run) == Preprocessing().resolve(alone)
+
+
+@pytest.mark.real_data
+def test_the_panda_runs_standstill_is_dropped(panda_run: Measurements) -> None:
+    """About 1100 rows at its start repeat one position."""
+    from sdp_vs_penalty.problem import load_problem
+
+    problem = load_problem("panda")
+    settings = problem.preprocessing.resolve(panda_run)
+    t = filtered_torque(panda_run, problem.model(["torque_offset"]), settings).motion.t
+    margin = 2.0 / 5.0 + 2.0 / 8.0
+    moved = panda_run.t[np.argmax(np.abs(panda_run.q - panda_run.q[0]).max(axis=1) > 1e-3)]
+    assert t[0] > moved - 0.5
+    assert t[0] < moved + margin + 0.1
+    assert np.diff(t).max() < 0.1

@@ -1,0 +1,293 @@
+"""Compression: exact, additive, in the order of time; base parameters; memory flat in N."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_robots import link_parameters, sines, tree
+
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import Measurements, concatenate
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.preprocessing import Preprocessing, filtered_torque
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import (
+    LeastSquares,
+    Regression,
+    base_parameters,
+    compress,
+    nearest_least_squares,
+    triangular,
+)
+from sdp_vs_penalty.robot import Robot
+
+seeds = st.integers(0, 2**32 - 1)
+quick = settings(max_examples=15, deadline=None, derandomize=True)
+FILTERS = Preprocessing(5.0, 8.0)
+
+
+def case(
+    seed: int, n: int = 3, seconds: float = 12.0, dt: float = 4e-3, noise: float = 0.1
+) -> tuple[Model, np.ndarray, Measurements]:
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, n)
+    model = Model(robot, parse_effects("rigid_body,viscous_friction,torque_offset", robot))
+    theta = np.concatenate([link_parameters(rng, 0.4) for _ in robot.joints] + [rng.random(2 * n)])
+    motion = sines(rng, n, np.arange(0.0, seconds, dt))
+    tau = model.torque(theta, motion) + noise * rng.normal(size=motion.q.shape)
+    return model, theta, Measurements(motion.t, motion.q, tau, None, None, (f"run{seed}",))
+
+
+def rows_of(model: Model, run: Measurements) -> tuple[list[np.ndarray], np.ndarray]:
+    """Each joint's full rows (M, p), and the torque (M, n)."""
+    rows = filtered_torque(run, model, FILTERS)
+    wide = []
+    for columns in rows.columns:
+        full = np.zeros((len(rows.torque), len(model.parameters)))
+        full[:, columns.indices] = columns.columns
+        wide.append(full)
+    return wide, rows.torque
+
+
+def assert_same_loss(a: LeastSquares, b: LeastSquares, rng: np.random.Generator) -> None:
+    for _ in range(3):
+        theta = rng.normal(size=a.R.shape[1])
+        assert a.loss(theta) == pytest.approx(b.loss(theta), rel=1e-10)
+    assert a.rows == b.rows
+    assert a.tau_squared == pytest.approx(b.tau_squared, rel=1e-12)
+
+
+@quick
+@given(seeds)
+def test_factors_answer_what_all_rows_would(seed: int) -> None:
+    model, _, run = case(seed)
+    regression = compress(run, model, FILTERS)
+    wide, torque = rows_of(model, run)
+    rng = np.random.default_rng(seed)
+    weights = rng.uniform(0.1, 3.0, model.robot.n)
+    data = regression.least_squares(weights)
+    stacked = np.vstack([w * y for w, y in zip(weights, wide, strict=True)])
+    measured = np.concatenate([w * tau for w, tau in zip(weights, torque.T, strict=True)])
+    theta = rng.normal(size=len(model.parameters))
+    residual = stacked @ theta - measured
+    assert data.loss(theta) == pytest.approx(residual @ residual, rel=1e-10)
+    np.testing.assert_allclose(data.gradient(theta), 2.0 * stacked.T @ residual, rtol=1e-7, atol=1e-6)
+    assert data.rows == stacked.shape[0]
+    assert data.tau_squared == pytest.approx(measured @ measured)
+    np.testing.assert_allclose(
+        regression.joint_losses(theta),
+        [np.sum((y @ theta - tau) ** 2) for y, tau in zip(wide, torque.T, strict=True)],
+        rtol=1e-10,
+    )
+    assert regression.joint_rows().tolist() == [len(torque)] * model.robot.n
+    seen = np.linalg.norm(stacked, axis=0)
+    np.testing.assert_allclose(data.column_norms, np.where(seen > 1e-10 * seen.max(), seen, 0.0))
+
+
+@quick
+@given(seeds)
+def test_merging_blocks_equals_one_pass(seed: int) -> None:
+    model, _, run = case(seed)
+    rng = np.random.default_rng(seed)
+    whole = compress(run, model, FILTERS, blocks_per_run=1)
+    many = compress(run, model, FILTERS, blocks_per_run=20)
+    # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
+    assert (len(whole.blocks), len(many.blocks)) == (1, 18)
+    assert_same_loss(whole.least_squares(), many.least_squares(), rng)
+    front, back = many.select(range(7)), many.select(range(7, 18))
+    again = front.merge(back)
+    assert_same_loss(whole.least_squares(), again.least_squares(), rng)
+    assert [b.run for b in again.blocks] == [0] * 7 + [1] * 11
+
+
+@quick
+@given(seeds)
+def test_files_merge_like_one_measurement(seed: int) -> None:
+    model, _, first = case(seed)
+    rng = np.random.default_rng(seed + 1)
+    motion = sines(rng, 3, np.arange(100.0, 108.0, 4e-3))
+    second = Measurements(motion.t, motion.q, rng.normal(size=motion.q.shape), None, None, ("b",))
+    together = compress(concatenate([first, second]), model, FILTERS)
+    apart = compress(first, model, FILTERS).merge(compress(second, model, FILTERS))
+    assert together.blocks == apart.blocks
+    assert_same_loss(together.least_squares(), apart.least_squares(), rng)
+    assert {b.run for b in together.blocks} == {0, 1}
+
+
+def test_blocks_come_in_the_order_of_time_and_own_their_rows() -> None:
+    model, _, run = case(0, seconds=10.0)
+    regression = compress(run, model, FILTERS, blocks_per_run=8)
+    starts = [b.start for b in regression.blocks]
+    assert starts == sorted(starts)
+    for a, b in zip(regression.blocks, regression.blocks[1:], strict=False):
+        assert a.stop == b.start
+    t = filtered_torque(run, model, FILTERS).motion.t
+    _, torque = rows_of(model, run)
+    for k, block in enumerate(regression.blocks):
+        mine = (t >= block.start) & (t < block.stop)
+        part = regression.select([k])
+        assert part.joint_rows().tolist() == [mine.sum()] * 3
+        assert part.least_squares().tau_squared == pytest.approx(np.sum(torque[mine] ** 2))
+    # The order that the time series has is not that of a file's sections, either.
+    backwards = regression.select(reversed(range(len(regression.blocks))))
+    assert [b.start for b in backwards.blocks] == starts[::-1]
+
+
+def test_short_runs_have_few_blocks() -> None:
+    model, _, run = case(1, seconds=3.0)
+    assert len(compress(run, model, FILTERS, blocks_per_run=20).blocks) <= 6
+
+
+def test_a_bootstrap_resample_counts_repeated_blocks_twice() -> None:
+    model, theta, run = case(2)
+    regression = compress(run, model, FILTERS)
+    single = [regression.select([k]).least_squares().loss(theta) for k in range(18)]
+    draw = [3, 3, 7, 0, 3]
+    resample = regression.select(draw)
+    assert resample.least_squares().loss(theta) == pytest.approx(sum(single[k] for k in draw))
+    assert resample.least_squares().rows == sum(
+        regression.select([k]).least_squares().rows for k in draw
+    )
+    assert [b.start for b in resample.blocks] == [regression.blocks[k].start for k in draw]
+    assert {f.block for f in resample.factors} == set(range(5))
+    assert regression.select([]).least_squares().rows == 0
+
+
+def test_models_that_differ_do_not_merge() -> None:
+    model, _, run = case(3)
+    other = Model(model.robot, parse_effects("rigid_body", model.robot))
+    with pytest.raises(ValueError, match="different models"):
+        compress(run, model, FILTERS).merge(compress(run, other, FILTERS))
+
+
+@quick
+@given(seeds)
+def test_triangular_keeps_the_gram_matrix(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    parts = [rng.normal(size=(rng.integers(0, 12), 5)) for _ in range(3)]
+    stack = np.vstack(parts)
+    if not len(stack):
+        return
+    r = triangular(parts)
+    assert len(r) <= 5
+    np.testing.assert_allclose(r.T @ r, stack.T @ stack, atol=1e-12)
+    assert np.all(np.diagonal(r) >= 0.0)
+    np.testing.assert_array_equal(r, np.triu(r))
+
+
+@quick
+@given(seeds)
+def test_nearest_least_squares_is_a_minimiser_and_the_nearest(seed: int) -> None:
+    model, _, run = case(seed)
+    data = compress(run, model, FILTERS).least_squares()
+    rng = np.random.default_rng(seed)
+    p = data.R.shape[1]
+    reference: np.ndarray = rng.normal(size=(p,))
+    scale = np.full(p, 10.0)
+    theta = nearest_least_squares(data, reference, scale)
+    optimum = data.loss(np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
+    assert data.loss(theta) == pytest.approx(optimum, rel=1e-6)
+    unseen = data.column_norms == 0.0
+    np.testing.assert_allclose(theta[unseen], reference[unseen], atol=1e-9)
+
+
+@quick
+@given(seeds)
+def test_base_parameters_make_the_same_torque(seed: int) -> None:
+    """pi = B theta determines every torque: Y theta = Y B^+ B theta; and nothing less does."""
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, int(rng.integers(1, 6)))
+    model = Model(robot, parse_effects("rigid_body", robot))
+    matrix, kept = base_parameters(model)
+    np.testing.assert_allclose(matrix[:, kept], np.eye(len(kept)), atol=1e-9)
+    regressor = robot.regressor(*rng.normal(size=(3, 60, robot.n))).reshape(-1, 10 * robot.n)
+    np.testing.assert_allclose(
+        regressor, regressor[:, kept] @ matrix, atol=1e-8 * np.abs(regressor).max()
+    )
+    scaled = regressor / np.maximum(np.linalg.norm(regressor, axis=0), 1e-300)
+    assert np.linalg.matrix_rank(scaled, tol=1e-8) == len(kept)
+
+
+def test_base_parameters_of_the_panda_are_the_papers_43(panda: Problem) -> None:
+    model = panda.model(["rigid_body"])
+    matrix, kept = base_parameters(model, panda.independent)
+    assert matrix.shape == (43, 70)
+    assert [model.parameters[k].name for k in kept] == list(panda.independent or ())
+
+
+def test_base_parameters_of_the_two_link_robot_are_the_papers_8(two_link: Problem) -> None:
+    """pi_2R of the supplementary material, with row 6 corrected to J2zz - 0.64 m2."""
+    model = two_link.model(["rigid_body"])
+    matrix, kept = base_parameters(model, two_link.independent)
+    names = [p.name for p in model.parameters]
+
+    def row(**terms: float) -> np.ndarray:
+        out = np.zeros(len(names))
+        for name, value in terms.items():
+            out[names.index(name)] = value
+        return out
+
+    l2 = 0.8
+    # In standard DH the frame of link 2 sits at its end: J about it, c2x < 0.
+    for k, name in enumerate(two_link.independent or ()):
+        assert names[kept[k]] == name
+    np.testing.assert_allclose(matrix[5], row(Izz2=1.0, m2=-(l2**2)), atol=1e-9)
+    np.testing.assert_allclose(matrix[6], row(mx2=1.0, m2=l2), atol=1e-9)
+    np.testing.assert_allclose(matrix[7], row(my2=1.0), atol=1e-9)
+    np.testing.assert_allclose(matrix[1], row(Ixx2=1.0, Iyy2=-1.0, mx2=0.0, m2=l2**2), atol=1e-9)
+
+
+def test_independent_parameters_must_be_independent(panda: Problem) -> None:
+    model = panda.model(["rigid_body"])
+    names = list(panda.independent or ())
+    with pytest.raises(InputError, match="not the robot's 43 independent"):
+        base_parameters(model, [*names[:-1], "mx7"])
+    with pytest.raises(InputError, match="bogus"):
+        base_parameters(model, [*names[:-1], "bogus"])
+
+
+def tiled(run: Measurements, times: int) -> Measurements:
+    step = run.t[1] - run.t[0]
+    length = run.t[-1] - run.t[0] + step
+    return Measurements(
+        np.concatenate([run.t + k * length for k in range(times)]),
+        np.tile(run.q, (times, 1)),
+        np.tile(run.tau, (times, 1)),
+    )
+
+
+def peak_beyond_samples(run: Measurements, model: Model) -> int:
+    """Peak of what compress() allocates [bytes]; the samples are there before."""
+    tracemalloc.start()
+    try:
+        compress(run, model, FILTERS)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_beyond_the_samples_does_not_grow_with_their_number() -> None:
+    """4x the samples: what is added beyond a few copies of them stays the same."""
+    rng = np.random.default_rng(0)
+    robot = Robot.from_dh("r", [0.0] * 4, [0.0, 1.57, -1.57, 1.57], [0.3] * 4, "modified")
+    model = Model(robot, parse_effects("rigid_body,viscous_friction", robot))
+    t = np.arange(0.0, 25.0, 2e-3)
+    motion = sines(rng, 4, t, 0.04, 4)
+    run = Measurements(t, motion.q, rng.normal(size=motion.q.shape))
+    short, long = tiled(run, 1), tiled(run, 4)
+    size = {len(r.t): r.t.nbytes + r.q.nbytes + r.tau.nbytes for r in (short, long)}
+    peak = {len(r.t): peak_beyond_samples(r, model) for r in (short, long)}
+    growth = peak[len(long.t)] - peak[len(short.t)]
+    more = size[len(long.t)] - size[len(short.t)]
+    columns = 44 * 4 * 8 * (len(long.t) - len(short.t))  # what holding all columns would add
+    assert growth < 5 * more
+    assert growth < 0.3 * columns
+
+
+def test_regression_of_nothing_has_no_rows() -> None:
+    assert Regression((), 0, (), ()).joint_rows().tolist() == []
