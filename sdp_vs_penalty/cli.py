@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__
+from sdp_vs_penalty import __version__, cli_files
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -223,6 +223,9 @@ def fetch(
             print(f"sdp-vs-penalty: {remark}", file=sys.stderr)
         for path in paths:
             print(path)
+
+
+cli_files.register(app)
 
 
 def _estimator(method: str, solver_name: str | None) -> Estimator:

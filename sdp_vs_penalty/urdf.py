@@ -74,6 +74,11 @@ class _Reader:
         return inertia.transform(self.pose(element)) @ about_com
 
 
+def read_inertial(path: str | Path, link: Any) -> Array:
+    """Standard parameters (10,), about the link frame, of a <link> element of a file."""
+    return _Reader(Path(path)).inertial(link)
+
+
 def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> tuple[Robot, Array]:
     """The robot of a URDF file and its nominal standard parameters, shape (n, 10).
 

@@ -1,0 +1,49 @@
+"""Take a model elsewhere: URDF, MJCF, JSON, or one NumPy file. :func:`export` is the verb."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.export.content import Content
+from sdp_vs_penalty.export.mjcf import make_mjcf
+from sdp_vs_penalty.export.numpy_function import make_function
+from sdp_vs_penalty.export.sidecar import make_sidecar
+from sdp_vs_penalty.export.urdf import edit_urdf, make_urdf
+from sdp_vs_penalty.files import write_bytes
+
+#: What each suffix writes, for the command line's help.
+FORMATS = {".urdf": "URDF", ".xml": "MuJoCo's MJCF", ".json": "plain JSON", ".py": "NumPy function"}
+
+_WHOLE: dict[str, Callable[[Estimate], bytes]] = {".json": make_sidecar, ".py": make_function}
+
+
+def export(estimate: Estimate, out: str | Path, urdf: str | Path | None = None) -> tuple[str, ...]:
+    """Write a model in the format of the suffix: .urdf, .xml (MJCF), .json, or .py (NumPy function).
+
+    urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
+        other byte is kept; for ``out`` with the suffix .urdf only.
+    Returns the effects that the format has no place for (they are in the .json and the .py).
+    Raises InputError for another suffix, an inconsistent inertial, or a URDF of another robot.
+    """
+    out = Path(out)
+    suffix = out.suffix.lower()
+    if suffix not in FORMATS:
+        known = ", ".join(f"{key} ({what})" for key, what in FORMATS.items())
+        raise InputError(f"{out}: the suffix chooses the format, and there are: {known}.")
+    if urdf is not None and suffix != ".urdf":
+        raise InputError(f"{out}: --urdf edits a URDF file, so that --out must end in .urdf.")
+    if suffix in _WHOLE:
+        write_bytes(out, _WHOLE[suffix](estimate))
+        return ()
+    content = Content.of(estimate)
+    if suffix == ".xml":
+        write_bytes(out, make_mjcf(estimate.robot, content))
+        return content.left_out(armature=True)
+    made = (
+        make_urdf(estimate.robot, content) if urdf is None else edit_urdf(urdf, estimate.robot, content)
+    )
+    write_bytes(out, made)
+    return content.left_out(armature=False)

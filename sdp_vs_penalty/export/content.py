@@ -1,0 +1,116 @@
+"""What of a model a simulator's file can hold: links, damping, dry friction, armature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate
+
+Array = NDArray[np.float64]
+
+#: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's inertia.
+_PLACES = {"viscous_friction": "damping", "coulomb_friction": "friction", "rotor_inertia": "armature"}
+
+#: Smallest eigenvalue of a pseudo-inertia, relative to its trace, that still counts as consistent:
+#: what rounding leaves of an exact zero (a rod, a point mass) after a change of frames.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Content:
+    """links : (n, 10) standard parameters about each *joint* frame; damping [N m s/rad, N s/m],
+    friction [N m, N], armature [kg m^2, kg]: (n,), zero where the model has none.
+    others : names of the effects that have no place in such a file.
+    """
+
+    links: Array
+    damping: Array
+    friction: Array
+    armature: Array
+    others: tuple[str, ...]
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Content:
+        """Raises InputError for an inconsistent link, negative friction or a model without links."""
+        model, robot = estimate.model, estimate.robot
+        if not len(model.rigid_indices):
+            raise InputError(
+                f"model {estimate.problem}: there is no rigid_body in it, so that there are no inertias "
+                "to write: export it as .json or .py."
+            )
+        links = np.stack(
+            [
+                inertia.transform(joint.link_frame) @ own
+                for joint, own in zip(robot.joints, estimate.links, strict=True)
+            ]
+        )
+        for k, (joint, link) in enumerate(zip(robot.joints, links, strict=True)):
+            require_consistent(link, f"link {k + 1} (on joint {joint.name!r})")
+        values = {name: np.zeros(robot.n) for name in _PLACES.values()}
+        for parameter, value in zip(model.parameters, estimate.theta, strict=True):
+            place = _PLACES.get(parameter.effect)
+            if place is None:
+                continue
+            if value < 0.0:
+                raise InputError(
+                    f"joint {parameter.joint}: {parameter.effect} is {value:.4g} {parameter.unit}, and "
+                    f"a negative {place} would feed energy into a simulation: identify with a method "
+                    "that keeps signs (lmi-sdp, penalty)."
+                )
+            values[place][parameter.joint - 1] += value
+        others = tuple(e.text for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
+        return cls(links, others=others, **values)
+
+    def left_out(self, *, armature: bool) -> tuple[str, ...]:
+        """Effects that are lost in a file with, or without, a place for the armature."""
+        lost = not armature and bool(np.any(self.armature > 0.0))
+        return (("rotor_inertia",) if lost else ()) + self.others
+
+
+def require_consistent(link: Array, name: str) -> None:
+    """InputError unless some mass distribution has these standard parameters (10,)."""
+    pseudo = inertia.pseudo_inertia(link)
+    smallest = float(np.linalg.eigvalsh(pseudo)[0])
+    if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(float(np.trace(pseudo)), 0.0):
+        raise InputError(
+            f"{name}: the inertial is not physically consistent (smallest eigenvalue of its "
+            f"pseudo-inertia {smallest:.3g}), and simulators refuse or explode with such a body: "
+            "identify with a method that imposes consistency (lmi-sdp, penalty)."
+        )
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """As URDF and MJCF write it: mass [kg], com (3,) [m], about_com (3, 3) [kg m^2]."""
+
+    mass: float
+    com: Array
+    about_com: Array
+
+    @classmethod
+    def of(cls, link: Array) -> Inertial:
+        if link[0] == 0.0:  # consistent and massless: nothing at all
+            return cls(0.0, np.zeros(3), np.zeros((3, 3)))
+        parts = inertia.barycentric_from_standard(link)
+        return cls(float(parts[0]), parts[1:4], inertia.inertia_matrix(parts[4:]))
+
+    @property
+    def urdf_attributes(self) -> dict[str, str]:
+        """ixx ... izz as text of full precision."""
+        return {
+            f"i{'xyz'[i]}{'xyz'[j]}": number(self.about_com[i, j]) for i in range(3) for j in range(i, 3)
+        }
+
+
+def number(value: float) -> str:
+    """The shortest text that reads back to the same double."""
+    return repr(float(value) + 0.0)  # + 0.0: no negative zero
+
+
+def numbers(values: Array) -> str:
+    return " ".join(map(number, values))

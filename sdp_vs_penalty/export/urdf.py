@@ -1,0 +1,214 @@
+"""A URDF made from a model, or the user's own URDF with its inertials and friction replaced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.export.content import Content, Inertial, number, numbers, require_consistent
+from sdp_vs_penalty.export.splice import Document
+from sdp_vs_penalty.robot import Joint, Robot
+from sdp_vs_penalty.urdf import load_urdf
+
+Array = NDArray[np.float64]
+
+#: URDF demands a number where a limit is unknown; these do not limit.
+_NO_LIMIT = 1e6
+#: How far the joint axes of a model and of a URDF may be apart: what rounded DH tables leave [m, -].
+_SAME_AXIS = 1e-4
+
+
+def make_urdf(robot: Robot, content: Content) -> bytes:
+    """A URDF of a model's kinematics, inertials, damping and friction; link frames on the joints."""
+    root = etree.Element("robot", name=robot.name)
+    etree.SubElement(root, "link", name="base_link")
+    for i, joint in enumerate(robot.joints):
+        link = etree.SubElement(root, "link", name=f"link{i + 1}")
+        body = Inertial.of(content.links[i])
+        element = etree.SubElement(link, "inertial")
+        etree.SubElement(element, "origin", xyz=numbers(body.com), rpy="0 0 0")
+        etree.SubElement(element, "mass", value=number(body.mass))
+        etree.SubElement(element, "inertia", **body.urdf_attributes)
+        _joint(root, joint, i, content)
+    etree.indent(root)
+    return bytes(etree.tostring(root, xml_declaration=True, encoding="utf-8")) + b"\n"
+
+
+def _joint(root: Any, joint: Joint, i: int, content: Content) -> None:
+    bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
+    open_kind = "continuous" if joint.kind == "revolute" else "prismatic"
+    kind = joint.kind if bounded else open_kind
+    element = etree.SubElement(root, "joint", name=joint.name, type=kind)
+    xyz, rpy = joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])
+    etree.SubElement(element, "origin", xyz=numbers(xyz), rpy=numbers(rpy))
+    parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
+    etree.SubElement(element, "parent", link=parent)
+    etree.SubElement(element, "child", link=f"link{i + 1}")
+    etree.SubElement(element, "axis", xyz=numbers(joint.axis))
+    limits = {"effort": joint.effort, "velocity": joint.velocity}
+    if kind != "continuous":
+        limits = {"lower": joint.lower, "upper": joint.upper, **limits}
+    bound = {k: number(v if np.isfinite(v) else np.copysign(_NO_LIMIT, v)) for k, v in limits.items()}
+    etree.SubElement(element, "limit", **bound)
+    dynamics = {"damping": number(content.damping[i]), "friction": number(content.friction[i])}
+    etree.SubElement(element, "dynamics", **dynamics)
+
+
+def rpy_of(rotation: Array) -> Array:
+    """Angles of R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding also where the pitch is 90 degrees.
+
+    There roll and yaw turn about one axis; the roll is read after the other two are undone, so that
+    it makes up for whatever rounding did to the yaw.
+    """
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    across = np.array([-np.sin(yaw), np.cos(yaw), 0.0])  # the y axis after the yaw
+    roll = np.arctan2(-across @ rotation[:, 2], across @ rotation[:, 1])
+    return np.array([roll, pitch, yaw])
+
+
+def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
+    """The user's URDF with this model's inertials, damping and friction, else byte for byte the same.
+
+    Links fixed to a moving one carry a mass of zero afterwards: theirs is part of the moving link's.
+    Raises InputError where the file's joints are not those of the model.
+    """
+    theirs, _ = load_urdf(path)
+    links = _in_frames_of(path, theirs, robot, content.links)
+    document = Document.read(path)
+    owner = _moving_links(document.root, theirs)
+    order = _order(path, theirs, robot)
+    for element in document.root.findall("link"):
+        name = element.get("name")
+        body = owner.get(name)
+        if body is None:  # the base and what is fixed to it
+            continue
+        index, carries = body
+        if carries:
+            require_consistent(links[index], f"{path}: link {name!r}")
+            write_inertial(document, element, Inertial.of(links[index]))
+        elif element.find("inertial") is not None:
+            zero = Inertial.of(np.zeros(10))
+            _write(document, element, {"mass": {"value": "0"}, "inertia": zero.urdf_attributes})
+    joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
+    for index, joint in enumerate(theirs.joints):
+        element = joints[joint.name]
+        mine = order[index]
+        values = {"damping": content.damping[mine], "friction": content.friction[mine]}
+        dynamics = element.find("dynamics")
+        attributes = {key: number(value) for key, value in values.items()}
+        if dynamics is not None:
+            document.set(dynamics, attributes)
+        elif any(values.values()):
+            text = "".join(f' {key}="{value}"' for key, value in attributes.items())
+            document.append(element, f"<dynamics{text}/>")
+    return document.edited()
+
+
+def write_inertial(document: Document, link: Any, body: Inertial) -> None:
+    """Replace the numbers of a link's inertial; add whatever of it is missing."""
+    wanted = {
+        "origin": {"xyz": numbers(body.com), "rpy": "0 0 0"},
+        "mass": {"value": number(body.mass)},
+        "inertia": body.urdf_attributes,
+    }
+    _write(document, link, wanted)
+
+
+def _write(document: Document, link: Any, wanted: dict[str, dict[str, str]]) -> None:
+    texts = {
+        tag: f"<{tag}" + "".join(f' {k}="{v}"' for k, v in attributes.items()) + "/>"
+        for tag, attributes in wanted.items()
+    }
+    element = link.find("inertial")
+    if element is None:
+        document.append(link, "<inertial>" + "".join(texts.values()) + "</inertial>")
+        return
+    for tag, attributes in wanted.items():
+        child = element.find(tag)
+        if child is None:
+            document.append(element, texts[tag])
+        else:
+            document.set(child, attributes)
+
+
+def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
+    """Of every link that moves: the joint that moves it, and whether it hangs on that joint itself."""
+    index = {joint.name: k for k, joint in enumerate(robot.joints)}
+    above: dict[str, tuple[str, str]] = {}
+    for joint in root.findall("joint"):
+        child = joint.find("child").get("link")
+        above[child] = joint.get("name"), joint.find("parent").get("link")
+    out: dict[str, tuple[int, bool]] = {}
+    for name in above:
+        link, own = name, True
+        while link in above:
+            joint_name, parent = above[link]
+            if joint_name in index:
+                out[name] = index[joint_name], own
+                break
+            link, own = parent, False
+    return out
+
+
+def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
+    """For each joint of the file the model's joint: by name where all names agree, else in order."""
+    if theirs.n != mine.n:
+        raise InputError(
+            f"{path}: the file has {theirs.n} moving joint(s), the model {mine.n}: "
+            "give the URDF of the robot that was identified."
+        )
+    names = [joint.name for joint in mine.joints]
+    if sorted(names) == sorted(joint.name for joint in theirs.joints):
+        return [names.index(joint.name) for joint in theirs.joints]
+    return list(range(mine.n))
+
+
+def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) -> Array:
+    """Standard parameters about the file's link frames; the joint axes must coincide at q = 0.
+
+    A model's frames may sit elsewhere on the same axes (a DH table beside a URDF): with T the poses
+    of corresponding joint frames in the base, parameters move by T_file^-1 T_model.
+    """
+    order = _order(path, theirs, mine)
+    poses = {id(robot): _poses(robot) for robot in (theirs, mine)}
+    out = np.empty_like(links)
+    for index, joint in enumerate(theirs.joints):
+        other = mine.joints[order[index]]
+        relation = np.linalg.inv(poses[id(theirs)][index]) @ poses[id(mine)][order[index]]
+        turned = relation[:3, :3] @ other.axis
+        offset = relation[:3, 3]
+        if joint.kind == "revolute":
+            offset = offset - joint.axis * (joint.axis @ offset)
+            apart = float(np.linalg.norm(offset))
+        else:
+            apart = 0.0
+        wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
+        if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
+            raise InputError(
+                f"{path}: joint {joint.name!r} is not joint {other.name!r} of the model (another kind, "
+                "parent or direction of its axis): give the URDF of the robot that was identified."
+            )
+        if apart > _SAME_AXIS:
+            raise InputError(
+                f"{path}: the axis of joint {joint.name!r} lies {1e3 * apart:.3g} mm beside that of "
+                f"joint {other.name!r} of the model: give the URDF of the robot that was identified."
+            )
+        same = np.array_equal(relation, np.eye(4))
+        out[index] = links[order[index]] if same else inertia.transform(relation) @ links[order[index]]
+    return out
+
+
+def _poses(robot: Robot) -> list[Array]:
+    """Pose of each joint frame in the base at q = 0."""
+    out: list[Array] = []
+    for joint in robot.joints:
+        parent = np.eye(4) if joint.parent < 0 else out[joint.parent]
+        out.append(parent @ joint.placement)
+    return out
