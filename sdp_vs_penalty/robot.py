@@ -178,7 +178,8 @@ class Robot:
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         for k in range(len(q)):
             pin.computeJointJacobians(model, data, q[k])
-            out[k] = pin.getJointJacobian(model, data, link + 1, frame)
+            # one column comes back flat
+            out[k] = np.reshape(pin.getJointJacobian(model, data, link + 1, frame), (6, self.n))
         return out
 
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion, smooth_sign
+from sdp_vs_penalty.effects.effect import (
+    SIGN_WIDTH,
+    Array,
+    JointEffect,
+    Motion,
+    smooth_sign,
+    velocity_unit,
+)
 
 
 class CoulombFriction(JointEffect):
@@ -21,3 +28,6 @@ class CoulombFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return smooth_sign(motion.dq[:, joint], self.shape["v_s"])
+
+    def shape_unit(self, key: str, joint: int) -> str:
+        return velocity_unit(self.robot, joint)
