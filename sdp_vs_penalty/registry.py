@@ -40,13 +40,13 @@ def _methods() -> Listing:
 
 
 def _solvers() -> Listing:
-    from sdp_vs_penalty.solvers import solver_modules
+    from sdp_vs_penalty.solvers import absent, installed_by, solver_modules
 
     rows: Rows = []
     for name, module in solver_modules().items():
-        extra = "core" if module.EXTRA is None else f"extra [{module.EXTRA}]"
-        rows.append((name, extra, (module.__doc__ or "").strip().splitlines()[0]))
-    return ("name", "installed by", "what it is"), rows
+        here = "yes" if absent(module) is None else "absent"
+        rows.append((name, here, installed_by(module), (module.__doc__ or "").strip().splitlines()[0]))
+    return ("name", "here", "installed by", "what it is"), rows
 
 
 def _datasets() -> Listing:

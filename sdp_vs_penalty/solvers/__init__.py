@@ -1,16 +1,25 @@
-"""Conic solvers, one small file each; a file with NAME and solve() is its registration."""
+"""Conic solvers, one small file each; a file with NAME and solve() is its registration.
+
+NAME : on the command line; EXTRA : what installs it (None: the core installation); REQUIRES : the
+("package", module) or ("program", command) without which it is absent; CONES : what it takes, after
+rewriting where it lacks quadratic objectives, equalities or second-order cones.
+"""
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import pkgutil
+import shutil
+import subprocess
+from importlib import metadata
 from types import ModuleType
 
 from sdp_vs_penalty.errors import InputError
 
 
 def solver_modules() -> dict[str, ModuleType]:
-    """Every solver of the library by name; whether it is installed shows when it is called."""
+    """Every solver of the library by name; :func:`absent` says which are not installed."""
     found = {}
     for module in pkgutil.iter_modules(__path__):
         home = importlib.import_module(f"{__name__}.{module.name}")
@@ -20,7 +29,49 @@ def solver_modules() -> dict[str, ModuleType]:
 
 
 def solver(name: str) -> ModuleType:
+    """The module of a solver; InputError where it is unknown or absent, saying what installs it."""
     modules = solver_modules()
     if name not in modules:
         raise InputError(f"solver {name!r} is unknown; there are: {', '.join(modules)}.")
+    reason = absent(modules[name])
+    if reason is not None:
+        raise InputError(f"solver {name} cannot be used here: {reason}.")
     return modules[name]
+
+
+def absent(module: ModuleType) -> str | None:
+    """Why a solver cannot be used on this machine and what to do, or None where it can."""
+    kind, what = module.REQUIRES
+    missing = shutil.which(what) is None if kind == "program" else importlib.util.find_spec(what) is None
+    if missing:
+        return f"the {kind} {what} is not installed; {installed_by(module)} brings it"
+    if hasattr(module, "licence"):
+        reason: str | None = module.licence()
+        return reason
+    return None
+
+
+def installed_by(module: ModuleType) -> str:
+    """The extra, or the words, that say where a solver comes from."""
+    if module.EXTRA is None:
+        return "the core installation"
+    return str(module.EXTRA) if " " in module.EXTRA else f"the extra [{module.EXTRA}]"
+
+
+def version(module: ModuleType) -> str:
+    """The installed version of what a solver requires; empty where a program does not say."""
+    kind, what = module.REQUIRES
+    if kind == "package":
+        homes = metadata.packages_distributions().get(what, [what])
+        return metadata.version(homes[0])
+    package = {"csdp": "coinor-csdp", "dsdp5": "dsdp", "sdpa": "sdpa"}.get(what, what)
+    try:
+        done = subprocess.run(
+            ["dpkg-query", "-W", "-f", "${Version}", package],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    except OSError:
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

@@ -7,9 +7,12 @@ import time
 import numpy as np
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.options import options
 
 NAME = "clarabel"
 EXTRA = None  # part of the core installation
+REQUIRES = ("package", "clarabel")
+CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 
 _CLAIMS = {
     "Solved": "optimal",
@@ -34,7 +37,8 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+    for key, value in options(NAME, accuracy).items():
+        setattr(settings, key, value)
     cones = [
         clarabel.ExponentialConeT() if c.kind == "exp" else kinds[c.kind](c.size) for c in problem.cones
     ]

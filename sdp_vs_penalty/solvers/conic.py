@@ -323,9 +323,9 @@ class _Rows:
             constant[:4, :4] = link.value(centre) * twice
             columns = svec(blocks)
             variables = np.concatenate([link.indices, base + np.arange(len(lower))])
-            k, row = np.nonzero(columns)
+            entry, row = np.nonzero(columns)
             starts.append(self.count)
-            self._add(row, variables[k], -columns[k, row], svec(constant), Cone("psd", 8))
+            self._add(row, variables[entry], -columns[entry, row], svec(constant), Cone("psd", 8))
             for d in range(4):
                 diagonal, log = base + lower.index((d, d)), base + len(lower) + d
                 logs.append(log)

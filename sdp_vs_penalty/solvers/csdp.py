@@ -1,0 +1,54 @@
+"""CSDP (Borchers 1999), the command-line program, through the sparse SDPA format."""
+
+from __future__ import annotations
+
+import re
+
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.options import options
+from sdp_vs_penalty.solvers.sdpa_format import read_solution, run_program
+
+NAME = "csdp"
+EXTRA = "a system package: coinor-csdp"
+REQUIRES = ("program", "csdp")
+CONES = frozenset({"nonnegative", "psd"})
+
+#: Its exit codes. Our problem is the one that CSDP calls the dual.
+_CLAIMS = {0: "optimal", 1: "unbounded", 2: "infeasible", 3: "inaccurate"}
+
+_PARAMETERS = """axtol={axtol}
+atytol={atytol}
+objtol={objtol}
+pinftol=1.0e8
+dinftol=1.0e8
+maxiter={maxiter}
+minstepfrac=0.90
+maxstepfrac=0.97
+minstepp=1.0e-8
+minstepd=1.0e-8
+usexzgap=1
+tweakgap=0
+affine=0
+printlevel=1
+perturbobj=1
+fastmode=0
+"""
+
+
+def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+    """Solve to the accuracy asked for (feasibility and gap)."""
+    files = {"param.csdp": _PARAMETERS.format(**options(NAME, accuracy))}
+    return run_program(
+        problem,
+        ["csdp", "problem.dat-s", "solution"],
+        files,
+        _judge,
+        lambda folder, lmi: read_solution(folder / "solution", lmi),
+    )
+
+
+def _judge(text: str, code: int) -> tuple[str, str, int]:
+    said = re.findall(r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M)
+    line = next((s for s in text.splitlines() if said and s.startswith(said[-1])), f"exit code {code}")
+    iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
+    return _CLAIMS.get(code, "failed"), line, max(iterations, 0)

@@ -1,0 +1,30 @@
+"""MOSEK, commercial, where its package and a licence are found; called through CVXPY."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from sdp_vs_penalty.solvers import through_cvxpy
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.options import options
+
+NAME = "mosek"
+EXTRA = "its vendor, with a licence"
+REQUIRES = ("package", "mosek")
+CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+
+
+def licence() -> str | None:
+    """What is missing of the licence, or None."""
+    named = os.environ.get("MOSEKLM_LICENSE_FILE")
+    if named and ("@" in named or Path(named).exists()):  # a file, or port@server
+        return None
+    if (Path.home() / "mosek" / "mosek.lic").is_file():
+        return None
+    return "no licence in MOSEKLM_LICENSE_FILE or ~/mosek/mosek.lic"
+
+
+def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+    """Solve to the accuracy asked for (relative gap and feasibility)."""
+    return through_cvxpy.solve(problem, "MOSEK", {"mosek_params": options(NAME, accuracy)})

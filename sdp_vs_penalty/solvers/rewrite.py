@@ -1,0 +1,212 @@
+"""The same conic problem for solvers that lack a quadratic objective, equalities or second-order cones.
+
+Each step is a change of rows and columns with its way back: x and z of the rewritten problem become
+x and z of the original, so that a solver is judged on the problem that was posed.
+
+    quadratic    1/2 |L^T x|^2 <= t    as    |(t - 1, sqrt(2) L^T x)| <= t + 1, in groups of rows
+    equality     a_j x_j + ... = b     solved for variables that no other equality holds
+    soc          |u| <= s              as    [[s, u^T], [u, s 1]] >= 0 (arrow matrix)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
+
+Array = NDArray[np.float64]
+
+
+class NotApplicableError(ValueError):
+    """The problem has a cone that the solver lacks and that cannot be rewritten."""
+
+
+@dataclass(frozen=True)
+class Rewritten:
+    """A problem and back(x, z), from its solutions to those of the problem it came from."""
+
+    problem: ConicProblem
+    back: Callable[[Array, Array], tuple[Array, Array]]
+
+    def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
+        following = step(self.problem)
+
+        def back(x: Array, z: Array) -> tuple[Array, Array]:
+            return self.back(*following.back(x, z))
+
+        return Rewritten(following.problem, back)
+
+
+def unchanged(problem: ConicProblem) -> Rewritten:
+    return Rewritten(problem, lambda x, z: (x, z))
+
+
+def linear_matrix_inequalities(problem: ConicProblem, group: int = 10) -> Rewritten:
+    """Linear objective, no equalities, only psd and nonnegative cones: what SDPA's format holds.
+
+    group : rows of a quadratic objective that share one arrow matrix; many small ones are cheaper.
+    """
+    reject(problem, {"exp"})
+    return (
+        unchanged(problem)
+        .then(lambda p: linear_objective(p, group))
+        .then(without_equalities)
+        .then(arrows)
+    )
+
+
+def reject(problem: ConicProblem, kinds: set[str]) -> None:
+    """Raise NotApplicableError where the problem has a cone of these kinds."""
+    found = sorted({c.kind for c in problem.cones} & kinds)
+    if found:
+        raise NotApplicableError(f"the solver has no {', '.join(found)} cone")
+
+
+def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
+    """G (k, m) with 1/2 x^T P x = 1/2 |G x|^2; P holds the upper triangle only."""
+    P = sparse.csc_matrix(problem.P)
+    diagonal = P.diagonal()
+    if P.nnz == np.count_nonzero(diagonal):
+        seen = np.flatnonzero(diagonal)
+        ones = np.arange(len(seen))
+        return sparse.csr_matrix((np.sqrt(diagonal[seen]), (ones, seen)), (len(seen), P.shape[0]))
+    full = P.toarray()
+    values, vectors = np.linalg.eigh(full + np.triu(full, 1).T)
+    kept = values > 1e-15 * values[-1]
+    return sparse.csr_matrix(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
+
+
+def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
+    """The quadratic part bounded by new variables t, one for each group of its rows (None: one)."""
+    if problem.P.nnz == 0:
+        return unchanged(problem)
+    factor = quadratic_factor(problem)
+    rows, m = factor.shape
+    size = rows if group is None else group
+    starts = list(range(0, rows, size))
+    columns = len(starts)
+    blocks, constants, cones = [sparse.hstack([problem.A, _zeros(problem.A.shape[0], columns)])], [], []
+    for k, start in enumerate(starts):
+        part = factor[start : start + size]
+        unit = sparse.csr_matrix(([1.0], ([0], [k])), (1, columns))
+        top = sparse.hstack([_zeros(1, m), -unit])
+        blocks += [top, top, sparse.hstack([-np.sqrt(2.0) * part, _zeros(part.shape[0], columns)])]
+        constants += [np.array([1.0, -1.0]), np.zeros(part.shape[0])]
+        cones.append(Cone("soc", 2 + part.shape[0]))
+    made = ConicProblem(
+        sparse.csc_matrix((m + columns, m + columns)),
+        np.concatenate([problem.q, np.ones(columns)]),
+        sparse.csc_matrix(sparse.vstack(blocks)),
+        np.concatenate([problem.b, *constants]),
+        (*problem.cones, *cones),
+    )
+    old_rows = len(problem.b)
+    return Rewritten(made, lambda x, z: (x[:m], z[:old_rows]))
+
+
+def without_equalities(problem: ConicProblem) -> Rewritten:
+    """Each equality solved for a variable that occurs in no other equality, and substituted.
+
+    Raises NotApplicableError where an equality has no such variable, or the objective is quadratic.
+    """
+    equal = np.concatenate(
+        [np.full(c.rows, c.kind == "zero") for c in problem.cones] or [np.zeros(0, bool)]
+    )
+    if not equal.any():
+        return unchanged(problem)
+    if problem.P.nnz:
+        raise NotApplicableError("equalities are substituted after the quadratic objective")
+    A = sparse.csr_matrix(problem.A)
+    E, e, rest = sparse.csc_matrix(A[equal]), problem.b[equal], A[~equal]
+    lonely = np.flatnonzero(np.diff(E.indptr) == 1)
+    row_of, value = E.indices[E.indptr[lonely]], E.data[E.indptr[lonely]]
+    # The largest coefficient of each row; the residual variables' are all -1.
+    order = np.lexsort((-np.abs(value), row_of))
+    rows, first = np.unique(row_of[order], return_index=True)
+    if len(rows) != E.shape[0]:
+        raise NotApplicableError("an equality holds no variable of its own")
+    pivots, size = lonely[order][first], value[order][first]
+    kept = np.setdiff1d(np.arange(A.shape[1]), pivots)
+    # x_pivot = offset - slope x_kept
+    slope = sparse.diags(1.0 / size) @ E[:, kept]
+    offset = e / size
+    rest = sparse.csc_matrix(rest)
+    made = ConicProblem(
+        sparse.csc_matrix((len(kept), len(kept))),
+        problem.q[kept] - slope.T @ problem.q[pivots],
+        sparse.csc_matrix(rest[:, kept] - rest[:, pivots] @ slope),
+        problem.b[~equal] - rest[:, pivots] @ offset,
+        tuple(c for c in problem.cones if c.kind != "zero"),
+    )
+
+    def back(x: Array, z: Array) -> tuple[Array, Array]:
+        full_x, full_z = np.zeros(A.shape[1]), np.zeros(len(equal))
+        full_x[kept] = x
+        full_x[pivots] = offset - slope @ x
+        full_z[~equal] = z
+        # Stationarity in the pivots: q + A^T z = 0.
+        full_z[equal] = -(problem.q[pivots] + rest[:, pivots].T @ z) / size
+        return full_x, full_z
+
+    return Rewritten(made, back)
+
+
+def arrows(problem: ConicProblem) -> Rewritten:
+    """Second-order cones as arrow matrices; the adjoint of the map brings multipliers back."""
+    if not any(c.kind == "soc" for c in problem.cones):
+        return unchanged(problem)
+    maps, cones = [], []
+    for cone in problem.cones:
+        if cone.kind != "soc":
+            maps.append(sparse.identity(cone.rows, format="csr"))
+            cones.append(cone)
+            continue
+        d = cone.size
+        j = np.arange(d)
+        diagonal, border = j * (j + 1) // 2 + j, j[1:] * (j[1:] + 1) // 2
+        rows = np.concatenate([diagonal, border])
+        columns = np.concatenate([np.zeros(d, int), j[1:]])
+        values = np.concatenate([np.ones(d), np.full(d - 1, np.sqrt(2.0))])
+        maps.append(sparse.csr_matrix((values, (rows, columns)), (d * (d + 1) // 2, d)))
+        cones.append(Cone("psd", d))
+    change = sparse.block_diag(maps, format="csr")
+    made = replace(
+        problem, A=sparse.csc_matrix(change @ problem.A), b=change @ problem.b, cones=tuple(cones)
+    )
+    return Rewritten(made, lambda x, z: (x, change.T @ z))
+
+
+def reorder(problem: ConicProblem, kinds: tuple[str, ...]) -> Rewritten:
+    """The cones sorted by kind, in the order given; nonnegative and zero cones are merged."""
+    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
+    order, cones = [np.zeros(0, np.intp)], []
+    for kind in kinds:
+        mine = [k for k, c in enumerate(problem.cones) if c.kind == kind]
+        order += [np.arange(starts[k], starts[k + 1]) for k in mine]
+        if kind in ("zero", "nonnegative"):
+            cones += [Cone(kind, sum(problem.cones[k].size for k in mine))] if mine else []
+        else:
+            cones += [problem.cones[k] for k in mine]
+    permutation = np.concatenate(order)
+
+    def back(x: Array, z: Array) -> tuple[Array, Array]:
+        out = np.empty_like(z)
+        out[permutation] = z
+        return x, out
+
+    made = replace(
+        problem,
+        A=sparse.csc_matrix(sparse.csr_matrix(problem.A)[permutation]),
+        b=problem.b[permutation],
+        cones=tuple(cones),
+    )
+    return Rewritten(made, back)
+
+
+def _zeros(rows: int, columns: int) -> sparse.csr_matrix:
+    return sparse.csr_matrix((rows, columns))

@@ -1,0 +1,61 @@
+"""SCS (O'Donoghue, Chu, Parikh, Boyd 2016), a first-order splitting method, called directly."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.options import options
+from sdp_vs_penalty.solvers.rewrite import reorder
+
+NAME = "scs"
+EXTRA = "solvers"
+REQUIRES = ("package", "scs")
+CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+
+_CLAIMS = {1: "optimal", 2: "inaccurate", -1: "unbounded", -2: "infeasible", -6: "unbounded"}
+_CLAIMS[-7] = "infeasible"
+
+
+def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+    """Solve to the accuracy asked for (absolute and relative residuals)."""
+    import scs
+
+    start = time.perf_counter()
+    ordered = reorder(problem, ("zero", "nonnegative", "soc", "psd", "exp"))
+    lower = np.concatenate(_lower_triangles(ordered.problem) or [np.zeros(0, np.intp)])
+    p = ordered.problem
+    count = {kind: [c.size for c in p.cones if c.kind == kind] for kind in CONES}
+    data = {"P": p.P, "A": p.A.tocsr()[lower].tocsc(), "b": p.b[lower], "c": p.q}
+    cone = {
+        "z": sum(count["zero"]),
+        "l": sum(count["nonnegative"]),
+        "q": count["soc"],
+        "s": count["psd"],
+        "ep": len(count["exp"]),
+    }
+    solver = scs.SCS(data, cone, verbose=False, **options(NAME, accuracy))
+    ready = time.perf_counter()
+    result = solver.solve()
+    end = time.perf_counter()
+    z = np.empty(len(lower))
+    z[lower] = result["y"]
+    x, z = ordered.back(np.array(result["x"]), z)
+    info = result["info"]
+    claims = _CLAIMS.get(int(info["status_val"]), "failed")
+    return Solution(x, z, claims, info["status"], int(info["iter"]), ready - start, end - ready)
+
+
+def _lower_triangles(problem: ConicProblem) -> list[np.ndarray]:
+    """Our rows in SCS's order: a matrix's lower triangle column by column."""
+    order, start = [], 0
+    for cone in problem.cones:
+        if cone.kind == "psd":
+            i, j = np.triu_indices(cone.size)  # entry (j, i), j >= i: column i of the lower triangle
+            order.append(start + j * (j + 1) // 2 + i)
+        else:
+            order.append(start + np.arange(cone.rows))
+        start += cone.rows
+    return order

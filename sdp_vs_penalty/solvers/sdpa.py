@@ -1,0 +1,53 @@
+"""SDPA (Fujisawa, Fukuda, Kojima, Nakata, Yamashita) through sdpa-python."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.full_matrices import full_matrices
+from sdp_vs_penalty.solvers.options import options
+from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, reorder
+
+NAME = "sdpa"
+EXTRA = "solvers"
+REQUIRES = ("package", "sdpap")
+CONES = frozenset({"nonnegative", "psd"})
+
+#: sdpa-python's own reading of the phase, in which our problem is the dual.
+CLAIMS = {
+    "pdOPT": "optimal",
+    "pdFEAS": "inaccurate",
+    "pFEAS": "inaccurate",
+    "dFEAS": "inaccurate",
+    "pINF_dFEAS": "infeasible",
+    "pFEAS_dINF": "unbounded",
+    "pUNBD": "unbounded",
+    "dUNBD": "infeasible",
+}
+
+
+def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+    """Solve to the accuracy asked for (gap and feasibility)."""
+    import sdpap
+
+    start = time.perf_counter()
+    kinds = ("nonnegative", "psd")
+    lmi = linear_matrix_inequalities(problem).then(lambda p: reorder(p, kinds))
+    full, dims = full_matrices(lmi.problem)
+    p = full.problem
+    # minimise c^T x subject to (-A) x - (-b) in J, x free
+    free = sdpap.SymCone(f=len(p.q))
+    cones = sdpap.SymCone(l=dims["l"], s=tuple(dims["s"]))  # type: ignore[arg-type]
+    settings = {**options(NAME, accuracy), "print": "no", "numThreads": 1}
+    ready = time.perf_counter()
+    x, y, info, _, more = sdpap.solve(-p.A, -p.b, p.q, free, cones, settings)
+    end = time.perf_counter()
+    dense_x, dense_z = (np.asarray(v.todense()).ravel() for v in (x, y))
+    x, z = lmi.back(*full.back(dense_x, dense_z))
+    status = str(info.get("phasevalue"))
+    claims = CLAIMS.get(status, "failed")
+    iterations = int(more.get("iteration", 0))
+    return Solution(x, z, claims, status, iterations, ready - start, end - ready)

@@ -1,0 +1,85 @@
+"""SDPA (Yamashita et al. 2010), the command-line program."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.options import options
+from sdp_vs_penalty.solvers.sdpa_format import run_program
+
+NAME = "sdpa-program"
+EXTRA = "a system package: sdpa"
+REQUIRES = ("program", "sdpa")
+CONES = frozenset({"nonnegative", "psd"})
+
+#: SDPA's phases; our problem is its primal (P): minimise c^T x, X = sum F_i x_i - F_0 >= 0.
+_CLAIMS = {
+    "pdOPT": "optimal",
+    "pdFEAS": "inaccurate",
+    "pFEAS": "inaccurate",
+    "dFEAS": "inaccurate",
+    "pINF_dFEAS": "infeasible",
+    "pFEAS_dINF": "unbounded",
+    "pUNBD": "unbounded",
+    "dUNBD": "infeasible",
+}
+
+_PARAMETERS = """{maxIteration} unsigned int maxIteration;
+{epsilonStar} double 0.0 < epsilonStar;
+1.0E2 double 0.0 < lambdaStar;
+2.0 double 1.0 < omegaStar;
+-1.0E5 double lowerBound;
+1.0E5 double upperBound;
+0.1 double 0.0 <= betaStar < 1.0;
+0.2 double 0.0 <= betaBar < 1.0, betaStar <= betaBar;
+0.9 double 0.0 < gammaStar < 1.0;
+{epsilonDash} double 0.0 < epsilonDash;
+%+.17e char* xPrint (default %+8.3e, NOPRINT skips printout)
+%+.17e char* XPrint (default %+8.3e, NOPRINT skips printout)
+%+.17e char* YPrint (default %+8.3e, NOPRINT skips printout)
+%+.17e char* infPrint (default %+10.16e, NOPRINT skips printout)
+"""
+
+
+def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+    """Solve to the accuracy asked for (gap and feasibility)."""
+    files = {"param.sdpa": _PARAMETERS.format(**options(NAME, accuracy))}
+    command = ["sdpa", "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa", "-numThreads", "1"]
+    return run_program(problem, command, files, _judge, _read)
+
+
+def _judge(text: str, code: int) -> tuple[str, str, int]:
+    phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
+    steps = re.search(r"Iteration\s*=\s*(\d+)", text)
+    status = phase.group(1) if phase else f"exit code {code}"
+    return _CLAIMS.get(status, "failed"), status, int(steps.group(1)) if steps else 0
+
+
+def _read(folder: Path, problem: ConicProblem) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    try:
+        text = (folder / "answer").read_text()
+        x = _numbers(text.split("xVec =")[1].split("xMat =")[0])
+        values = _numbers(text.split("yMat =")[1].split("main loop time")[0])
+    except (OSError, IndexError, ValueError):
+        return None
+    z, at = [], 0
+    for cone in problem.cones:
+        if cone.kind == "nonnegative":
+            z.append(values[at : at + cone.size])
+            at += cone.size
+            continue
+        d = cone.size
+        matrix = values[at : at + d * d].reshape(d, d)
+        at += d * d
+        j, i = np.tril_indices(d)
+        z.append(matrix[i, j] * np.where(i == j, 1.0, np.sqrt(2.0)))
+    return (x, np.concatenate(z)) if len(x) == len(problem.q) and at == len(values) else None
+
+
+def _numbers(text: str) -> NDArray[np.float64]:
+    return np.array([float(w) for w in re.findall(r"[-+]?(?:\d[\d.]*(?:[eE][-+]?\d+)?|nan|inf)", text)])

@@ -1,0 +1,257 @@
+"""Every solver on the same problems, judged by our own certificate; the rewritings and file formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from sdp_vs_penalty import constraints as build
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.export_sdp import cbf_text, export_sdp, read_cbf, read_sdpa, sdpa_text
+from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.solvers import (
+    absent,
+    certificate,
+    rewrite,
+    solver,
+    solver_modules,
+    verified,
+    version,
+)
+from sdp_vs_penalty.solvers.conic import (
+    Cone,
+    ConicProblem,
+    Entropy,
+    Objective,
+    SdpProblem,
+    Solution,
+    largest_margin,
+    least_squares_sdp,
+)
+from sdp_vs_penalty.solvers.options import options
+
+SOLVERS = solver_modules()
+NAMES = list(SOLVERS)
+
+
+class Link:
+    """One link with a pseudo-inertia, a mass range and a centre of mass in a cone; noisy data."""
+
+    def __init__(self, entropic: bool = False) -> None:
+        rng = np.random.default_rng(5)
+        self.nominal = inertia.standard_from_barycentric([2.0, 0.1, 0, 0.05, 0.05, 0, 0.06, 0, 0, 0.05])
+        thin = inertia.standard_from_barycentric([2.2, 0.15, 0, 0, 1e-4, 0, 0.06, 0, 0, 0.06])
+        index = np.arange(10)
+        radius = np.zeros((4, 3))
+        radius[0, 0], radius[2, 1], radius[3, 2] = 0.1, 1.0, 1.0
+        link = build.pseudo_inertia("link 1", index)
+        self.constraints = ConstraintSet(
+            (
+                link,
+                build.linear("mass", "link 1", [0], [[1.0, -1.0]], [-0.5, 3.0]),
+                build.second_order("centre of mass cone", "link 1", index[:4], radius, np.zeros(3)),
+                build.linear("trace", "link 1", [4, 6, 9], -np.eye(3), [1.0, 1.0, 1.0]),
+            )
+        )
+        R = rng.normal(size=(14, 10))
+        rho = R @ thin + 0.05 * rng.normal(size=14)
+        entropy = (
+            Entropy(1e-3, (link,), inertia.pseudo_inertia(self.nominal)[None]) if entropic else None
+        )
+        self.objective = Objective(LeastSquares(R, rho, 0.1, float(rho @ rho) + 0.01, 14), entropy)
+        self.bound = np.array([3.0, *[1.0] * 3, *[1.0] * 6])
+
+    @property
+    def sdp(self) -> SdpProblem:
+        return least_squares_sdp(
+            self.objective, self.constraints.convex, self.nominal, self.bound, self.nominal
+        )
+
+    def gap(self, solution: Solution) -> tuple[float, float]:
+        """Certified relative gap after feasible repair, and the relative violation before it."""
+        sdp = self.sdp
+        theta = sdp.theta(solution)
+        lower = certificate.lower_bound(
+            self.objective,
+            self.constraints,
+            sdp.multipliers(solution),
+            theta,
+            self.bound,
+            sdp.entropy_slopes(solution),
+        )
+        point = verified.feasible_point(self.constraints.convex, theta, self.nominal)
+        assert point is not None
+        upper = verified.upper_bound(self.objective, point)
+        return (upper - lower) / self.objective.least_squares.loss(point), max(
+            self.constraints.worst(theta).values()
+        )
+
+
+def usable(name: str) -> ModuleType:
+    reason = absent(SOLVERS[name])
+    if reason is not None:
+        pytest.skip(reason)
+    return SOLVERS[name]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_primal_and_dual_certify_the_optimum(name: str) -> None:
+    module, link = usable(name), Link()
+    solution = module.solve(link.sdp.conic, 1e-7)
+    assert solution.claims in ("optimal", "inaccurate")
+    assert solution.x.shape == link.sdp.conic.q.shape
+    assert solution.z.shape == link.sdp.conic.b.shape
+    gap, violation = link.gap(solution)
+    # DSDP's primal (our dual) is only as good as its dual scaling leaves it.
+    assert -1e-12 <= gap <= (2e-2 if name == "dsdp" else 1e-4)
+    assert violation <= 1e-4
+    assert solution.iterations > 0
+    assert solution.solve_seconds > 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_log_det_is_solved_or_declined(name: str) -> None:
+    module, link = usable(name), Link(entropic=True)
+    if "exp" not in module.CONES:
+        with pytest.raises(rewrite.NotApplicableError, match="exp"):
+            module.solve(link.sdp.conic, 1e-7)
+        return
+    solution = module.solve(link.sdp.conic, 1e-7)
+    assert solution.claims in ("optimal", "inaccurate")
+    gap, violation = link.gap(solution)
+    assert -1e-12 <= gap <= 1e-4
+    assert violation <= 1e-4
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_empty_feasible_set_is_never_called_solved(name: str) -> None:
+    module, link = usable(name), Link()
+    heavy = build.linear("total mass", "robot", [0], [[1.0]], [-4.0])  # m >= 4 where m <= 3
+    constraints = link.constraints.plus([heavy])
+    sdp = least_squares_sdp(link.objective, constraints.convex, link.nominal, link.bound, link.nominal)
+    solution = module.solve(sdp.conic, 1e-7)
+    assert solution.claims not in ("optimal", "inaccurate", "unbounded")
+
+
+def test_the_dual_of_the_largest_margin_proves_infeasibility() -> None:
+    link = Link()
+    heavy = build.linear("total mass", "robot", [0], [[1.0]], [-3.01])
+    constraints = link.constraints.plus([heavy])
+    sdp = largest_margin(constraints.convex, link.nominal, link.bound)
+    solution = solver("clarabel").solve(sdp.conic, 1e-9)
+    multipliers = sdp.multipliers(solution)
+    assert verified.proves_infeasible(constraints.convex, multipliers, link.bound)
+    assert not verified.proves_infeasible(link.constraints.convex, multipliers[:-1], link.bound)
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        rewrite.linear_objective,
+        lambda p: rewrite.linear_objective(p, 3),
+        rewrite.linear_matrix_inequalities,
+        rewrite.arrows,
+        lambda p: rewrite.reorder(p, ("zero", "psd", "soc", "nonnegative")),
+    ],
+)
+def test_rewriting_keeps_the_solution_and_its_multipliers(step) -> None:  # type: ignore[no-untyped-def]
+    link = Link()
+    conic = link.sdp.conic
+    direct = solver("clarabel").solve(conic, 1e-9)
+    rewritten = step(conic)
+    other = solver("clarabel").solve(rewritten.problem, 1e-9)
+    x, z = rewritten.back(other.x, other.z)
+    np.testing.assert_allclose(x, direct.x, atol=2e-5)
+    # Stationarity P x + q + A^T z = 0 of the original problem, equalities' multipliers included.
+    full = sparse.triu(conic.P) + sparse.triu(conic.P, 1).T
+    slope = full @ x + conic.q + conic.A.T @ z
+    np.testing.assert_allclose(slope, 0.0, atol=1e-5)
+
+
+def test_a_gram_matrix_is_factorised() -> None:
+    rng = np.random.default_rng(0)
+    R = rng.normal(size=(6, 4))
+    P = sparse.csc_matrix(np.triu(2.0 * R.T @ R))
+    q = rng.normal(size=4)
+    conic = ConicProblem(P, q, sparse.csc_matrix(-np.eye(4)), np.ones(4), (Cone("nonnegative", 4),))
+    factor = rewrite.quadratic_factor(conic).toarray()
+    np.testing.assert_allclose(factor.T @ factor, 2.0 * R.T @ R, atol=1e-12)
+
+
+@pytest.mark.parametrize("ending", [".dat-s", ".cbf"])
+def test_exported_files_read_back_to_the_same_problem(tmp_path: Path, ending: str) -> None:
+    conic = Link().sdp.conic
+    path = tmp_path / f"problem{ending}"
+    export_sdp(conic, path)
+    if ending == ".dat-s":
+        sent = rewrite.linear_matrix_inequalities(conic).problem
+        found = read_sdpa(path)
+    else:
+        sent = rewrite.reorder(
+            rewrite.linear_objective(conic).problem, ("zero", "nonnegative", "soc", "exp", "psd")
+        ).problem
+        found = rewrite.reorder(read_cbf(path), ("zero", "nonnegative", "soc", "exp", "psd")).problem
+    assert found.cones == sent.cones
+    np.testing.assert_array_equal(found.q, sent.q)
+    np.testing.assert_allclose(found.b, sent.b, rtol=1e-15)
+    assert abs(found.A - sent.A).max() <= 1e-15 * abs(sent.A).max()
+    x = np.random.default_rng(1).normal(size=len(found.q))
+    np.testing.assert_allclose(found.A @ x, sent.A @ x, rtol=1e-12, atol=1e-12)
+
+
+def test_the_entropic_problem_is_exported_to_cbf_only(tmp_path: Path) -> None:
+    conic = Link(entropic=True).sdp.conic
+    with pytest.raises(InputError, match=r"exponential cone.*\.cbf"):
+        export_sdp(conic, tmp_path / "a.dat-s")
+    export_sdp(conic, tmp_path / "a.cbf")
+    kinds = ("zero", "nonnegative", "soc", "exp", "psd")
+    found = rewrite.reorder(read_cbf(tmp_path / "a.cbf"), kinds).problem
+    sent = rewrite.reorder(rewrite.linear_objective(conic).problem, kinds).problem
+    assert found.cones == sent.cones
+    assert abs(found.A - sent.A).max() <= 1e-15 * abs(sent.A).max()
+
+
+def test_files_that_are_not_of_the_format_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.dat-s"
+    path.write_text("hello\n")
+    with pytest.raises(InputError, match="header"):
+        read_sdpa(path)
+    text = sdpa_text(rewrite.linear_matrix_inequalities(Link().sdp.conic).problem)
+    path.write_text(text + "1 99 1 1 2.0\n")
+    with pytest.raises(InputError, match=r"line \d+"):
+        read_sdpa(path)
+    with pytest.raises(InputError, match=r"\.dat-s"):
+        export_sdp(Link().sdp.conic, tmp_path / "a.mps")
+    broken = cbf_text(rewrite.linear_objective(Link().sdp.conic).problem).replace("OBJSENSE\nMIN", "")
+    (tmp_path / "a.cbf").write_text(broken)
+    with pytest.raises(InputError, match="CBF"):
+        read_cbf(tmp_path / "a.cbf")
+
+
+def test_unknown_and_absent_solvers_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="clarabel, "):
+        solver("gurobi")
+    monkeypatch.setattr(SOLVERS["cvxopt"], "REQUIRES", ("package", "no_such_package"))
+    with pytest.raises(InputError, match=r"no_such_package is not installed; the extra \[solvers\]"):
+        solver("cvxopt")
+    monkeypatch.setattr(SOLVERS["mosek"], "REQUIRES", ("package", "numpy"))
+    monkeypatch.delenv("MOSEKLM_LICENSE_FILE", raising=False)
+    monkeypatch.setenv("HOME", "/nonexistent")
+    with pytest.raises(InputError, match="no licence"):
+        solver("mosek")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_solver_states_its_contract(name: str) -> None:
+    module = SOLVERS[name]
+    assert (module.__doc__ or "").strip()
+    assert {"quadratic", "zero", "nonnegative", "soc", "psd", "exp"} >= module.CONES
+    assert options(name, 1e-5) != options(name, 1e-7)
+    if absent(module) is None and module.REQUIRES[0] == "package":
+        assert version(module)[0].isdigit()
