@@ -22,33 +22,31 @@ from sdp_vs_penalty.estimators.estimator import Array, Task
 JOINT_PARAMETER_RANGE = 100.0
 
 _MOMENTS = (0, 2, 5)
+#: Row and column of each inertia entry, and what m c_i c_j adds to J: J_e = I_e + sum_k S_ke m c_i c_j.
+_ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+_STEINER = np.array(
+    [
+        [0.0, 0.0, 1.0, 0.0, 0.0, 1.0],  # xx adds to yy and zz
+        [0.0, -1.0, 0.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0, 0.0, 1.0],  # yy
+        [0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, -1.0, 0.0],
+        [1.0, 0.0, 1.0, 0.0, 0.0, 0.0],  # zz
+    ]
+)
 
 
-def _steiner() -> Array:
-    """K (6, 10, 10), symmetric, with m I_e = theta^T K_e theta: m I = m J - (h.h 1 - h h^T), h = m c."""
-    k = np.zeros((6, 10, 10))
-    entry_of = np.zeros((3, 3), int)
-    for axis in range(3):
-        for other in range(3):
-            unit = np.zeros((3, 3))
-            unit[axis, other] = unit[other, axis] = 1.0
-            entry_of[axis, other] = int(np.argmax(np.abs(inertia.inertia_entries(unit))))
+def _mass_times_barycentric() -> Array:
+    """(6, 10, 10), symmetric: m I_e = m J_e - sum_k S_ke h_i h_j, h = m c."""
+    forms = np.zeros((6, 10, 10))
     for e in range(6):
-        k[e, 0, 4 + e] = k[e, 4 + e, 0] = 0.5
-    for i in range(3):
-        for j in range(3):
-            e = entry_of[i, j]
-            if i != j:
-                k[e, 1 + i, 1 + j] = 0.5  # + h_i h_j
-                k[e, 1 + j, 1 + i] = 0.5
-            else:
-                for other in set(range(3)) - {i}:
-                    k[e, 1 + other, 1 + other] = -1.0
-    return k
+        forms[e, 0, 4 + e] = 1.0
+        forms[e, 1 + _ROWS, 1 + _COLUMNS] = -_STEINER[:, e]
+    return 0.5 * (forms + forms.transpose(0, 2, 1))
 
 
 #: m I_e = theta^T MASS_TIMES_BARYCENTRIC[e] theta for the ten standard parameters theta of a link.
-MASS_TIMES_BARYCENTRIC = _steiner()
+MASS_TIMES_BARYCENTRIC = _mass_times_barycentric()
 
 
 @dataclass(frozen=True)
@@ -118,10 +116,32 @@ class BarycentricBox:
         return rng.uniform(self.lower, self.upper)
 
     def theta(self, p: Array) -> Array:
-        """Standard parameters of p."""
+        """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""
         out = p.copy()
         if len(self.links):
-            out[self.links] = inertia.standard_from_barycentric(p[self.links])
+            local = p[self.links]
+            c = local[:, 1:4].copy()
+            local[:, 1:4] *= local[:, :1]
+            local[:, 4:] += (local[:, 1 + _ROWS] * c[:, _COLUMNS]) @ _STEINER
+            out[self.links] = local
+        return out
+
+    def pull_back(self, p: Array, gradient: Array) -> Array:
+        """(d theta / d p)^T gradient."""
+        out = gradient.copy()
+        if len(self.links):
+            local, g = p[self.links], gradient[self.links]
+            m, c, g_h = local[:, :1], local[:, 1:4], g[:, 1:4]
+            by_product = g[:, 4:] @ _STEINER.T  # d / d(m c_i c_j), each pair once
+            g[:, 0] += np.sum(g_h * c, axis=1)
+            g[:, 0] += np.sum(by_product * c[:, _ROWS] * c[:, _COLUMNS], axis=1)
+            across = m * by_product
+            g_c = m * g_h
+            for k, (i, j) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):
+                g_c[:, i] += across[:, k] * c[:, j]
+                g_c[:, j] += across[:, k] * c[:, i]
+            g[:, 1:4] = g_c
+            out[self.links] = g
         return out
 
     def p(self, theta: Array) -> Array:

@@ -142,18 +142,18 @@ class _Scaled:
         # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
         loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
         received = ConstraintSet(_not_implied(constraints.convex), constraints.nonconvex)
-        parts: tuple[Part, ...] = (
-            *(AffinePart.of(stack, theta_scale, interior) for stack in received.stacks),
-            BarycentricPart.of(received.nonconvex, theta_scale, interior),
-        )
-        penalty = ShiftedPenalty(*scaled_loss(data, theta_scale, loss_scale), parts)
+        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.stacks]
+        bounds = BarycentricPart.of(received.nonconvex, theta_scale, interior)
+        if len(bounds.indices):
+            parts.append(bounds)
+        penalty = ShiftedPenalty(*scaled_loss(data, theta_scale, loss_scale), tuple(parts))
         return cls(penalty, theta_scale, loss_scale, received)
 
     def multipliers(self, constraints: ConstraintSet, minimum: Minimum) -> list[Array]:
         """The shifts as dual variables of the convex constraints, in units of loss per F."""
         found: dict[int, Array] = {}
-        affine = zip(self.received.stacks, self.penalty.parts[:-1], minimum.shifts[:-1], strict=True)
-        for stack, part, shift in affine:
+        stacks = self.received.stacks  # the first of the parts, in this order
+        for stack, part, shift in zip(stacks, self.penalty.parts, minimum.shifts, strict=False):
             assert isinstance(part, AffinePart)
             for member, scale, multiplier in zip(stack.members, part.scale, shift, strict=True):
                 found[id(member)] = self.loss_scale * scale * multiplier

@@ -133,8 +133,7 @@ class ShiftedPenalty:
         for part, shift in zip(self.parts, shifts, strict=True):
             moved = shift - weight * part.values(x)
             jacobian = part.jacobian(x).reshape(len(moved), -1, len(x))
-            if len(moved):
-                out += weight * projection_curvature(part.cone, moved, jacobian)
+            out += weight * projection_curvature(part.cone, moved, jacobian)
             out -= part.second(project(part.cone, moved))
         return out
 
@@ -181,11 +180,13 @@ def newton(
     Stops at a gradient below ``accuracy`` (scaled units) or where rounding hides any descent.
     """
     value, gradient = penalty.value_and_gradient(x, shifts, weight)
-    evaluations = 1
+    evaluations, damping = 1, 0.0
     for step in range(_STEPS):
         if np.abs(gradient).max(initial=0.0) <= accuracy:
             return x, evaluations, step
-        direction = -_solve_positive(penalty.hessian(x, shifts, weight), gradient)
+        hessian = penalty.hessian(x, shifts, weight)
+        size = float(np.abs(np.diagonal(hessian)).mean())
+        direction, damping = _descent(hessian, gradient, damping, 1e-13 * size)
         slope = float(gradient @ direction)
         if -slope <= 1e-15 * abs(value):
             return x, evaluations, step
@@ -200,20 +201,22 @@ def newton(
             if length < 1e-8:
                 return x, evaluations, step
         x, value, gradient = trial, new_value, new_gradient
+        # Short steps: the quadratic model is wrong far out, in directions it hardly bends.
+        damping = 0.1 * damping if length == 1.0 else max(10.0 / length * damping, 1e-10 * size)
     return x, evaluations, _STEPS
 
 
-def _solve_positive(matrix: Array, vector: Array) -> Array:
-    """(matrix + t 1)^-1 vector with the smallest t >= 0 of a sequence that makes it definite."""
-    size = float(np.trace(np.abs(matrix))) / max(len(matrix), 1)
-    shift = 1e-13 * size if size > 0.0 else 1.0
+def _descent(hessian: Array, gradient: Array, damping: float, least: float) -> tuple[Array, float]:
+    """-(H + t 1)^-1 g and t, the first of damping, 100 damping, ... that makes the matrix definite."""
+    damping = max(damping, least, 1e-300)
     while True:
-        shifted = matrix + shift * np.eye(len(matrix))
         try:
-            factor = scipy.linalg.cho_factor(shifted, check_finite=False, overwrite_a=True)
-            return scipy.linalg.cho_solve(factor, vector, check_finite=False)
+            factor = scipy.linalg.cho_factor(
+                hessian + damping * np.eye(len(hessian)), check_finite=False, overwrite_a=True
+            )
+            return -scipy.linalg.cho_solve(factor, gradient, check_finite=False), damping
         except np.linalg.LinAlgError:
-            shift *= 100.0
+            damping *= 100.0
 
 
 def _largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
