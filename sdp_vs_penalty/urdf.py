@@ -18,12 +18,18 @@ from sdp_vs_penalty.robot import STANDARD_GRAVITY, Joint, Robot
 Array = NDArray[np.float64]
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
+#: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and overflow on the way.
+_LARGEST = 1e9
+#: How files write "no limit" where the format asks for a number [rad or m].
+_NO_LIMIT = 1e6
 
 
 @dataclass
 class _Reader:
     path: Path
-    inertials: dict[str, Array] = field(default_factory=dict)
+    joints: list[Joint] = field(default_factory=list)
+    nominal: list[Array] = field(default_factory=list)
+    reached: set[str] = field(default_factory=set)
 
     def fail(self, what: str) -> InputError:
         return InputError(f"{self.path}: {what}.")
@@ -36,12 +42,27 @@ class _Reader:
             values = [float(word) for word in text.split()]
         except ValueError:
             values = []
-        if len(values) != len(default) or not np.all(np.isfinite(values)):
+        if len(values) != len(default) or not np.all(np.abs(values) < _LARGEST):
             raise self.fail(
-                f"line {element.sourceline}, <{element.tag} {attribute}={text!r}> must hold "
-                f"{len(default)} finite number(s)"
+                f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}> must hold "
+                f"{len(default)} finite number(s), below {_LARGEST:g}"
             )
         return values
+
+    def limit(self, element: Any, attribute: str, none: float) -> float:
+        """A joint's limit, ``none`` where the file gives none or writes a huge number for it."""
+        text = None if element is None else element.get(attribute)
+        if text is None:
+            return none
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if np.isnan(value):
+            raise self.fail(
+                f"line {element.sourceline}, <limit {attribute}={text[:40]!r}> must hold a number"
+            )
+        return none if abs(value) > _NO_LIMIT else value
 
     def pose(self, element: Any) -> Array:
         origin = element.find("origin")
@@ -73,6 +94,64 @@ class _Reader:
         about_com = inertia.standard_from_barycentric(barycentric)
         return inertia.transform(self.pose(element)) @ about_com
 
+    def visit(
+        self, links: dict[str, Any], children: dict[str, list[Any]], name: str, body: int, pose: Array
+    ) -> None:
+        """Add a link and what hangs on it; pose is the link's in the frame of its moving body."""
+        self.reached.add(name)
+        if body >= 0:
+            self.nominal[body] = self.nominal[body] + inertia.transform(pose) @ self.inertial(
+                links[name]
+            )
+        for element in children[name]:
+            placement = pose @ self.pose(element)
+            child = element.find("child").get("link")
+            if element.get("type") == "fixed":
+                self.visit(links, children, child, body, placement)
+            else:
+                self.joints.append(self.joint(element, body, placement))
+                self.nominal.append(np.zeros(10))
+                self.visit(links, children, child, len(self.joints) - 1, np.eye(4))
+
+    def joint(self, element: Any, parent: int, placement: Array) -> Joint:
+        """One moving joint."""
+        kind, name = element.get("type"), element.get("name")
+        if kind not in _MOVING:
+            raise self.fail(
+                f"joint {name!r} is of type {kind!r}; revolute, continuous, prismatic and fixed "
+                "joints can be identified (for a floating base, fix it)"
+            )
+        if element.find("mimic") is not None:
+            raise self.fail(
+                f"joint {name!r} mimics another; make it fixed to identify the robot without it"
+            )
+        axis = np.array(self.numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0)))
+        length = np.linalg.norm(axis)
+        if not length > 1e-9:
+            raise self.fail(f"joint {name!r} has an axis of length zero")
+        limit = element.find("limit")
+        range_of = None if kind == "continuous" else limit
+        lower, upper = (
+            self.limit(range_of, key, none) for key, none in (("lower", -np.inf), ("upper", np.inf))
+        )
+        if lower > upper:
+            raise self.fail(
+                f"line {limit.sourceline}, joint {name!r} has its lower limit {lower:g} above its upper "
+                f"{upper:g}"
+            )
+        return Joint(
+            name,
+            _MOVING[kind],
+            parent,
+            placement,
+            axis / length,
+            np.eye(4),
+            lower,
+            upper,
+            self.limit(limit, "velocity", np.inf),
+            self.limit(limit, "effort", np.inf),
+        )
+
 
 def read_inertial(path: str | Path, link: Any) -> Array:
     """Standard parameters (10,), about the link frame, of a <link> element of a file."""
@@ -89,97 +168,72 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     Raises InputError for a file that is not a URDF, a floating, planar or mimic joint, a loop, or
     no moving joint at all.
     """
-    path = Path(path)
-    reader = _Reader(path)
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
+    reader = _Reader(Path(path))
+    root = _parse(reader)
+    links, children = _tree(reader, root)
+    base = _base(reader, links, children)
     try:
-        root = etree.fromstring(path.read_bytes(), parser)
+        reader.visit(links, children, base, -1, np.eye(4))
+    except RecursionError:
+        raise reader.fail("the links hang on each other in too long a chain") from None
+    for name in links:
+        if name not in reader.reached:
+            raise reader.fail(f"link {name!r} is in a loop of joints apart from the base {base!r}")
+    if not reader.joints:
+        raise reader.fail("no moving joint: there is nothing to identify")
+    x, y, z = (float(v) for v in gravity)
+    name = root.get("name") or reader.path.stem
+    return Robot(name, tuple(reader.joints), (x, y, z)), np.array(reader.nominal)
+
+
+def _parse(reader: _Reader) -> Any:
+    """The <robot> element; entities are never expanded, nothing is loaded from elsewhere."""
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
+    )
+    try:
+        root = etree.fromstring(reader.path.read_bytes(), parser)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
-    except etree.XMLSyntaxError as error:
-        raise reader.fail(f"not an XML file ({error.msg})") from error
+        raise InputError(f"{reader.path}: cannot be read ({error.strerror}).") from error
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
     if root.tag != "robot":
         raise reader.fail(f"the outermost element is <{root.tag}>, a URDF's is <robot>")
+    return root
 
-    links = {link.get("name"): link for link in root.findall("link")}
+
+def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    """The links by name, and for each link the joints that hang on it."""
     for tag in ("link", "joint"):
         names = [element.get("name") for element in root.findall(tag)]
-        for name in names:
+        for element, name in zip(root.findall(tag), names, strict=True):
+            if not name:
+                raise reader.fail(f"line {element.sourceline}, a <{tag}> has no name")
             if names.count(name) > 1:
                 raise reader.fail(f"{tag} {name!r} is there {names.count(name)} times")
+    links = {link.get("name"): link for link in root.findall("link")}
     children: dict[str, list[Any]] = {name: [] for name in links}
-    parent_of: dict[str, str] = {}
+    carried: set[str] = set()
     for element in root.findall("joint"):
-        name = element.get("name")
         parent, child = reader.end(element, "parent", links), reader.end(element, "child", links)
-        if child in parent_of:
+        if child in carried:
             raise reader.fail(
-                f"link {child!r} hangs on two joints (joint {name!r} closes a loop); "
+                f"link {child!r} hangs on two joints (joint {element.get('name')!r} closes a loop); "
                 "only trees can be identified, cut the loop"
             )
-        parent_of[child] = parent
+        carried.add(child)
         children[parent].append(element)
-    roots = [name for name in links if name not in parent_of]
+    return links, children
+
+
+def _base(reader: _Reader, links: dict[str, Any], children: dict[str, list[Any]]) -> str:
+    """The one link that no joint carries."""
+    carried = {e.find("child").get("link") for joints in children.values() for e in joints}
+    roots = [name for name in links if name not in carried]
     if len(roots) != 1:
         found = ", ".join(roots) if roots else "none, the joints form a loop"
         raise reader.fail(f"one base link is needed, a link without a parent joint (found: {found})")
-
-    joints: list[Joint] = []
-    nominal: list[Array] = []
-    reached: set[str] = set()
-
-    def visit(link_name: str, body: int, pose: Array) -> None:
-        """Add what hangs on a link; pose is that of the link in the frame of its moving body."""
-        reached.add(link_name)
-        if body >= 0:
-            nominal[body] = nominal[body] + inertia.transform(pose) @ reader.inertial(links[link_name])
-        for element in children[link_name]:
-            kind, name = element.get("type"), element.get("name")
-            placement = pose @ reader.pose(element)
-            child = element.find("child").get("link")
-            if kind == "fixed":
-                visit(child, body, placement)
-                continue
-            if kind not in _MOVING:
-                raise reader.fail(
-                    f"joint {name!r} is of type {kind!r}; revolute, continuous, prismatic and fixed "
-                    "joints can be identified (for a floating base, fix it)"
-                )
-            if element.find("mimic") is not None:
-                raise reader.fail(
-                    f"joint {name!r} mimics another; make it fixed to identify the robot without it"
-                )
-            axis = np.array(reader.numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0)))
-            if not np.linalg.norm(axis) > 0:
-                raise reader.fail(f"joint {name!r} has an axis of length zero")
-            limit = element.find("limit")
-            bounded = kind != "continuous" and limit is not None
-            joints.append(
-                Joint(
-                    name=name,
-                    kind=_MOVING[kind],
-                    parent=body,
-                    placement=placement,
-                    axis=axis / np.linalg.norm(axis),
-                    link_frame=np.eye(4),
-                    lower=reader.numbers(limit if bounded else None, "lower", (-np.inf,))[0],
-                    upper=reader.numbers(limit if bounded else None, "upper", (np.inf,))[0],
-                    velocity=reader.numbers(limit, "velocity", (np.inf,))[0],
-                    effort=reader.numbers(limit, "effort", (np.inf,))[0],
-                )
-            )
-            nominal.append(np.zeros(10))
-            visit(child, len(joints) - 1, np.eye(4))
-
-    visit(roots[0], -1, np.eye(4))
-    if len(reached) < len(links):
-        name = next(name for name in links if name not in reached)
-        raise reader.fail(f"link {name!r} is in a loop of joints apart from the base {roots[0]!r}")
-    if not joints:
-        raise reader.fail("no moving joint: there is nothing to identify")
-    name = root.get("name") or path.stem
-    x, y, z = (float(v) for v in gravity)
-    return Robot(name, tuple(joints), (x, y, z)), np.array(nominal)
+    return roots[0]
 
 
 def _rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
