@@ -13,6 +13,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.noise import noise_floor
+from sdp_vs_penalty.plausibility import check_plausible
 from sdp_vs_penalty.preprocessing import Preprocessing, Rows, filtered_torque
 
 Array = NDArray[np.float64]
@@ -40,11 +41,16 @@ class Comparison:
             "model": self.name,
             "rmse": self.rmse.tolist(),
             "mse": self.mse.tolist(),
-            "r2": [None if np.isnan(x) else float(x) for x in self.r2],
+            "r2": [_number(x) for x in self.r2],
             "noise_floor": None if self.noise_floor is None else self.noise_floor.tolist(),
-            "relative_error_percent": self.relative_error_percent,
+            "relative_error_percent": _number(self.relative_error_percent),
             "band_hz": self.band_hz,
         }
+
+
+def _number(x: float) -> float | None:
+    """JSON knows no NaN: what is undefined (no torque at all) is null."""
+    return float(x) if np.isfinite(x) else None
 
 
 def compare(
@@ -73,6 +79,7 @@ def compare(
                 f"model {name} is of a robot with {model.robot.n} joint(s), the measurements have "
                 f"{measurements.n}: choose the model that belongs to them."
             )
+        check_plausible(model.robot, measurements)
         runs = [filtered_torque(run, model.model, settings) for run in measurements.runs()]
         residuals = [rows.torque - predicted(rows, model.theta) for rows in runs]
         torque, error = (

@@ -21,6 +21,8 @@ from sdp_vs_penalty.errors import InputError
 
 Array = NDArray[np.float64]
 
+_HEADER = "t,q1..qn,dq1..dqn,tau1..taun (dq optional)"
+
 
 @dataclass(frozen=True)
 class Measurements:
@@ -143,16 +145,9 @@ def save_csv(measurements: Measurements, path: str | Path) -> None:
 
 
 def _read_csv(path: Path) -> Measurements:
-    raw = path.read_bytes()
-    if b"\0" in raw[:4096]:
-        raise InputError(f"{path}: a binary file, not CSV text.")
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text (byte {error.start}).") from error
-    lines = text.splitlines()
+    lines = _lines(path)
     if not lines or not lines[0].strip():
-        raise InputError(f"{path}: the file is empty.")
+        raise InputError(f"{path}: row 1 is empty; it must hold the header {_HEADER}.")
     header = [name.strip() for name in lines[0].split(",")]
     n, has_dq = _joints_of(path, header)
     rows = _numbers(path, lines[1:], len(header))
@@ -165,14 +160,28 @@ def _read_csv(path: Path) -> Measurements:
     return Measurements(rows[:, column["t"]].copy(), group("q"), group("tau"), dq, None, (path.name,))
 
 
+def _lines(path: Path) -> list[str]:
+    """The lines of a text file; InputError for what is not text."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    if b"\0" in raw:
+        raise InputError(f"{path}: a binary file; measurements are CSV text or .npz.")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: not UTF-8 text (byte {error.start}); measurements are CSV text or .npz."
+        ) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
 def _joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     """Number of joints and whether dq is there, from a header; InputError where it is incomplete."""
     found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
     if not found:
-        raise InputError(
-            f"{path}: row 1 names no column q1; the header must read t,q1..qn,dq1..dqn,tau1..taun "
-            "(dq optional)."
-        )
+        raise InputError(f"{path}: row 1 names no column q1; the header must read {_HEADER}.")
     n = max(found)
     has_dq = any(re.fullmatch(r"dq[0-9]+", name) for name in names)
     wanted = [
@@ -189,19 +198,23 @@ def _joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     return n, has_dq
 
 
-def _numbers(path: Path, lines: Sequence[str], width: int) -> Array:
+def _numbers(path: Path, lines: Sequence[str], width: int, first: int = 2) -> Array:
+    """The rows (N, width) of lines, of which the first is row ``first`` of the file."""
+    while lines and not lines[-1].strip():
+        lines = lines[:-1]
+    if not lines:
+        return np.zeros((0, width))
+    for number, line in enumerate(lines, start=first):
+        if not line.strip():
+            raise InputError(f"{path}: row {number} is empty: delete it.")
     try:
         rows = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
-        if rows.shape[0] == sum(1 for line in lines if line.strip()) and (
-            rows.size == 0 or rows.shape[1] == width
-        ):
-            return rows.reshape(-1, width)
+        if rows.shape == (len(lines), width):
+            return rows
     except ValueError:
-        pass
-    for number, line in enumerate(lines, start=2):
+        pass  # the loop below says which row it is
+    for number, line in enumerate(lines, start=first):
         cells = line.split(",")
-        if not line.strip():
-            continue
         if len(cells) != width:
             raise InputError(
                 f"{path}: row {number} has {len(cells)} cells, the header has {width}: "
@@ -212,13 +225,14 @@ def _numbers(path: Path, lines: Sequence[str], width: int) -> Array:
                 float(cell)
             except ValueError:
                 raise InputError(
-                    f"{path}: row {number}, column {k + 1} holds {cell.strip()[:40]!r}, not a number."
+                    f"{path}: row {number}, column {k + 1} holds {cell.strip()[:40]!r}, not a number: "
+                    "correct it or delete the row."
                 ) from None
     raise InputError(f"{path}: the rows cannot be read as numbers.")
 
 
 def _read_npz(path: Path) -> Measurements:
-    arrays = {}
+    arrays: dict[str, Array] = {}
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(info.file_size for info in archive.infolist())
@@ -228,10 +242,13 @@ def _read_npz(path: Path) -> Measurements:
                 )
         with np.load(path, allow_pickle=False) as file:
             for name in file.files:
-                arrays[name] = np.atleast_1d(np.asarray(file[name], float))
+                array = file[name]
+                if array.dtype.kind not in "fiu":
+                    raise InputError(f"{path}: array {name} holds {array.dtype}, not real numbers.")
+                arrays[name] = np.atleast_1d(array.astype(float))
     except InputError:
         raise
-    except (OSError, ValueError, TypeError, zipfile.BadZipFile, EOFError, KeyError) as error:
+    except Exception as error:  # zip, zlib and array headers each fail in ways of their own
         raise InputError(f"{path}: not a readable .npz file of numbers ({error}).") from error
     if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
         for name in ("q", "dq", "tau"):
@@ -265,8 +282,7 @@ def _read_panda_folder(folder: Path) -> Measurements:
             raise InputError(
                 f"{folder}: a folder is read as the authors' Panda log, and {path.name} is missing."
             )
-        lines = path.read_text(errors="replace").splitlines()
-        columns[key] = _numbers(path, lines, 1)[:, 0]
+        columns[key] = _numbers(path, _lines(path), 1, first=1)[:, 0]
     t = columns.pop("t")
     if len(t) == 0:
         raise InputError(f"{folder}: the log is empty.")
@@ -278,8 +294,11 @@ def _read_panda_folder(folder: Path) -> Measurements:
 
 
 def _check(path: Path, m: Measurements) -> None:
+    """InputError for what makes a run useless: too short, not finite, a clock that does not run."""
     if len(m.t) < 2:
-        raise InputError(f"{path}: the run has {len(m.t)} sample(s); there is nothing to identify from.")
+        raise InputError(f"{path}: the run has {len(m.t)} sample(s): record longer.")
+    # Where a sample is in its file: below the header of a CSV file, otherwise counted from 1.
+    word, first = ("row", 2) if path.is_file() and path.suffix != ".npz" else ("sample", 1)
     for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
         if values is None:
             continue
@@ -288,14 +307,15 @@ def _check(path: Path, m: Measurements) -> None:
             row, joint = bad[0]
             column = name if name == "t" else f"{name}{joint + 1}"
             raise InputError(
-                f"{path}: row {row + 2}, column {column} is not a finite number: "
-                "delete the row or fill it in."
+                f"{path}: {word} {row + first}, column {column} is not a finite number: "
+                f"delete the {word} or fill it in."
             )
     steps = np.diff(m.t)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0))
-        word = "repeats" if steps[row] == 0 else "runs backwards"
+        how = "repeats" if steps[row] == 0 else "runs backwards"
         raise InputError(
-            f"{path}: row {row + 3}, column t: time {word} ({m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; "
-            f"{int(np.sum(steps <= 0))} such row(s)): delete those rows or cut the file there."
+            f"{path}: {word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
+            f"{m.t[row + 1]:.6g} s; {int(np.sum(steps <= 0))} such {word}(s)): delete them, or cut the "
+            "file there."
         )

@@ -17,6 +17,7 @@ from sdp_vs_penalty.estimate import Estimate, build_estimate
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.plausibility import check_plausible
 from sdp_vs_penalty.preprocessing import Preprocessing
 from sdp_vs_penalty.problem import Problem
 from sdp_vs_penalty.regression import Regression, compress
@@ -81,6 +82,7 @@ def identify(
             f"method {estimator.name} needs a black box's answers: an .npz file with q, gravity and "
             "mass_matrix; for measured runs choose another method."
         )
+    check_plausible(problem.robot, measurements)
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
     if model.needs_reference:
