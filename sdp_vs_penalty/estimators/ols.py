@@ -9,6 +9,9 @@ import numpy as np
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.solvers.conic import Objective
 
+#: Singular values of the column-scaled regressor below this share of the largest are rounding.
+_RANK_TOLERANCE = 1e-9
+
 
 @dataclass(frozen=True)
 class Ols(Estimator):
@@ -25,24 +28,35 @@ class Ols(Estimator):
         return Fit(task.ols, Objective(task.data), task.constraints)
 
 
-def standard_deviations(task: Task, independent_rows: float) -> tuple[Array, Array]:
-    """Base parameters pi_hat (b,) and their classical standard deviations (b,).
+def base_regressor(task: Task) -> Array:
+    """(r, b) compressed regressor W of the base parameters: W pi = R theta, W = R B^+."""
+    return task.data.R @ np.linalg.pinv(task.base)
 
-    C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (rows - b) (Gaz et al. 2019, eq. 14), times the
-    rows per independent sample: filtered rows repeat each other. Infinite for what is not excited.
+
+def condition_number(task: Task) -> float:
+    """Ratio of the extreme singular values of W; infinite where the data leave a direction open."""
+    singular = np.linalg.svd(base_regressor(task), compute_uv=False)
+    return float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf
+
+
+def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
+    """Base parameters pi_hat (b,) and their standard deviations (b,), infinite where not excited.
+
+    C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019, eq. 14), N the number of
+    independent rows: filtered rows repeat each other ``oversampling`` times, so that N is rows /
+    oversampling and (W^T W) counts each of them that often. The residual is taken as white within
+    the filters' band; where a model error dominates it, the true error is larger.
     """
-    base = task.base
-    pi = base @ task.ols
-    # W pi = Y theta for every theta: W = Y B^+.
-    w = task.data.R @ np.linalg.pinv(base)
+    w = base_regressor(task)
     norms = np.linalg.norm(w, axis=0)
-    seen = norms > 1e-10 * norms.max()
+    seen = norms > 1e-10 * norms.max(initial=0.0)
     _, s, vt = np.linalg.svd(w[:, seen] / norms[seen], full_matrices=False)
-    good = s > 1e-9 * s[0]
-    dof = max(task.data.rows / independent_rows - len(pi), 1.0)
-    variance = task.data.loss(task.ols) / independent_rows / dof * independent_rows
-    out = np.full(len(pi), np.inf)
-    spread = np.sqrt(np.sum((vt[good].T / s[good]) ** 2, axis=1)) / norms[seen]
-    hidden = np.sum(vt[~good] ** 2, axis=0) > 1e-6 if (~good).any() else np.zeros(seen.sum(), bool)
-    out[seen] = np.where(hidden, np.inf, np.sqrt(variance) * spread)
-    return pi, out
+    good = s > _RANK_TOLERANCE * s[0]
+    independent = max(task.data.rows / oversampling - int(good.sum()), 1.0)
+    variance = task.data.loss(task.ols) / independent
+    # diag((W^T W)^-1) on the row space; a parameter outside it, even in part, is undetermined.
+    spread = np.sum((vt[good] / s[good, None]) ** 2, axis=0)
+    inside = np.sum(vt[good] ** 2, axis=0) > 1.0 - 1e-6
+    out = np.full(len(norms), np.inf)
+    out[seen] = np.where(inside, np.sqrt(variance * spread) / norms[seen], np.inf)
+    return task.base @ task.ols, out

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.ols import condition_number
 from sdp_vs_penalty.solvers.conic import Objective
 
 
@@ -24,10 +25,8 @@ class ReverseEngineering(Estimator):
     needs_black_box = True
 
     def fit(self, task: Task) -> Fit:
-        w = task.data.R @ np.linalg.pinv(task.base)
-        singular = np.linalg.svd(w, compute_uv=False)
         details = {
-            "condition_number": float(singular[0] / singular[-1]),
+            "condition_number": condition_number(task),
             "relative_error_percent": 100.0
             * float(np.sqrt(task.data.loss(task.ols) / task.data.tau_squared)),
         }

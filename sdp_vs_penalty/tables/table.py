@@ -1,0 +1,193 @@
+"""A table as data, and its three written forms: CSV, Markdown, LaTeX (booktabs, siunitx)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sdp_vs_penalty.files import write_text
+
+#: Text is written as it is (published cells keep their printed digits), None is an empty cell.
+Cell = str | float | int | None
+
+#: Numbers smaller than this are the rounding of a zero in every unit that the tables have.
+_ROUNDING = 1e-12
+_NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "_": r"\_",
+    "%": r"\%",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """name : the header, the same in all three forms; digits : significant ones of a float."""
+
+    name: str
+    digits: int = 4
+
+
+@dataclass(frozen=True)
+class Table:
+    """name : "III" is written as table_III.csv, .md and .tex; caption : says what is simulated and
+    what measured; rows : one cell a column; notes : below the table.
+    """
+
+    name: str
+    title: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"table {self.name}: {len(row)} cells in {len(self.columns)} columns")
+
+    def cells(self) -> list[list[str]]:
+        """All cells as text."""
+        return [
+            [text(cell, column.digits) for cell, column in zip(row, self.columns, strict=True)]
+            for row in self.rows
+        ]
+
+    def csv(self) -> str:
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow([column.name for column in self.columns])
+        writer.writerows(self.cells())
+        return out.getvalue()
+
+    def markdown(self) -> str:
+        cells = self.cells()
+        numeric = _numeric_columns(cells, len(self.columns))
+        lines = [
+            f"# {self.title}",
+            "",
+            self.caption,
+            "",
+            _markdown_row([column.name for column in self.columns]),
+            _markdown_row(["---:" if n else ":---" for n in numeric], escape=False),
+            *(_markdown_row(row) for row in cells),
+        ]
+        if self.notes:
+            lines += ["", *(f"- {note}" for note in self.notes)]
+        return "\n".join(lines) + "\n"
+
+    def latex(self) -> str:
+        cells = self.cells()
+        numeric = _numeric_columns(cells, len(self.columns))
+        layout = []
+        for k, is_number in enumerate(numeric):
+            layout.append(number_column([row[k] for row in cells]) if is_number else "l")
+        header = " & ".join(f"{{{escape_latex(column.name)}}}" for column in self.columns)
+        body = []
+        for row in cells:
+            body.append(
+                " & ".join(_latex_cell(c, n) for c, n in zip(row, numeric, strict=True)) + r" \\"
+            )
+        caption = " ".join([self.caption, *self.notes])
+        return "\n".join(
+            [
+                r"% Needs \usepackage{booktabs,siunitx,graphicx}.",
+                r"\begin{table*}",
+                r"  \centering",
+                rf"  \caption{{{escape_latex(self.title)}. {escape_latex(caption)}}}",
+                rf"  \label{{tab:{self.name}}}",
+                r"  \resizebox{\textwidth}{!}{%",
+                rf"  \begin{{tabular}}{{{' '.join(layout)}}}",
+                r"    \toprule",
+                rf"    {header} \\",
+                r"    \midrule",
+                *(f"    {line}" for line in body),
+                r"    \bottomrule",
+                r"  \end{tabular}}",
+                r"\end{table*}",
+                "",
+            ]
+        )
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write the three forms, each whole or not at all; the paths, CSV first."""
+        base = Path(folder) / f"table_{self.name}"
+        paths = []
+        for suffix, content in ((".csv", self.csv()), (".md", self.markdown()), (".tex", self.latex())):
+            path = base.with_name(base.name + suffix)
+            write_text(path, content)
+            paths.append(path)
+        return paths
+
+
+def text(cell: Cell, digits: int = 4) -> str:
+    """A cell as written: printed text untouched, numbers to ``digits`` significant digits."""
+    if cell is None:
+        return ""
+    if isinstance(cell, str):
+        return cell
+    if isinstance(cell, int):
+        return str(cell)
+    if math.isnan(cell):
+        return ""
+    if math.isinf(cell):
+        return "inf" if cell > 0 else "-inf"
+    return "0" if abs(cell) < _ROUNDING else f"{cell:.{digits}g}"
+
+
+def number_column(cells: Sequence[str]) -> str:
+    """siunitx's column type S with the format that the widest of these numbers needs."""
+    whole = decimals = exponent = 0
+    sign = exponent_sign = ""
+    for cell in cells:
+        match = _NUMBER.fullmatch(cell)
+        if match is None:
+            continue
+        sign = "-" if match[1] == "-" else sign
+        whole = max(whole, len(match[2]))
+        decimals = max(decimals, len(match[3] or ""))
+        exponent = max(exponent, len(match[5].lstrip("0") or "0") if match[5] else 0)
+        exponent_sign = "-" if match[4] == "-" else exponent_sign
+    power = f"e{exponent_sign}{exponent}" if exponent else ""
+    return f"S[table-format={sign}{whole or 1}.{decimals}{power}]"
+
+
+def escape_latex(plain: str) -> str:
+    return "".join(_LATEX.get(character, character) for character in plain)
+
+
+def _numeric_columns(cells: Sequence[Sequence[str]], count: int) -> list[bool]:
+    """Columns in which every cell that is not empty is a number (or infinite), and one is."""
+    out = []
+    for k in range(count):
+        filled = [row[k] for row in cells if row[k] not in ("", "inf", "-inf")]
+        out.append(bool(filled) and all(_NUMBER.fullmatch(cell) for cell in filled))
+    return out
+
+
+def _latex_cell(cell: str, numeric: bool) -> str:
+    if not numeric:
+        return escape_latex(cell)
+    infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
+    return infinite.get(cell, cell)
+
+
+def _markdown_row(cells: Sequence[str], escape: bool = True) -> str:
+    if escape:
+        cells = [cell.replace("|", "\\|").replace("\n", " ") for cell in cells]
+    return "| " + " | ".join(cells) + " |"

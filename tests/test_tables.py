@@ -1,0 +1,291 @@
+"""Tables as data and files; the published columns verbatim; ours against what they are made from."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.estimators.ols import Ols, condition_number, standard_deviations
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
+from sdp_vs_penalty.problem import Problem, load_problem
+from sdp_vs_penalty.published import barycentric_names
+from sdp_vs_penalty.regression import LeastSquares, triangular
+from sdp_vs_penalty.tables import DEFAULT_TABLES, build_tables, make_tables, table_modules
+from sdp_vs_penalty.tables import study as study_module
+from sdp_vs_penalty.tables.study import METHODS, Study
+from sdp_vs_penalty.tables.table import Column, Table, escape_latex, number_column, text
+
+
+class SmallStudy(Study):
+    """The same tables with one short run of the annealing."""
+
+    def estimator(self, method: str) -> Estimator:
+        made = super().estimator(method)
+        return type(made)(runs=1, evaluations=200) if isinstance(made, PenaltyPaper) else made
+
+
+@pytest.fixture
+def without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine on which no real run is at hand."""
+    (tmp_path / "empty").mkdir()
+    monkeypatch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path / "empty"))
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], Table]:
+    """Every quick table of both problems, simulated only."""
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path_factory.mktemp("empty")))
+        for name in ("panda", "two_link"):
+            names = [
+                key
+                for key, module in table_modules().items()
+                if name in getattr(module, "PROBLEMS", (name,)) and not getattr(module, "SLOW", False)
+            ]
+            for table in build_tables(names, SmallStudy(load_problem(name))):
+                found[name, table.name] = table
+    return found
+
+
+def rows(table: Table) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(table.csv())))
+
+
+@pytest.mark.parametrize("name", ["III", "IV", "VIII", "IX"])
+def test_published_cells_come_first_and_as_printed(
+    tables: dict[tuple[str, str], Table], panda: Problem, name: str
+) -> None:
+    printed = panda.published[f"table_{name}"]
+    made = tables["panda", name]
+    header = list(printed[0])
+    assert [c.name for c in made.columns][: len(header)] == header
+    ours = rows(made)
+    for published, row in zip(printed, ours, strict=False):
+        assert {key: row[key] for key in header} == published
+    if name in ("VIII", "IX"):
+        assert len(ours) == len(printed)
+
+
+def test_ours_follow_under_the_names_of_the_methods(tables: dict[tuple[str, str], Table]) -> None:
+    for name in ("III", "VIII", "IX"):
+        columns = [c.name for c in tables["panda", name].columns]
+        assert [f"{m}_simulated" for m in METHODS] == [c for c in columns if c[:-10] in METHODS]
+        assert not [c for c in columns if c.endswith("_measured")]
+    estimates = [row["estimate"] for row in rows(tables["panda", "IV"])]
+    assert [f"{m}_simulated" for m in METHODS] == [e for e in estimates if e[:-10] in METHODS]
+
+
+def test_a_missing_dataset_is_said(tables: dict[tuple[str, str], Table]) -> None:
+    for (_, name), table in tables.items():
+        if name in (*DEFAULT_TABLES, "VII"):
+            assert "Nothing is measured" in table.caption
+            assert "simulated" in table.caption
+
+
+def test_tables_three_eight_and_nine_are_one_robot(
+    tables: dict[tuple[str, str], Table], panda: Problem, without_data: None
+) -> None:
+    """pi of the links in VIII and IX is III, method by method, to the digits printed."""
+    study = Study(panda)
+    links = rows(tables["panda", "VIII"]) + rows(tables["panda", "IX"])
+    pi = rows(tables["panda", "III"])
+    for column in ("true_simulated", "lmi_sdp_simulated", "penalty_simulated"):
+        value = {row["parameter"]: float(row[column]) for row in links}
+        barycentric = [[value[name] for name in barycentric_names(k)] for k in range(1, 8)]
+        got = study.base @ inertia.standard_from_barycentric(barycentric).ravel()
+        expected = [float(row[column]) for row in pi[:43]]
+        np.testing.assert_allclose(got, expected, atol=2e-3)
+
+
+def test_judged_by_the_noise_that_is_left(tables: dict[tuple[str, str], Table]) -> None:
+    by_name = {row["estimate"]: row for row in rows(tables["panda", "IV"])}
+    truth = float(by_name["p_hat_table_I_simulated"]["relative_error_percent"])
+    for method in set(METHODS) - {"penalty_paper"}:  # which is cut short here
+        assert truth < float(by_name[f"{method}_simulated"]["relative_error_percent"]) < 5.0 * truth
+    # delta is another robot than the simulated one, and it shows.
+    assert float(by_name["delta_simulated"]["relative_error_percent"]) > 5.0 * truth
+
+
+def test_both_methods_reproduce_the_toy_robot(tables: dict[tuple[str, str], Table]) -> None:
+    for row in rows(tables["two_link", "III"])[:8]:
+        for method in ("penalty", "lmi_sdp"):
+            assert float(row[f"{method}_simulated"]) == pytest.approx(float(row["pi_p_real"]), abs=0.01)
+    by_name = {row["estimate"]: row for row in rows(tables["two_link", "IV"])}
+    floor = float(by_name["p_real_simulated"]["relative_error_percent"])
+    for method in ("penalty", "lmi_sdp"):
+        assert float(by_name[f"{method}_simulated"]["relative_error_percent"]) < 1.05 * floor
+
+
+def test_penalty_and_sdp_agree_where_both_are_given_the_same(
+    tables: dict[tuple[str, str], Table],
+) -> None:
+    by_name = {row["estimate"]: row for row in rows(tables["panda", "IV"])}
+    one, other = (
+        float(by_name[f"{m}_simulated"]["relative_error_percent"]) for m in ("penalty", "lmi_sdp")
+    )
+    assert one == pytest.approx(other, rel=1e-3)
+
+
+def test_all_three_forms_hold_the_same_cells(tables: dict[tuple[str, str], Table]) -> None:
+    for table in tables.values():
+        cells = table.cells()
+        read = list(csv.reader(io.StringIO(table.csv())))
+        assert read[1:] == cells
+        body = [line for line in table.markdown().splitlines() if line.startswith("| ")][2:]
+        plain = [[c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body]
+        assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
+        lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
+        assert [line.count(" & ") for line in lines] == [len(table.columns) - 1] * len(cells)
+
+
+def test_latex_has_no_bare_special_characters(tables: dict[tuple[str, str], Table]) -> None:
+    for table in tables.values():
+        source = table.latex()
+        assert source.isascii()
+        for line in source.splitlines():
+            if line.startswith("%"):
+                continue
+            unescaped = re.sub(r"\\[_%&#$]", "", line.split(r"\label")[0])
+            assert not re.search(r"[_#]", unescaped.replace("{!}{%", "")), line
+
+
+def test_escaping_and_number_columns() -> None:
+    assert escape_latex(r"a_b 5 % & ^ { \x") == (r"a\_b 5 \% \& \textasciicircum{} \{ \textbackslash{}x")
+    assert number_column(["-12.345", "1.2e-05", "", "inf"]) == "S[table-format=-2.3e-1]"
+    assert number_column(["3", "14"]) == "S[table-format=2.0]"
+    assert text(-0.0) == "0"
+    assert text(float("nan")) == ""
+    assert text("-1.0517e-02") == "-1.0517e-02"
+    with pytest.raises(ValueError, match="2 cells in 1 columns"):
+        Table("X", "x", "x", (Column("a"),), (("1", "2"),))
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is absent")
+def test_latex_compiles(tables: dict[tuple[str, str], Table], tmp_path: Path) -> None:
+    body = "\n".join(table.latex() + r"\clearpage" for table in tables.values())
+    packages = r"\documentclass{article}\usepackage{booktabs,siunitx,graphicx}"
+    source = packages + r"\begin{document}" + body + r"\end{document}"
+    (tmp_path / "all.tex").write_text(source)
+    done = subprocess.run(
+        ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:]
+
+
+def test_files_of_the_names_asked_for_are_written(tmp_path: Path, without_data: None) -> None:
+    out = tmp_path / "new"
+    paths = make_tables(["viii"], problem="two_link", out=out)
+    assert [p.name for p in paths] == ["table_VIII.csv", "table_VIII.md", "table_VIII.tex"]
+    assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
+
+
+def test_unknown_names_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="table 'XII' is unknown"):
+        make_tables(["III", "XII"], out=tmp_path / "new")
+    with pytest.raises(InputError, match="belongs to two_link"):
+        make_tables(["VII"], problem="panda", out=tmp_path / "new")
+    with pytest.raises(InputError, match="budget 'huge' is unknown"):
+        make_tables(["III"], budget="huge", out=tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_any_urdf_has_tables_too(tmp_path: Path, without_data: None) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
+        <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
+          <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
+        <joint name="j2" type="revolute"><parent link="a"/><child link="b"/>
+          <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+          <limit lower="-2" upper="2" velocity="1" effort="9"/></joint></robot>"""
+    )
+    made = build_tables(None, SmallStudy(load_problem(urdf)))
+    assert [table.name for table in made] == list(DEFAULT_TABLES)
+    assert "the problem's nominal links" in made[0].caption
+
+
+@pytest.mark.real_data
+def test_real_data_add_measured_columns(panda: Problem) -> None:
+    study = SmallStudy(panda)
+    three, four = build_tables(["III", "IV"], study)
+    assert {f"{m}_measured" for m in METHODS} <= {c.name for c in three.columns}
+    measured = {row["coefficient"]: row for row in rows(three)}
+    # The paper's figures for this run: condition number 121.88, relative error 1.41 %.
+    assert 90.0 < float(measured["condition number"]["ols_measured"]) < 140.0
+    assert 0.9 < float(measured["relative error [%]"]["ols_measured"]) < 1.5
+    assert measured["condition number"]["re_simulated"].startswith("48.9")
+    # Large base parameters agree with the published least squares within a few percent.
+    large = [r for r in rows(three)[:43] if abs(float(r["pi_CLS"])) > 0.4]
+    assert len(large) == 8
+    for row in large:
+        assert float(row["ols_measured"]) == pytest.approx(float(row["pi_CLS"]), rel=0.06)
+    by_name = {row["estimate"]: float(row["relative_error_percent"] or "nan") for row in rows(four)}
+    assert by_name["lmi_sdp_measured"] < 1.06 * by_name["ols_measured"]
+    for published in ("p_hat", "delta", "p_hat_table_I"):
+        assert by_name[f"{published}_measured"] > by_name["lmi_sdp_measured"]
+
+
+def test_each_estimate_is_computed_once(without_data: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = SmallStudy(load_problem("two_link"))
+    calls = []
+    real = study_module.certify
+
+    def counted(*arguments: Any) -> Any:
+        calls.append(1)
+        return real(*arguments)
+
+    monkeypatch.setattr(study_module, "certify", counted)
+    build_tables(["III", "IV", "VIII", "IX"], study)
+    assert len(calls) == len(METHODS)
+
+
+def test_standard_deviations_are_those_of_repeated_experiments(two_link: Problem) -> None:
+    """Against the spread of estimates over many draws of the noise, oversampling included."""
+    study = Study(two_link)
+    task = study.task(study.simulated)
+    rng = np.random.default_rng(0)
+    rows_y = np.vstack([task.data.R] * 3)
+    theta = study.experiment.links.ravel()
+    sigma, estimates, predicted = 0.05, [], []
+    for _ in range(400):
+        tau = rows_y @ theta + rng.normal(0.0, sigma, len(rows_y))
+        # Every row twice: what oversampling by 2 does, exactly.
+        r = triangular([np.column_stack([np.vstack([rows_y] * 2), np.tile(tau, 2)])])
+        floor, size = float(r[20, 20]), float(r[:, 20] @ r[:, 20])
+        data = LeastSquares(r[:20, :20], r[:20, 20], floor, size, 2 * len(tau))
+        drawn = replace(task, data=data)
+        pi, std = standard_deviations(drawn, 2.0)
+        np.testing.assert_allclose(pi, task.base @ Ols().fit(drawn).theta, atol=1e-12)
+        estimates.append(pi)
+        predicted.append(std)
+    spread = np.std(estimates, axis=0)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(predicted), axis=0)), spread, rtol=0.12)
+
+
+def test_what_is_not_excited_has_no_standard_deviation(two_link: Problem) -> None:
+    study = Study(two_link)
+    task = study.task(study.simulated)
+    w = task.data.R @ np.linalg.pinv(task.base)
+    w[:, 2] = 0.0
+    hidden = replace(task.data, R=w @ task.base)
+    _, std = standard_deviations(replace(task, data=hidden), 2.0)
+    assert np.isinf(std[2])
+    assert np.all(np.isfinite(np.delete(std, 2)))
+    assert condition_number(replace(task, data=hidden)) > 1e12
