@@ -120,23 +120,28 @@ def identify(
     Example: [cyan]sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json[/cyan]
     """
     from sdp_vs_penalty import console
+    from sdp_vs_penalty.black_box import load_answers
     from sdp_vs_penalty.comparison import compare as compare_models
     from sdp_vs_penalty.estimators import identify as run_identification
-    from sdp_vs_penalty.measurements import load_measurements
+    from sdp_vs_penalty.measurements import Measurements, load_measurements
     from sdp_vs_penalty.problem import load_problem
 
     estimator = _estimator(method, solver)
     robot = load_problem(problem, _numbers("--gravity", gravity, 3) if gravity is not None else None)
     start, stop = _window(window)
     with console.progress("reading the measurements") as progress:
-        measurements = load_measurements(*data, joints=robot.robot.n, start=start, stop=stop)
+        answers = load_answers(data, joints=robot.robot.n)
+        given = answers or load_measurements(*data, joints=robot.robot.n, start=start, stop=stop)
         begin = time.perf_counter()
         estimate = run_identification(
-            robot, measurements, estimator, effects=effects, seed=seed, progress=progress
+            robot, given, estimator, effects=effects, seed=seed, progress=progress
         )
         seconds = time.perf_counter() - begin
         estimate.save(out)
-        fit = compare_models({estimate.method: estimate}, measurements)[0]
+        # A black box's answers are no torque along a motion: the certificate's loss is all there is.
+        fit = None
+        if isinstance(given, Measurements):
+            fit = compare_models({estimate.method: estimate}, given)[0]
     console.estimate_summary(estimate, fit, seconds)
     console.out.print(f"written: {out}", markup=False, soft_wrap=True)
 

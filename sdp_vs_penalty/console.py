@@ -42,8 +42,11 @@ def listing(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) 
     out.print(table)
 
 
-def estimate_summary(estimate: Estimate, fit: Comparison, seconds: float) -> None:
-    """What was identified, how good it is, and what the certificate says of it."""
+def estimate_summary(estimate: Estimate, fit: Comparison | None, seconds: float) -> None:
+    """What was identified, how good it is, and what the certificate says of it.
+
+    fit : against the measurements that it came from; None for a black box's answers.
+    """
     certificate = estimate.certificate
     samples, runs = estimate.provenance["samples"], len(estimate.provenance["runs"])
     out.print(
@@ -64,7 +67,8 @@ def estimate_summary(estimate: Estimate, fit: Comparison, seconds: float) -> Non
     for name, text in lines:
         grid.add_row(name, text)
     out.print(grid)
-    comparison_tables([fit], estimate.robot.torque_units, title="Fit to these measurements")
+    if fit is not None:
+        comparison_tables([fit], estimate.robot.torque_units, title="Fit to these measurements")
 
 
 def _violations(certificate: Certificate) -> str:

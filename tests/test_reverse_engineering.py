@@ -17,6 +17,7 @@ from sdp_vs_penalty.black_box import (
     load_black_box,
     load_configurations,
 )
+from sdp_vs_penalty.cli import main
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import load_estimate
 from sdp_vs_penalty.estimators import identify
@@ -129,3 +130,18 @@ def test_the_papers_condition_number(panda: Problem, data_folder: Path) -> None:
     box = BlackBox.of_links(panda.robot, experiment(panda).links, q)
     estimate = identify(panda, box, "reverse-engineering")
     assert f"{estimate.details['condition_number']:.1f}" == "48.9"
+
+
+def test_the_command_line_takes_a_black_box(
+    panda: Problem, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    box, file = answers(panda, 30), tmp_path / "blackbox.npz"
+    np.savez(file, q=box.q, gravity=box.gravity, mass_matrix=box.mass_matrix)
+    words = ["identify", "panda", "--data", str(file), "--method", "reverse-engineering"]
+    with pytest.raises(SystemExit) as done:
+        main([*words, "--out", str(tmp_path / "model.json")])
+    assert done.value.code == 0
+    assert "reverse-engineering" in capsys.readouterr().out
+    base, _ = base_parameters(panda.model("rigid_body"), panda.independent)
+    theta = load_estimate(tmp_path / "model.json").theta
+    np.testing.assert_allclose(base @ theta, base @ experiment(panda).links.ravel(), atol=1e-8)
