@@ -16,9 +16,7 @@ class JointElasticity(LinkDeviation):
         "c_e tau_j, c_e = 1 / stiffness. To first order that changes position, velocity and "
         "acceleration in the inverse dynamics of every joint."
     )
-    reference = (
-        "Spong, ASME J. Dynamic Systems 1987"
-    )
+    reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_e"
     units = ("rad/(N*m)", "m/N")
     lower = 0.0

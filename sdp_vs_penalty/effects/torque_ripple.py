@@ -19,7 +19,7 @@ class TorqueRipple(Effect):
     )
     reference = "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
     shape_defaults = {"k": 2.0}
-    shape_bounds = {"k": (0.5, 1e4)}
+    shape_bounds = {"k": (0.95, 1e4)}
     #: Orders a search looks at; higher ones are visible at full rate only (the order spectrum).
     searched = tuple(float(k) for k in range(1, 41))
 

@@ -1,0 +1,284 @@
+"""The verb: which effect does the model miss?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis import explanations
+from sdp_vs_penalty.diagnosis.events import Event, intervals, local_excess
+from sdp_vs_penalty.diagnosis.findings import (
+    EFFECT_MISSING,
+    NOTHING_MISSING,
+    UNKNOWN,
+    Diagnosis,
+    Finding,
+    Invisible,
+)
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
+from sdp_vs_penalty.diagnosis.ladder import Pick, Search
+from sdp_vs_penalty.diagnosis.library import Library, build_library
+from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
+from sdp_vs_penalty.diagnosis.scoring import Fit, Rows, score_library
+from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
+from sdp_vs_penalty.diagnosis.whitening import Noise, noise_of, pieces_of
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.noise import repeat_period
+
+Array = NDArray[np.float64]
+
+#: An effect of which the model absorbs more than this share cannot be seen.
+INVISIBLE = 0.999
+_BLOCKS = 60
+_PHASE_FOLDS = 5
+
+
+def _quiet(_: str) -> None:
+    pass
+
+
+def diagnose(
+    estimate: Estimate,
+    measurements: Measurements,
+    test: Measurements | None = None,
+    *,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Callable[[str], None] = _quiet,
+) -> Diagnosis:
+    """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
+
+    measurements : the runs to search in; test : a run only for the held-out errors (without it,
+    folds that no selection saw). frozen : keep the model's parameters, so that changes of the links
+    show (a payload); otherwise they are refitted along with every hypothesis.
+    Raises InputError where model and measurements do not belong together or nothing is left after
+    filtering.
+    """
+    for what, m in (("measurements", measurements), ("test run", test)):
+        if m is not None and m.n != estimate.robot.n:
+            raise InputError(
+                f"The {what} have {m.n} joint(s), the model's robot has {estimate.robot.n}: choose "
+                "the model that belongs to them."
+            )
+    settings = estimate.preprocessing.resolve(measurements)
+    progress("filtering the runs")
+    rows = diagnosis_rows(measurements, estimate, settings)
+    stage = prepare(rows, estimate, frozen, seed, progress)
+    progress("searching for what is missing")
+    picks = stage.search.run()
+    fit = stage.search.fit()
+    left, events = _remaining(fit, stage)
+    progress("held-out errors")
+    held_out = held_out_errors(estimate, stage, picks, test, settings)
+    return _diagnosis(estimate, stage, picks, left, events, held_out)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Everything prepared for a search: the rows, their noise, the library, the model's own columns."""
+
+    rows: DiagnosisRows
+    noise: Noise
+    labels: Rows
+    base: Array
+    residual: Array
+    library: Library
+    white: Library
+    search: Search
+    frozen: bool
+
+
+def prepare(
+    rows: DiagnosisRows,
+    estimate: Estimate,
+    frozen: bool,
+    seed: int,
+    progress: Callable[[str], None] = _quiet,
+) -> Stage:
+    """Noise, whitening, candidates."""
+    residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
+    dense = [s.torque_dense - s.dense @ s.motion.model_torque for s in rows.segments]
+    progress("noise from repetition")
+    noise = noise_of(rows, dense, residual)
+    if noise.suspect.any():
+        rows = rows.with_masked(noise.suspect)
+    progress("columns of all candidates")
+    library = build_library(rows, estimate.model, frozen)
+    white = library.whitened(noise, rows)
+    base = np.zeros((rows.n, len(rows.t), 0)) if frozen else model_columns(rows, estimate)
+    labels = label_rows(rows)
+    fit = white_fit(rows, noise, labels, base, residual)
+    search = Search(rows, noise, fit, library, white, seed)
+    return Stage(rows, noise, labels, base, residual, library, white, search, frozen)
+
+
+def model_columns(rows: DiagnosisRows, estimate: Estimate) -> Array:
+    """(n, M, p) filtered columns of the model's own parameters."""
+    out = np.zeros((rows.n, len(rows.t), len(estimate.theta)))
+    first = 0
+    for segment in rows.segments:
+        M = len(segment.t)
+        bare = replace(segment.motion, torque=None, current=None)
+        for joint, c in enumerate(estimate.model.columns(bare)):
+            out[joint, first : first + M][:, c.indices] = segment.low_pass @ c.columns
+        first += M
+    return out
+
+
+def label_rows(rows: DiagnosisRows) -> Rows:
+    """Blocks of equal length within runs; folds: whole runs, or phases of the one run's period."""
+    run, t = rows.run, rows.t
+    spans = [t[run == r][-1] - t[run == r][0] for r in np.unique(run)]
+    length = max(0.5, sum(spans) / _BLOCKS)
+    block = np.zeros(len(t), np.intp)
+    fold = np.zeros(len(t), np.intp)
+    count = 0
+    for f, r in enumerate(np.unique(run)):
+        mine = run == r
+        pieces = max(1, round((t[mine][-1] - t[mine][0]) / length))
+        edges = np.linspace(t[mine][0], t[mine][-1], pieces + 1)[1:-1]
+        block[mine] = count + np.searchsorted(edges, t[mine], side="right")
+        count += pieces
+        fold[mine] = f
+    if len(spans) == 1:
+        fold = phase_folds(rows)
+    _, block = np.unique(block, return_inverse=True)
+    seen = np.array([sum(max(len(p) - 4, 0) for p in pieces_of(rows, j)) for j in range(rows.n)], float)
+    return Rows(rows.n, block, fold, seen)
+
+
+def phase_folds(rows: DiagnosisRows) -> NDArray[np.intp]:
+    """Folds of one run: samples one period apart share a fold; without a period, stretches of time."""
+    t = rows.t
+    longest = max(rows.segments, key=lambda s: len(s.t))
+    period = repeat_period(longest.t_dense, longest.q_dense)
+    span = t[-1] - t[0]
+    cycle = span * (1.0 + 1e-9) if period is None else period
+    # Each fold is made of two stretches, so that training data surround it.
+    slot = np.floor((t - t[0]) % cycle / cycle * 2 * _PHASE_FOLDS).astype(np.intp)
+    return slot % _PHASE_FOLDS
+
+
+def white_fit(rows: DiagnosisRows, noise: Noise, labels: Rows, base: Array, residual: Array) -> Fit:
+    """The model's columns (n, M, p) fitted to the residual (M, n), both white."""
+    n, M = rows.n, len(rows.t)
+    columns, target = np.zeros((n, M, base.shape[2])), np.zeros((n, M))
+    for j in range(n):
+        pieces = pieces_of(rows, j)
+        columns[j] = noise.whiten(base[j], j, pieces)
+        target[j] = noise.whiten(residual[:, j], j, pieces)
+    return Fit.of(labels, columns.reshape(n * M, -1), target.ravel())
+
+
+def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
+    """What is left once events are set aside, and the events."""
+    rows, noise = stage.rows, stage.noise
+    n, M = rows.n, len(rows.t)
+    whole = rows.with_masked(np.zeros((0, 0), bool))
+    mask = np.zeros((M, n), bool)
+    # The residual of all rows, those that repetition made suspect included.
+    theta_fit = fit.residual.reshape(n, M)
+    events: list[Event] = []
+    for j in range(n):
+        pieces = pieces_of(rows, j)
+        mask[:, j] = local_excess(theta_fit[j], pieces, tests=n)
+    left_all = remainder(fit, rows, noise)
+    left = remainder(fit, rows, noise, mask)
+    if left.remains:
+        # Error everywhere: its peaks are the model's, not events.
+        mask[:] = False
+        left = left_all
+    mask |= noise.suspect
+    for j in range(n):
+        for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0):
+            events.append(Event(j, start, end))
+    return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
+
+
+def _diagnosis(
+    estimate: Estimate,
+    stage: Stage,
+    picks: Sequence[Pick],
+    left: Remainder,
+    events: tuple[Event, ...],
+    held_out: HeldOut,
+) -> Diagnosis:
+    findings = tuple(
+        _finding(stage, picks, k, left, held_out.ladder[k], held_out.ladder[k + 1])
+        for k in range(len(picks))
+    )
+    unknown_function = explanations.unrelated_ripples(findings)
+    if left.remains or unknown_function:
+        verdict = UNKNOWN
+    else:
+        verdict = EFFECT_MISSING if findings else NOTHING_MISSING
+    return Diagnosis(
+        verdict,
+        findings,
+        stage.noise.floor,
+        invisible_effects(stage),
+        events,
+        stage.noise.source,
+        left.share,
+        held_out.ladder[-1],
+        stage.rows.cutoff,
+        explanations.remarks(stage.noise.source, left.p, unknown_function, held_out.source),
+    )
+
+
+def _finding(
+    stage: Stage, picks: Sequence[Pick], k: int, left: Remainder, before: Array, after: Array
+) -> Finding:
+    pick = picks[k]
+    h = pick.hypothesis
+    fit = stage.search.fit(without=k)
+    fresh = fit.partialled(h.columns)
+    gram = fresh.T @ fresh
+    beta = np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0]
+    covariance = np.linalg.pinv(gram, rcond=1e-12)
+    parameters = h.effect.parameters
+    size, std = explanations.size_of(h.effect, beta, covariance)
+    joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
+    rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in pick.rivals))
+    sure = not rivals and abs(size) > 5.0 * std and pick.gain > 2.0 * 15.0
+    return Finding(
+        h.effect.name,
+        joints,
+        dict(h.effect.shape),
+        size,
+        parameters[0].unit,
+        std,
+        {p.name: float(b) for p, b in zip(parameters, beta, strict=True)},
+        "confident" if sure else "weak",
+        rivals,
+        before,
+        after,
+        explanations.sentence(h.effect, size, std, rivals),
+        h.effect.text,
+        pick.gain,
+    )
+
+
+def _rival_name(own: tuple[str, int | None], other: tuple[str, int | None]) -> str:
+    """The rival's name; with its joint where the name alone would be that of the finding."""
+    if other[0] == own[0] and other[1] is not None:
+        return f"{other[0]}:{other[1] + 1}"
+    return other[0]
+
+
+def invisible_effects(stage: Stage) -> tuple[Invisible, ...]:
+    """Candidates whose energy the model's own columns absorb, whatever their shape."""
+    scores = score_library(stage.search.base, stage.white)
+    shares: dict[tuple[str, int | None], float] = {}
+    for group, absorbed in zip(stage.white.groups, scores.absorbed, strict=True):
+        shares[group.key] = min(shares.get(group.key, 1.0), float(absorbed))
+    return tuple(
+        Invisible(name, () if joint is None else (joint + 1,), share)
+        for (name, joint), share in shares.items()
+        if share > INVISIBLE
+    )

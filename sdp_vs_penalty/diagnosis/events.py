@@ -1,0 +1,115 @@
+"""What happens once: a contact, a knock, a hum. No function of the motion explains it.
+
+A local event is a window of whitened noise with too much energy: with unit variance, the energy of
+m rows is chi-square with m degrees of freedom. A hum is a line in the spectrum: at the frequencies
+of a periodogram the power of whitened noise is exponential.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Family-wise probability of a false event in one record.
+FALSE_EVENT = 1e-3
+#: Lengths of the windows that are searched [rows].
+_LENGTHS = (1, 2, 4, 8, 16, 32)
+
+
+@dataclass(frozen=True)
+class Event:
+    """joint from 0; t_start, t_end [s] on the clock of the measurements; what : "local" or "hum"."""
+
+    joint: int
+    t_start: float
+    t_end: float
+    what: str = "local"
+    frequency: float | None = None
+
+    def to_dict(self) -> dict[str, float | int]:
+        return {"joint": self.joint + 1, "t_start": self.t_start, "t_end": self.t_end}
+
+
+def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int) -> Mask:
+    """(M,) rows inside windows whose energy noise of unit variance does not reach by chance.
+
+    pieces : index arrays of uninterrupted rows; tests : how many such series are searched in all.
+    """
+    mask = np.zeros(len(white), bool)
+    count = max(sum(len(p) for p in pieces), 1) * len(_LENGTHS) * tests
+    for piece in pieces:
+        energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
+        for length in _LENGTHS:
+            if length > len(piece):
+                continue
+            limit = stats.chi2.isf(FALSE_EVENT / count, length)
+            hits = np.flatnonzero(energy[length:] - energy[:-length] > limit)
+            for first in hits:
+                mask[piece[first : first + length]] = True
+    return mask
+
+
+def robust_scale(white: Array) -> float:
+    """Standard deviation of noise with a few events in it, from the median of its square."""
+    return float(np.sqrt(np.median(white**2) / stats.chi2.median(1))) if len(white) else 1.0
+
+
+def intervals(
+    mask: Mask, t: Array, pieces: Sequence[NDArray[np.intp]], gap: float
+) -> list[tuple[float, float]]:
+    """First and last instant of the runs of True, joined over gaps shorter than ``gap`` [s]."""
+    out: list[tuple[float, float]] = []
+    for piece in pieces:
+        fresh = True
+        for k in piece[mask[piece]]:
+            if not fresh and t[k] - out[-1][1] <= gap:
+                out[-1] = (out[-1][0], float(t[k]))
+            else:
+                out.append((float(t[k]), float(t[k])))
+                fresh = False
+    return out
+
+
+def spectral_lines(
+    series: Sequence[Array], rate: float, tests: int, lowest: float = 0.0, smooth: float = 1.0
+) -> list[float]:
+    """Frequencies [Hz] at which the pooled periodogram of the series stands out of its surroundings.
+
+    series : records of the same channel, each at least 2 s long; ``smooth`` [Hz] : the width over
+    which the noise's spectrum is taken as flat.
+    """
+    length = min((len(s) for s in series), default=0)
+    if length < 2.0 * rate:
+        return []
+    window = np.hanning(length)
+    power = np.zeros(length // 2 + 1)
+    pooled = 0
+    for s in series:
+        for first in range(0, len(s) - length + 1, length):
+            piece = s[first : first + length]
+            power += np.abs(np.fft.rfft(window * (piece - piece.mean()))) ** 2
+            pooled += 1
+    frequency = np.fft.rfftfreq(length, 1.0 / rate)
+    half = max(8, int(smooth / frequency[1]))
+    floor = _running_median(power, half) / stats.chi2.median(2 * pooled) * (2 * pooled)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        excess = np.where(floor > 0.0, power / floor, 0.0) * 2 * pooled
+    limit = stats.chi2.isf(FALSE_EVENT / (len(power) * tests), 2 * pooled)
+    # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
+    limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
+    found = (excess > limit) & (frequency > lowest)
+    peaks = [k for k in np.flatnonzero(found) if excess[k] >= excess[max(k - 3, 0) : k + 4].max()]
+    return [float(frequency[k]) for k in peaks]
+
+
+def _running_median(values: Array, half: int) -> Array:
+    from scipy.ndimage import median_filter
+
+    return median_filter(values, size=2 * half + 1, mode="nearest")

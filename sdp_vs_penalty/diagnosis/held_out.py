@@ -1,0 +1,114 @@
+"""The error that falls along the ladder, on data that no choice has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.ladder import Pick, Search
+from sdp_vs_penalty.diagnosis.library import spread_columns
+from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import Preprocessing
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.diagnose import Stage
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """ladder (steps + 1, n) : RMSE of each joint before the first effect and after each;
+    source : "test" or "folds"."""
+
+    ladder: Array
+    source: str
+
+
+def held_out_errors(
+    estimate: Estimate,
+    stage: Stage,
+    picks: Sequence[Pick],
+    test: Measurements | None,
+    settings: Preprocessing,
+) -> HeldOut:
+    """Errors on the test run; without one, on outer folds: the search is repeated without each."""
+    from sdp_vs_penalty.diagnosis.diagnose import model_columns
+
+    if test is not None:
+        rows = diagnosis_rows(test, estimate, settings)
+        base = np.zeros((rows.n, len(rows.t), 0)) if stage.frozen else model_columns(rows, estimate)
+        residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
+        squares = _ladder(stage, picks, np.ones(len(stage.rows.t), bool), rows, base, residual)
+        return HeldOut(np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1)), "test")
+    total = np.zeros((len(picks) + 1, stage.rows.n))
+    for f in range(stage.labels.folds):
+        train = stage.labels.fold != f
+        search = _search_on(stage, train)
+        search.run()
+        squares = _ladder(
+            stage, search.picks, train, stage.rows, stage.base, stage.residual, only=~train
+        )
+        # The procedure's k-th step; where it stopped earlier, its last.
+        at = np.minimum(np.arange(len(picks) + 1), len(squares) - 1)
+        total += squares[at]
+    return HeldOut(np.sqrt(total / np.maximum(stage.rows.keep.sum(axis=0), 1)), "folds")
+
+
+def _search_on(stage: Stage, train: NDArray[np.bool_]) -> Search:
+    """The same search on some of the rows: all others are switched off."""
+    from sdp_vs_penalty.diagnosis.diagnose import label_rows, white_fit
+
+    masked = np.repeat(~train[:, None], stage.rows.n, axis=1) | ~stage.rows.keep
+    rows = stage.rows.with_masked(masked)
+    labels = label_rows(rows)
+    fit = white_fit(rows, stage.noise, labels, stage.base, stage.residual)
+    white = stage.library.whitened(stage.noise, rows)
+    return Search(rows, stage.noise, fit, stage.library, white, stage.search.seed)
+
+
+def _ladder(
+    stage: Stage,
+    picks: Sequence[Pick],
+    train: NDArray[np.bool_],
+    rows: DiagnosisRows,
+    base: Array,
+    residual: Array,
+    only: NDArray[np.bool_] | None = None,
+) -> Array:
+    """(steps + 1, n) squared errors on rows, parameters fitted to the white training rows."""
+    n = rows.n
+    keep = rows.keep if only is None else rows.keep & only[:, None]
+    columns = [stage.base, *(spread_columns(stage.rows, p.hypothesis.effect) for p in picks)]
+    there = [base, *(spread_columns(rows, p.hypothesis.effect) for p in picks)]
+    masked = stage.rows.with_masked(np.repeat(~train[:, None], n, axis=1) | ~stage.rows.keep)
+    out = []
+    for k in range(len(picks) + 1):
+        theta = _fit(stage, masked, np.concatenate(columns[: k + 1], axis=2))
+        predicted = np.concatenate(there[: k + 1], axis=2) @ theta
+        out.append(np.sum(keep * (residual - predicted.T) ** 2, axis=0))
+    return np.array(out)
+
+
+def _fit(stage: Stage, rows: DiagnosisRows, columns: Array) -> Array:
+    """(p,) smallest change of parameters that fits white columns (n, M, p) to the residual."""
+    from sdp_vs_penalty.diagnosis.whitening import pieces_of
+
+    n, M, p = columns.shape
+    if p == 0:
+        return np.zeros(0)
+    A, b = np.zeros((n, M, p)), np.zeros((n, M))
+    for j in range(n):
+        pieces = pieces_of(rows, j)
+        A[j] = stage.noise.whiten(columns[j], j, pieces)
+        b[j] = stage.noise.whiten(stage.residual[:, j], j, pieces)
+    A = A.reshape(n * M, p)
+    norms = np.linalg.norm(A, axis=0)
+    unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
+    return np.linalg.lstsq(A / unit, b.ravel(), rcond=1e-8)[0] / unit

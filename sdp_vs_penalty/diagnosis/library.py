@@ -1,0 +1,148 @@
+"""All effects the model might miss, as columns on the diagnosis's rows.
+
+A group is one effect on one joint (or on the whole robot) with one set of shape constants. Groups of
+the same effect and joint with different constants form a hypothesis: what the diagnosis names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
+from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.model import Model
+
+Array = NDArray[np.float64]
+
+#: (effect name, joint from 0; None: the whole robot).
+Key = tuple[str, int | None]
+#: Effects of which a joint can have several, with different constants.
+_SEVERAL = frozenset({"torque_ripple", "joint_coupling"})
+#: Never a candidate: a model without it has no torque to begin with.
+_NEVER = frozenset({"rigid_body"})
+
+
+@dataclass(frozen=True)
+class Group:
+    """effect : with its joint and shape; joint : whose torque its columns act on, None for several;
+    columns : their positions in the library's matrix of that joint (of the robot)."""
+
+    key: Key
+    effect: Effect
+    joint: int | None
+    columns: slice
+
+    @property
+    def k(self) -> int:
+        return self.columns.stop - self.columns.start
+
+    @property
+    def signed(self) -> bool:
+        return self.k == 1 and self.effect.parameters[0].lower == 0.0
+
+
+@dataclass(frozen=True)
+class Library:
+    """groups, and their filtered columns: ``joints[j]`` (M, C_j) for groups on one joint,
+    ``robot`` (n, M, C) for groups on several."""
+
+    groups: tuple[Group, ...]
+    joints: tuple[Array, ...]
+    robot: Array
+
+    @property
+    def size(self) -> int:
+        """How many columns there are to choose from."""
+        return sum(m.shape[1] for m in self.joints) + self.robot.shape[2]
+
+    def columns(self, group: Group) -> Array:
+        """(n, M, k) of a group."""
+        if group.joint is None:
+            return self.robot[:, :, group.columns]
+        out = np.zeros((len(self.joints), len(self.joints[0]), group.k))
+        out[group.joint] = self.joints[group.joint][:, group.columns]
+        return out
+
+    def whitened(self, noise: Noise, rows: DiagnosisRows) -> Library:
+        pieces = [pieces_of(rows, j) for j in range(rows.n)]
+        joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
+        robot = np.stack([noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.robot)])
+        return Library(self.groups, joints, robot)
+
+
+def build_library(
+    rows: DiagnosisRows, model: Model, frozen: bool, only: Sequence[str] | None = None
+) -> Library:
+    """Columns of every candidate; ``only`` restricts the effects. Effects that the model already has
+    on a joint are left out, unless it is held fixed and they may have changed."""
+    robot, n = model.robot, rows.n
+    taken = set()
+    if not frozen:
+        for effect in model.effects:
+            if effect.name not in _SEVERAL:
+                joints: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
+                taken |= {(effect.name, j) for j in joints}
+    start = min(float(s.motion.t[0]) for s in rows.segments)
+    own: list[list[tuple[Key, Effect]]] = [[] for _ in range(n)]
+    several: list[tuple[Key, Effect]] = []
+    for name, kind in effect_types().items():
+        if (
+            name in _NEVER
+            or (only is not None and name not in only)
+            or (kind.frozen_only and not frozen)
+        ):
+            continue
+        for joint in (None,) if kind.whole_robot else range(n):
+            key = (name, joint)
+            if key in taken or (kind.whole_robot and n == 1 and name == "global_delay"):
+                continue
+            for shape in kind.shapes(robot, 0 if joint is None else joint):
+                if "t0" in kind.shape_defaults:
+                    shape = {**shape, "t0": start}
+                effect = kind(robot, None if joint is None else [joint], **shape)
+                spread = joint is None or kind.needs_links
+                (several if spread or joint is None else own[joint]).append((key, effect))
+    groups: list[Group] = []
+    matrices = []
+    for j in range(n):
+        matrix = _filtered(rows, [effect for _, effect in own[j]], j)
+        first = 0
+        for key, effect in own[j]:
+            k = len(effect.parameters)
+            groups.append(Group(key, effect, j, slice(first, first + k)))
+            first += k
+        matrices.append(matrix)
+    robot_parts, first = [np.zeros((n, len(rows.t), 0))], 0
+    for key, effect in several:
+        k = len(effect.parameters)
+        groups.append(Group(key, effect, None, slice(first, first + k)))
+        first += k
+        robot_parts.append(spread_columns(rows, effect))
+    return Library(tuple(groups), tuple(matrices), np.concatenate(robot_parts, axis=2))
+
+
+def spread_columns(rows: DiagnosisRows, effect: Effect) -> Array:
+    """(n, M, k) columns of one effect on all joints."""
+    out = np.zeros((rows.n, len(rows.t), len(effect.parameters)))
+    for block in rows.blocks(effect):
+        out[block.joint][:, block.parameters] = block.columns
+    return out
+
+
+def _filtered(rows: DiagnosisRows, effects: Sequence[Effect], joint: int) -> Array:
+    """(M, C) columns of effects on one joint, side by side: one pass of the low-pass a segment."""
+    if not effects:
+        return np.zeros((len(rows.t), 0))
+    parts = []
+    for segment in rows.segments:
+        columns = [
+            block.columns for e in effects for block in e.blocks(segment.motion) if block.joint == joint
+        ]
+        parts.append(segment.low_pass @ np.hstack(columns))
+    return np.concatenate(parts)

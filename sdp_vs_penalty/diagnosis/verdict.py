@@ -1,0 +1,87 @@
+"""Whether something repeatable remains that nothing in the library explains.
+
+Two tests on what the ladder leaves, white and of unit variance if only noise is left:
+
+- products of instants at which the motion repeats: noise is new each time, a model's error is not.
+  This needs no noise level at all;
+- the variance of each joint against that of the noise, where the noise is known from repetition.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
+from sdp_vs_penalty.diagnosis.scoring import Fit
+from sdp_vs_penalty.diagnosis.whitening import Noise
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Family-wise probability of calling noise a repeatable error.
+FALSE_UNKNOWN = 2e-3
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """share (n,) : variance above the noise over that of the noise; p : smallest p value, corrected
+    for the number of tests; remains : whether that is below FALSE_UNKNOWN; known : whether the noise
+    was known from repetition."""
+
+    share: Array
+    p: float
+    remains: bool
+
+
+def remainder(fit: Fit, rows: DiagnosisRows, noise: Noise, ignore: Mask | None = None) -> Remainder:
+    """Test what is left; ``ignore`` (M, n) are rows of events."""
+    n, M = rows.n, len(rows.t)
+    white = fit.residual.reshape(n, M).T
+    keep = rows.keep & (white != 0.0)
+    if ignore is not None:
+        keep &= ~ignore
+    leverage = np.sum(fit.Q**2, axis=1).reshape(n, M).T
+    degrees = np.maximum((keep * (1.0 - leverage)).sum(axis=0), 1.0)
+    variance = (keep * white**2).sum(axis=0) / degrees
+    p_values = []
+    if noise.source == "repetition":
+        p_values += list(stats.f.sf(variance, degrees, noise.degrees))
+        p_values += _repeated_products(white, keep, rows, noise)
+    p = min(1.0, min(p_values, default=1.0) * max(len(p_values), 1))
+    return Remainder(variance - 1.0, float(p), p < FALSE_UNKNOWN)
+
+
+def _repeated_products(white: Array, keep: Mask, rows: DiagnosisRows, noise: Noise) -> list[float]:
+    """One p value a joint: the mean of w(t) w(t + T), against its scatter over stretches of 1 s."""
+    starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
+    sums: list[Array] = []
+    for repeat in noise.repeats:
+        other = rows.segments[repeat.other]
+        spacing = 1.0 / rows.rate
+        # Rows of white noise cannot be interpolated without mixing: the nearer row on each side.
+        position = (repeat.later - other.t[0]) / spacing
+        below = np.floor(position).astype(np.intp)
+        weight = position - below
+        inside = (below >= 0) & (below + 1 < len(other.t))
+        low = starts[repeat.other] + np.where(inside, below, 0)
+        high = low + inside
+        later = (1.0 - weight)[:, None] * white[low] + weight[:, None] * white[high]
+        good = inside[:, None] & keep[repeat.rows] & keep[low] & keep[high]
+        product = np.where(good, white[repeat.rows] * later, 0.0)
+        width = max(1, round(rows.rate))
+        for first in range(0, len(product), width):
+            sums.append(product[first : first + width].sum(axis=0))
+    if len(sums) < 6:
+        return []
+    s = np.array(sums)
+    total, spread = s.sum(axis=0), np.sqrt(np.sum(s**2, axis=0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.where(spread > 0.0, total / spread, 0.0)
+    # Under sign changes of stretches, t^2 / (B - t^2) (B - 1) is F with (1, B - 1).
+    B = len(s)
+    student = t * np.sqrt((B - 1) / np.maximum(B - t**2, 1e-9))
+    return [float(p) for p in stats.t.sf(student, B - 1)]

@@ -1,0 +1,244 @@
+"""The noise of each joint from repetition, and the filter that makes it white.
+
+Where a motion repeats, r(t) - r(t + T) holds no error of the model, only noise (twice), events, and
+what depends on time instead of motion: drift. Drift is taken out by regression on the drift columns
+of the library, events by their local energy; what is left gives the noise floor and an AR(4)
+whitener per joint. Without repeats the model's own residual has to serve, and any claim about what
+remains unexplained is weaker: ``source`` says which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from sdp_vs_penalty.diagnosis.events import local_excess, robust_scale
+from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, Segment
+from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.noise import repeat_period
+
+Array = NDArray[np.float64]
+
+ORDER = 4
+#: Positions that differ by less than this share of a joint's travel count as the same.
+_ALIKE = 0.01
+#: Fewest differences from which a floor is believed.
+_FEWEST = 60
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Rows ``rows`` (indices into all rows) repeat at the instants ``later`` of another segment."""
+
+    rows: NDArray[np.intp]
+    segment: int
+    other: int
+    later: Array
+
+
+@dataclass(frozen=True)
+class Noise:
+    """floor (n,) [N m or N]: standard deviation of the filtered noise; ar (n, ORDER); sigma (n,) of
+    the whitened noise; degrees (n,) of freedom behind it; source : "repetition" or "residual";
+    suspect (M, n): rows where the repetition shows an event; repeats : what repeats what.
+    """
+
+    floor: Array
+    ar: Array
+    sigma: Array
+    degrees: Array
+    source: str
+    suspect: NDArray[np.bool_]
+    repeats: tuple[Repeat, ...] = ()
+
+    def whiten(self, values: Array, joint: int, pieces: Sequence[NDArray[np.intp]]) -> Array:
+        """(M, k) columns or (M,) a series, filtered to white noise of unit variance.
+
+        The first ORDER rows of each piece have no past and become zero.
+        """
+        out = np.zeros_like(values)
+        for piece in pieces:
+            if len(piece) <= ORDER:
+                continue
+            x = values[piece]
+            y = x[ORDER:].copy()
+            for lag, a in enumerate(self.ar[joint], start=1):
+                y -= a * x[ORDER - lag : -lag]
+            out[piece[ORDER:]] = y / self.sigma[joint]
+        return out
+
+
+def pieces_of(rows: DiagnosisRows, joint: int) -> list[NDArray[np.intp]]:
+    """Index arrays of consecutive rows that count for a joint."""
+    segment, keep = rows.segment, rows.keep[:, joint]
+    index = np.arange(len(segment))
+    same = (segment[1:] == segment[:-1]) & (keep[1:] == keep[:-1])
+    return [p for p in np.split(index, np.flatnonzero(~same) + 1) if keep[p[0]]]
+
+
+def find_repeats(rows: DiagnosisRows) -> tuple[Repeat, ...]:
+    """Every pair of stretches with the same motion, inside runs and between them."""
+    out = []
+    starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
+    for k, segment in enumerate(rows.segments):
+        period = repeat_period(segment.t_dense, segment.q_dense)
+        if period is not None:
+            out += _pair(segment, segment, period, k, k, starts[k])
+        for m in range(k + 1, len(rows.segments)):
+            other = rows.segments[m]
+            lag = _lag(segment, other)
+            if lag is not None:
+                out += _pair(segment, other, lag, k, m, starts[k])
+    return tuple(out)
+
+
+def _pair(a: Segment, b: Segment, shift: float, k: int, m: int, start: int) -> list[Repeat]:
+    """The rows of a whose motion b repeats ``shift`` seconds later."""
+    later = a.t + shift
+    inside = a.keep & (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
+    if inside.sum() < 2 * ORDER:
+        return []
+    q_a = CubicSpline(a.t_dense, a.q_dense)(a.t[inside])
+    q_b = CubicSpline(b.t_dense, b.q_dense)(later[inside])
+    travel = np.maximum(a.q_dense.std(axis=0), 1e-9)
+    alike = np.all(np.abs(q_a - q_b) < _ALIKE * np.maximum(travel, 0.05 * travel.max()), axis=1)
+    index = start + np.flatnonzero(inside)[alike]
+    if len(index) < 2 * ORDER:
+        return []
+    return [Repeat(index, k, m, later[inside][alike])]
+
+
+def _lag(a: Segment, b: Segment) -> float | None:
+    """Clock difference after which b repeats a from its beginning on, or None; at most 5 s of slip."""
+    step = float(a.t_dense[1] - a.t_dense[0])
+    q_b = CubicSpline(b.t_dense - b.t_dense[0], b.q_dense)
+    clock = a.t_dense - a.t_dense[0]
+    span = b.t_dense[-1] - b.t_dense[0]
+    travel = np.sqrt(np.mean((a.q_dense - a.q_dense.mean(axis=0)) ** 2))
+
+    def error(slip: float) -> float:
+        at = clock + slip
+        inside = (at >= 0.0) & (at <= span)
+        if inside.sum() * step < 2.0:
+            return np.inf
+        some = np.flatnonzero(inside)[:: max(1, int(0.1 / step))]
+        return float(np.sqrt(np.mean((a.q_dense[some] - q_b(at[some])) ** 2)))
+
+    slips = np.arange(-5.0, 5.0, 0.1)
+    errors = np.array([error(s) for s in slips])
+    best = float(slips[int(np.argmin(errors))])
+    if errors.min() > 0.3 * travel:
+        return None
+    from scipy.optimize import minimize_scalar
+
+    fine = minimize_scalar(error, bounds=(best - 0.1, best + 0.1), method="bounded").x
+    if error(float(fine)) > 0.5 * _ALIKE * travel:
+        return None
+    return float(fine + b.t_dense[0] - a.t_dense[0])
+
+
+def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Array) -> Noise:
+    """The noise from repetition; from the residual itself where too little repeats.
+
+    residual_dense : per segment (D, n) on the dense grid; residual (M, n) on the rows.
+    """
+    repeats = find_repeats(rows)
+    n = rows.n
+    suspect = np.zeros((len(rows.t), n), bool)
+    if sum(len(r.rows) for r in repeats) < _FEWEST:
+        parts = [_autoregression(residual[:, j], pieces_of(rows, j)) for j in range(n)]
+        ar, sigma = np.array([p[0] for p in parts]), np.array([p[1] for p in parts])
+        degrees = np.array([p[2] for p in parts])
+        keep = rows.keep
+        floor = np.array([residual[keep[:, j], j].std() for j in range(n)])
+        return Noise(floor, ar, sigma, degrees, "residual", suspect)
+    splines = [CubicSpline(s.t_dense, r) for s, r in zip(rows.segments, residual_dense, strict=True)]
+    index = np.concatenate([r.rows for r in repeats])
+    difference = np.concatenate(
+        [(residual[r.rows] - splines[r.other](r.later)) / np.sqrt(2.0) for r in repeats]
+    )
+    gap = np.concatenate([r.later - rows.t[r.rows] for r in repeats])
+    pieces = _consecutive(repeats)
+    dq = np.concatenate([s.low_pass @ s.motion.dq for s in rows.segments])[index]
+    t = rows.t[index]
+    floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
+    for j in range(n):
+        x = difference[:, j]
+        drift = _drift_columns(t, gap, dq[:, j])
+        good = np.ones(len(x), bool)
+        for _ in range(3):
+            rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+            runs = [p[good[p]] for p in pieces]
+            ar[j], sigma[j], degrees[j] = _autoregression(rest, runs)
+            trial = Noise(floor, ar, sigma, degrees, "repetition", suspect)
+            white = trial.whiten(rest, j, pieces)
+            white /= max(robust_scale(white[white != 0.0]), 1e-12)
+            good = ~local_excess(white, pieces, tests=n)
+            if good.sum() < _FEWEST // 2:
+                good[:] = True
+        rank = np.linalg.matrix_rank(drift[good])
+        used = max(int(good.sum()) - rank, 1)
+        floor[j] = np.sqrt(np.sum(rest[good] ** 2) / used)
+        degrees[j] = max(degrees[j] - rank, 1.0)
+        sigma[j] *= np.sqrt(max(used + rank, 1) / used)
+        suspect[index[~good], j] = True
+        _mark_later(rows, repeats, good, j, suspect)
+    return Noise(floor, ar, sigma, degrees, "repetition", suspect, repeats)
+
+
+def _mark_later(
+    rows: DiagnosisRows, repeats: Sequence[Repeat], good: NDArray[np.bool_], joint: int, suspect: Array
+) -> None:
+    """An event of a difference may have happened at either instant: mark the later one too."""
+    starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
+    first = 0
+    for r in repeats:
+        bad = ~good[first : first + len(r.rows)]
+        first += len(r.rows)
+        times = rows.segments[r.other].t
+        near = np.clip(np.searchsorted(times, r.later[bad]), 0, len(times) - 1)
+        suspect[starts[r.other] + near, joint] = True
+
+
+def _consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
+    pieces, first = [], 0
+    for r in repeats:
+        index = first + np.arange(len(r.rows))
+        pieces += np.split(index, np.flatnonzero(np.diff(r.rows) != 1) + 1)
+        first += len(r.rows)
+    return pieces
+
+
+def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
+    """What drifting offsets and frictions leave in a difference of two instants."""
+    s = smooth_sign(dq)
+    start = t.min()
+    columns = [gap * x for x in (np.ones_like(t), s, dq)]
+    for T in (15.0, 60.0):
+        decay = np.exp(-(t - start) / T) * -np.expm1(-gap / T)
+        columns += [decay, decay * s, decay * dq]
+    matrix = np.column_stack(columns)
+    return matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+
+
+def _autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array, float, float]:
+    """AR coefficients (ORDER,), standard deviation of the innovations, degrees of freedom."""
+    past, now = [], []
+    for piece in pieces:
+        if len(piece) > ORDER:
+            y = x[piece]
+            past.append(np.column_stack([y[ORDER - lag : -lag] for lag in range(1, ORDER + 1)]))
+            now.append(y[ORDER:])
+    count = sum(len(y) for y in now)
+    if count < 4 * ORDER:
+        every = np.concatenate([x[p] for p in pieces]) if pieces else x
+        return np.zeros(ORDER), max(float(every.std()), 1e-12), max(len(every) - 1.0, 1.0)
+    matrix, target = np.concatenate(past), np.concatenate(now)
+    a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
+    rest = target - matrix @ a
+    sigma = float(np.sqrt(rest @ rest / (count - ORDER)))
+    return a, max(sigma, 1e-9 * float(np.abs(x).max(initial=1.0)), 1e-15), float(count - ORDER)
