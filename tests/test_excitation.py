@@ -1,0 +1,141 @@
+"""Exciting trajectories: limits, gradient, conditioning, and the file that a robot plays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.excitation import (
+    BaseRegressor,
+    Limits,
+    _Search,
+    optimise_excitation,
+    save_trajectory,
+    shrunk,
+)
+from sdp_vs_penalty.experiment import experiment
+from sdp_vs_penalty.problem import Problem, load_problem
+from sdp_vs_penalty.trajectory import FourierTrajectory, random_trajectory
+
+
+@pytest.fixture(scope="module")
+def paper(panda: Problem) -> FourierTrajectory:
+    return experiment(panda).trajectory
+
+
+positive = st.floats(0.05, 3.0)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    low=st.lists(st.floats(-2.5, 1.0), min_size=2, max_size=2),
+    span=st.lists(positive, min_size=2, max_size=2),
+    velocity=st.lists(positive, min_size=2, max_size=2),
+    acceleration=st.lists(positive, min_size=2, max_size=2),
+    duration=st.floats(4.0, 20.0),
+    seed=st.integers(0, 1000),
+)
+def test_an_optimised_trajectory_keeps_any_limits(
+    low: list[float],
+    span: list[float],
+    velocity: list[float],
+    acceleration: list[float],
+    duration: float,
+    seed: int,
+) -> None:
+    problem = load_problem("two_link")
+    lower = np.array(low)
+    limits = Limits(lower, lower + span, np.array(velocity), np.array(acceleration))
+    found = optimise_excitation(problem, limits=limits, duration=duration, seed=seed, iterations=2)
+    t = np.linspace(0.0, duration, 2 * round(1000 * duration) + 1)
+    q, dq, ddq = found.trajectory.states(t)
+    assert np.all(q >= limits.lower - 1e-6)
+    assert np.all(q <= limits.upper + 1e-6)
+    assert np.all(np.abs(dq) <= limits.velocity * (1 + 1e-5))
+    assert np.all(np.abs(ddq) <= limits.acceleration * (1 + 1e-4))
+    assert np.abs(dq[[0, -1]]).max() < 1e-9
+
+
+@pytest.mark.parametrize("objective", ["condition", "d-optimal"])
+def test_the_slope_is_that_of_finite_differences(two_link: Problem, objective: str) -> None:
+    limits = Limits.of_robot(two_link.robot)
+    start = shrunk(random_trajectory(two_link.robot, 3, 8.0), limits)
+    search = _Search(BaseRegressor.of(two_link, "rigid_body"), limits, start, objective)
+    for index in ((0, 0), (0, 10), (1, 3), (1, 7)):
+        ends = []
+        for sign in (1.0, -1.0):
+            x = search.x.copy()
+            x[index] += sign * 1e-5
+            ends.append(search._value(x))
+        assert search.slope[index] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-4, abs=1e-6)
+
+
+def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(
+    panda: Problem, paper: FourierTrajectory
+) -> None:
+    limits = Limits.of_trajectory(paper)
+    before = BaseRegressor.of(panda).condition(paper)
+    assert 105.0 < before < 125.0  # the paper's own figure is 109 to 122, depending on the basis
+    found = optimise_excitation(panda, limits=limits, start=paper, iterations=12)
+    assert found.condition < 0.75 * before
+    assert limits.excess(found.trajectory) <= 1.0
+    assert found.trajectory.duration == paper.duration
+    assert found.history[0] == pytest.approx(before)
+
+
+def test_d_optimal_raises_the_information(two_link: Problem) -> None:
+    limits = Limits.of_robot(two_link.robot)
+    start = shrunk(random_trajectory(two_link.robot, 0, 8.0), limits)
+    regressor = BaseRegressor.of(two_link, "rigid_body")
+    found = optimise_excitation(
+        two_link, limits=limits, start=start, effects="rigid_body", objective="d-optimal", iterations=8
+    )
+    t = np.arange(0.0, 8.0, 0.05)
+
+    def information(trajectory: FourierTrajectory) -> float:
+        w = regressor.at(t, *trajectory.states(t)).reshape(-1, len(regressor.columns))
+        return float(np.linalg.slogdet(w.T @ w)[1])
+
+    assert information(found.trajectory) > information(start) + 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"lower": np.array([0.0, 2.0]), "upper": np.array([1.0, 1.0])}, "joint 2"),
+        ({"velocity": np.array([0.0, 1.0])}, "joint 1"),
+        ({"acceleration": np.array([1.0, -1.0])}, "joint 2"),
+        ({"upper": np.array([np.inf, 1.0])}, "joint 1"),
+        ({"velocity": np.array([np.nan, 1.0])}, "joint 1"),
+    ],
+)
+def test_limits_that_admit_no_trajectory_are_refused(
+    two_link: Problem, change: dict[str, np.ndarray], match: str
+) -> None:
+    with pytest.raises(InputError, match=match):
+        replace(Limits.of_robot(two_link.robot), **change)
+
+
+def test_other_input_is_refused(two_link: Problem) -> None:
+    with pytest.raises(InputError, match="objective"):
+        optimise_excitation(two_link, objective="loud")
+    with pytest.raises(InputError, match="duration"):
+        optimise_excitation(two_link, duration=0.5)
+
+
+def test_a_robot_can_play_the_file(two_link: Problem, tmp_path: Path) -> None:
+    trajectory = random_trajectory(two_link.robot, 0, 4.0)
+    path = tmp_path / "trajectory.csv"
+    save_trajectory(trajectory, path)
+    header = path.read_text().splitlines()[0]
+    assert header == "t,q1,q2,dq1,dq2,ddq1,ddq2"
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    assert rows.shape == (4001, 7)
+    q, dq, ddq = trajectory.states(rows[:, 0])
+    np.testing.assert_allclose(rows[:, 1:], np.hstack([q, dq, ddq]), atol=1e-7)
