@@ -7,14 +7,14 @@ them, with derivatives, and what the paper's box means in theta.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import BarycentricBound
+from sdp_vs_penalty.constraints import BarycentricBound, Constraint, linear
 from sdp_vs_penalty.estimators.estimator import Array, Task
 
 #: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of their one-step
@@ -22,6 +22,8 @@ from sdp_vs_penalty.estimators.estimator import Array, Task
 JOINT_PARAMETER_RANGE = 100.0
 
 _MOMENTS = (0, 2, 5)
+#: Bounds that are not convex are met by this much (relative), more than the final repair moves.
+_MARGIN = 1e-8
 #: Row and column of each inertia entry, and what m c_i c_j adds to J: J_e = I_e + sum_k S_ke m c_i c_j.
 _ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
 _STEINER = np.array(
@@ -36,54 +38,85 @@ _STEINER = np.array(
 )
 
 
-def _mass_times_barycentric() -> Array:
-    """(6, 10, 10), symmetric: m I_e = m J_e - sum_k S_ke h_i h_j, h = m c."""
-    forms = np.zeros((6, 10, 10))
+def _steiner_forms() -> Array:
+    """Q (6, 3, 3), symmetric: I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c."""
+    forms = np.zeros((6, 3, 3))
     for e in range(6):
-        forms[e, 0, 4 + e] = 1.0
-        forms[e, 1 + _ROWS, 1 + _COLUMNS] = -_STEINER[:, e]
+        forms[e, _ROWS, _COLUMNS] = _STEINER[:, e]
     return 0.5 * (forms + forms.transpose(0, 2, 1))
 
 
-#: m I_e = theta^T MASS_TIMES_BARYCENTRIC[e] theta for the ten standard parameters theta of a link.
-MASS_TIMES_BARYCENTRIC = _mass_times_barycentric()
+STEINER_FORMS = _steiner_forms()
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """sign (I_e - limit) >= 0 for entry e of a link's inertia about its centre of mass."""
+
+    indices: NDArray[np.intp]  # (10,) of the link in theta
+    entry: int
+    sign: float
+    limit: float
+
+    @classmethod
+    def all_of(cls, bounds: Sequence[BarycentricBound], reference: Array) -> list[OneSided]:
+        """The finite ends, a hair inside; without I_xx >= 0, which P(theta) >= 0 contains."""
+        out = []
+        for bound in bounds:
+            moment = float(reference[bound.indices[[4, 6, 9]]].sum())
+            for sign, limit in ((1.0, bound.lower), (-1.0, bound.upper)):
+                implied = sign > 0.0 and bound.entry in _MOMENTS and limit <= 0.0
+                if np.isfinite(limit) and not implied:
+                    inside = limit + sign * _MARGIN * (moment + abs(limit))
+                    out.append(cls(bound.indices, bound.entry, sign, inside))
+        return out
+
+
+def implied_by_centre(bounds: Sequence[OneSided], centre: Mapping[int, Array]) -> list[Constraint]:
+    """What each bound implies for every centre of mass in the link's box: linear in (m, J).
+
+    sign (J_e - limit) + m max_c(-sign c^T Q_e c) >= 0. Follows from the bound, and equals it at
+    m = 0, where the bound times m says nothing. ``centre`` : (3, 2) box by the link's first index.
+    """
+    out = []
+    for b in bounds:
+        box = centre[int(b.indices[0])]
+        corners = np.array([[x, y, z] for x in box[0] for y in box[1] for z in box[2]])
+        at_zero = corners * (box[:, 0] * box[:, 1] > 0.0)  # squares are least at zero, if inside
+        candidates = np.concatenate([corners, at_zero])
+        form = STEINER_FORMS[b.entry]
+        most = float(np.max(-b.sign * np.einsum("ki,ij,kj->k", candidates, form, candidates)))
+        indices = b.indices[[0, 4 + b.entry]]
+        rows = np.array([[most], [b.sign]])
+        out.append(linear("implied by the centre of mass", "", indices, rows, [-b.sign * b.limit]))
+    return out
 
 
 @dataclass(frozen=True)
 class BarycentricPart:
-    """m (upper - I_e) >= 0 and m (I_e - lower) >= 0 in x = theta / theta_scale: quadratic in x.
+    """m sign (I_e - limit) >= 0 with m I_e = m J_e - h^T Q_e h: quadratic in x = theta / theta_scale.
 
-    Multiplied by the mass, a bound on I has no pole at m = 0, and m >= 0 is demanded elsewhere.
+    Multiplied by the mass, which other constraints keep positive, a bound has no pole at m = 0.
     """
 
     indices: NDArray[np.intp]  # (k, 10) of the link in x
-    forms: Array  # (k, 10, 10) in scaled variables: F = u^T form u + slope u_0, u = x[indices]
+    forms: Array  # (k, 10, 10): F = u^T form u + slope u_0, u = x[indices]
     slopes: Array  # (k,)
     width: int
     cone: str = "nonnegative"
 
     @classmethod
-    def of(
-        cls, bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
-    ) -> BarycentricPart:
-        indices, forms, slopes = [], [], []
-        for bound in bounds:
-            link = reference[bound.indices]
-            moment = float(link[[4, 6, 9]].sum())
-            for sign, limit in ((1.0, bound.lower), (-1.0, bound.upper)):
-                implied = sign > 0.0 and bound.entry in _MOMENTS and limit <= 0.0
-                if not np.isfinite(limit) or implied:  # P(theta) >= 0 contains I_xx >= 0
-                    continue
-                d, size = theta_scale[bound.indices], link[0] * (moment + abs(limit))
-                indices.append(bound.indices)
-                forms.append(sign * MASS_TIMES_BARYCENTRIC[bound.entry] * np.outer(d, d) / size)
-                slopes.append(-sign * limit * d[0] / size)
-        return cls(
-            np.array(indices, np.intp).reshape(-1, 10),
-            np.array(forms).reshape(-1, 10, 10),
-            np.array(slopes),
-            len(theta_scale),
-        )
+    def of(cls, bounds: Sequence[OneSided], theta_scale: Array, reference: Array) -> BarycentricPart:
+        indices = np.array([b.indices for b in bounds], np.intp).reshape(-1, 10)
+        forms, slopes = np.zeros((len(bounds), 10, 10)), np.zeros(len(bounds))
+        for k, b in enumerate(bounds):
+            link, scale = reference[b.indices], theta_scale[b.indices]
+            factor = b.sign / (link[0] * (link[[4, 6, 9]].sum() + abs(b.limit)))
+            forms[k, 0, 4 + b.entry] = forms[k, 4 + b.entry, 0] = 0.5
+            forms[k, 1:4, 1:4] = -STEINER_FORMS[b.entry]
+            forms[k] *= factor * np.outer(scale, scale)
+            slopes[k] = -factor * b.limit * scale[0]
+        return cls(indices, forms, slopes, len(theta_scale))
 
     def values(self, x: Array) -> Array:
         u = x[self.indices]
@@ -91,9 +124,9 @@ class BarycentricPart:
 
     def jacobian(self, x: Array) -> Array:
         out = np.zeros((len(self.indices), self.width))
-        slope = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
-        slope[:, 0] += self.slopes
-        out[np.arange(len(out))[:, None], self.indices] = slope
+        local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
+        local[:, 0] += self.slopes
+        out[np.arange(len(out))[:, None], self.indices] = local
         return out
 
     def second(self, multiplier: Array) -> Array:

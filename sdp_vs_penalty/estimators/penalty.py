@@ -13,7 +13,12 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.constraints import Constraint, ConstraintSet
-from sdp_vs_penalty.estimators.barycentric import BarycentricPart, barycentric_box
+from sdp_vs_penalty.estimators.barycentric import (
+    BarycentricPart,
+    OneSided,
+    barycentric_box,
+    implied_by_centre,
+)
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, interior_point
 from sdp_vs_penalty.estimators.shifted_penalty import (
@@ -69,7 +74,7 @@ def fit_penalty(task: Task, data: LeastSquares, thickness: float, starts: int, t
     """The best of several runs, each made feasible; raises InputError where nothing is feasible."""
     constraints = task.constraints.plus(task.minimum_thickness(thickness))
     interior = interior_point(task, constraints)
-    scaled = _Scaled.of(task, data, constraints, interior)
+    scaled = ScaledProblem.of(task, data, constraints, interior)
     box, rng = barycentric_box(task), np.random.default_rng(task.seed)
     runs: list[dict[str, Any]] = []
     best: tuple[float, Array, Minimum] | None = None
@@ -125,27 +130,33 @@ def feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array
 
 
 @dataclass(frozen=True)
-class _Scaled:
+class ScaledProblem:
     """The shifted penalty in variables and cones of about unit size, and the way back."""
 
     penalty: ShiftedPenalty
     theta_scale: Array
     loss_scale: float
-    received: ConstraintSet  # without what others imply
+    received: ConstraintSet  # convex, without what others imply
 
     @classmethod
-    def of(cls, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array) -> _Scaled:
+    def of(
+        cls, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array
+    ) -> ScaledProblem:
         norms, size = data.column_norms, np.sqrt(data.tau_squared)
         theta_scale = task.bound.copy()
         np.divide(size, norms, out=theta_scale, where=(norms > 0.0) & (size > 0.0))
         theta_scale = np.minimum(theta_scale, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
         loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
-        received = ConstraintSet(_not_implied(constraints.convex), constraints.nonconvex)
+        bounds = OneSided.all_of(constraints.nonconvex, interior)
+        box = barycentric_box(task)
+        centre = {int(k[0]): np.column_stack([box.lower[k[1:4]], box.upper[k[1:4]]]) for k in task.links}
+        received = ConstraintSet(_not_implied(constraints.convex)).plus(
+            implied_by_centre(bounds, centre)
+        )
         parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.stacks]
-        bounds = BarycentricPart.of(received.nonconvex, theta_scale, interior)
-        if len(bounds.indices):
-            parts.append(bounds)
+        if bounds:
+            parts.append(BarycentricPart.of(bounds, theta_scale, interior))
         penalty = ShiftedPenalty(*scaled_loss(data, theta_scale, loss_scale), tuple(parts))
         return cls(penalty, theta_scale, loss_scale, received)
 

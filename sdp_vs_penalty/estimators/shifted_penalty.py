@@ -52,7 +52,7 @@ class Part(Protocol):
         """dF/dx, (rows, p), rows in the order of F.ravel()."""
 
     def second(self, multiplier: Array) -> Array | float:
-        """Hessian of <multiplier, F(x)>, (p, p); 0.0 where F is affine."""
+        """Hessian of <multiplier, F(x)>, (p, p), F being at most quadratic; 0.0 where it is affine."""
 
 
 @dataclass(frozen=True)
@@ -186,23 +186,25 @@ def newton(
             return x, evaluations, step
         hessian = penalty.hessian(x, shifts, weight)
         size = float(np.abs(np.diagonal(hessian)).mean())
-        direction, damping = _descent(hessian, gradient, damping, 1e-13 * size)
-        slope = float(gradient @ direction)
-        if -slope <= 1e-15 * abs(value):
-            return x, evaluations, step
-        length = 1.0
-        while True:
-            trial = x + length * direction
-            new_value, new_gradient = penalty.value_and_gradient(trial, shifts, weight)
-            evaluations += 1
-            if new_value <= value + 1e-4 * length * slope:
-                break
-            length *= 0.5
-            if length < 1e-8:
+        accepted = False
+        while not accepted:
+            direction, damping = _descent(hessian, gradient, damping, 1e-13 * size)
+            slope = float(gradient @ direction)
+            if -slope <= 1e-15 * abs(value) or damping > 1e3 * size:
                 return x, evaluations, step
+            for length in (1.0, 0.5, 0.25, 0.125):
+                trial = x + length * direction
+                new_value, new_gradient = penalty.value_and_gradient(trial, shifts, weight)
+                evaluations += 1
+                accepted = new_value <= value + 1e-4 * length * slope
+                if accepted:
+                    break
+            if not accepted or length < 1.0:
+                # Short steps: the quadratic model is wrong far out, where it hardly bends.
+                damping = max(10.0 * damping, 1e-10 * size)
+        if length == 1.0:
+            damping *= 0.1
         x, value, gradient = trial, new_value, new_gradient
-        # Short steps: the quadratic model is wrong far out, in directions it hardly bends.
-        damping = 0.1 * damping if length == 1.0 else max(10.0 / length * damping, 1e-10 * size)
     return x, evaluations, _STEPS
 
 

@@ -1,0 +1,273 @@
+"""The penalty estimators: gradients, agreement with the SDP, feasibility by independent eigenvalues."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from random_robots import link_parameters, sines, tree
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.constraints import project, projection_curvature
+from sdp_vs_penalty.estimate import certify
+from sdp_vs_penalty.estimators import identify, make_estimator, make_task
+from sdp_vs_penalty.estimators.barycentric import (
+    STEINER_FORMS,
+    barycentric_box,
+)
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, interior_point
+from sdp_vs_penalty.estimators.penalty import Penalty, ScaledProblem, feasible
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss, PenaltyPaper
+from sdp_vs_penalty.measurements import Measurements, load_measurements
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import compress
+
+Array = NDArray[np.float64]
+
+
+def run_of(problem: Problem, links: Array, seed: int = 0, noise: float = 0.1) -> Measurements:
+    """Inverse dynamics of given links with viscous and Coulomb friction and white noise."""
+    rng, n = np.random.default_rng(seed), problem.robot.n
+    motion = sines(rng, n, np.arange(0.0, 8.0, 0.01))
+    tau = problem.robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq)
+    tau += 0.3 * motion.dq + 0.2 * np.tanh(motion.dq / 0.01)
+    tau += noise * rng.normal(size=tau.shape) * np.std(tau, axis=0)
+    return Measurements(motion.t, motion.q, tau, motion.dq)
+
+
+def task_of(problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0) -> Task:
+    model = problem.model(effects)
+    settings = problem.preprocessing.resolve(run)
+    return make_task(problem, model, compress(run, model, settings), seed=seed)
+
+
+def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
+    """An open box, as of a URDF; the robot whose links are returned obeys what the box implies."""
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, n, link_frames=bool(seed % 2))
+    box = np.full((n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.01
+    nominal = np.array([link_parameters(rng, r) for r in robot.link_reach()])
+    links = np.array([link_parameters(rng, r) for r in robot.link_reach()])
+    return Problem("random", "random", robot, box, nominal), links
+
+
+def task_named(name: str, request: pytest.FixtureRequest) -> Task:
+    if name in ("panda", "two_link"):
+        problem = request.getfixturevalue(name)
+        return task_of(problem, run_of(problem, problem.nominal_links))
+    problem, links = random_problem(int(name[-1]), int(name[0]))
+    return task_of(problem, run_of(problem, links))
+
+
+def slopes(function, x: Array, step: float = 1e-6) -> Array:  # type: ignore[no-untyped-def]
+    """Central differences of a function along each coordinate, stacked."""
+    return np.array(
+        [(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))]
+    )
+
+
+def close(a: Array, b: Array, tolerance: float = 1e-6) -> bool:
+    return bool(np.abs(a - b).max() <= tolerance * max(np.abs(a).max(), np.abs(b).max(), 1e-12))
+
+
+ROBOTS = ["two_link", "panda", "1 joint, seed 0", "3 joints, seed 3"]
+
+
+@pytest.mark.parametrize(("cone", "shape"), [("psd", (4, 4)), ("soc", (3,)), ("nonnegative", (5,))])
+def test_curvature_of_projection_is_its_derivative(cone: str, shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(1)
+    values, directions = rng.normal(size=(6, *shape)), rng.normal(size=(6, *shape, 7))
+    if cone == "psd":
+        values = values + np.swapaxes(values, 1, 2)
+        directions = directions + np.swapaxes(directions, 1, 2)
+    flat = directions.reshape(6, -1, 7)
+
+    def gradient(x: Array) -> Array:
+        return np.einsum("gep,ge->p", flat, project(cone, values + directions @ x).reshape(6, -1))
+
+    assert close(projection_curvature(cone, values, flat), slopes(gradient, np.zeros(7)))
+    one_by_one = np.stack([project(cone, v) for v in values])
+    np.testing.assert_allclose(project(cone, values), one_by_one, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_shifted_penalty_derivatives(name: str, request: pytest.FixtureRequest) -> None:
+    task = task_named(name, request)
+    constraints = task.constraints.plus(task.minimum_thickness(DEFAULT_THICKNESS))
+    reference = interior_point(task, constraints)
+    scaled = ScaledProblem.of(task, task.data, constraints, reference)
+    penalty, at = scaled.penalty, reference / scaled.theta_scale
+    rng = np.random.default_rng(2)
+    x = at + 0.5 * np.linalg.norm(at) / np.sqrt(len(at)) * rng.normal(size=len(at))
+    shifts = [np.abs(rng.normal(size=s.shape)) for s in penalty.no_shifts(x)]
+    shifts = [project(part.cone, s) for part, s in zip(penalty.parts, shifts, strict=True)]
+    violated = [
+        part for part, z in zip(penalty.parts, penalty.shifted(x, shifts, 5.0), strict=True) if z.any()
+    ]
+    assert len(violated) >= 2  # otherwise nothing is tested
+    value, gradient = penalty.value_and_gradient(x, shifts, 5.0)
+    assert np.isfinite(value)
+    assert close(gradient, slopes(lambda y: penalty.value_and_gradient(y, shifts, 5.0)[0], x))
+    numeric = slopes(lambda y: penalty.value_and_gradient(y, shifts, 5.0)[1], x)
+    assert close(penalty.hessian(x, shifts, 5.0), numeric, 1e-5)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_penalised_loss_of_the_paper_derivatives(name: str, request: pytest.FixtureRequest) -> None:
+    task = task_named(name, request)
+    box = barycentric_box(task)
+    loss = PenalisedLoss(task, task.data, box, np.arange(len(task.bound)), box.p(task.ols))
+    u = np.random.default_rng(3).uniform(0.1, 0.9, len(task.bound))
+    # Without the loss, whose size hides the penalty's slope behind rounding.
+    p, slope = loss.p(u), np.zeros(len(u))
+    assert loss.penalty(p, slope) > 0.0
+    assert close(slope, slopes(lambda y: np.float64(loss.penalty(y, None)), p))
+    value, gradient = loss.value_and_gradient(u, 40.0)
+    assert value == pytest.approx(loss.value(u, 40.0), rel=1e-12)
+    assert close(gradient, slopes(lambda y: np.float64(loss.value(y, 40.0)), u, 1e-5))
+
+
+def test_barycentric_quadratic_forms_and_box(panda: Problem) -> None:
+    task = task_of(panda, run_of(panda, panda.nominal_links))
+    box = barycentric_box(task)
+    p = box.random(np.random.default_rng(0))
+    theta = box.theta(p)
+    expected = inertia.standard_from_barycentric(p[task.links])
+    np.testing.assert_allclose(theta[task.links], expected, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(box.p(theta), p, rtol=1e-9, atol=1e-9)
+    for link, own in zip(theta[task.links], p[task.links], strict=True):
+        added = np.einsum("i,kij,j->k", link[1:4], STEINER_FORMS, link[1:4]) / link[0]
+        np.testing.assert_allclose(link[4:] - added, own[4:], rtol=1e-9, atol=1e-12)
+
+
+def independent_margins(theta: Array, links: NDArray[np.intp], thickness: float) -> Array:
+    """Smallest eigenvalue of Sigma_c - m r^2 1 of each link, from the definitions."""
+    out = []
+    for link in theta[links]:
+        m, h = link[0], link[1:4]
+        xx, xy, yy, xz, yz, zz = link[4:]
+        about_frame = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        about_centre = about_frame - (h @ h * np.eye(3) - np.outer(h, h)) / m
+        sigma = 0.5 * np.trace(about_centre) * np.eye(3) - about_centre
+        out.append(np.linalg.eigvalsh(sigma - m * thickness**2 * np.eye(3))[0])
+    return np.array(out)
+
+
+@pytest.mark.parametrize(
+    "name", ["two_link", "panda", "1 joint, seed 0", "3 joints, seed 3", "6 joints, seed 4"]
+)
+def test_penalty_reaches_the_sdp_and_is_feasible(name: str, request: pytest.FixtureRequest) -> None:
+    task = task_named(name, request)
+    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
+    fit = Penalty(starts=3).fit(task)
+    theta, certificate = certify(task, fit)
+    assert abs(certificate.loss / sdp.loss - 1.0) < 1e-4
+    # Every start, not only the best one.
+    assert max(run["loss"] for run in fit.details["runs"]) < sdp.loss * (1.0 + 1e-3)
+    assert certificate.worst <= 1e-9
+    assert independent_margins(theta, task.links, DEFAULT_THICKNESS).min() >= -1e-9
+    # Its own multipliers prove it.
+    assert certificate.gap is not None
+    assert -1e-9 <= certificate.gap < 1e-3
+
+
+def test_penalty_obeys_bounds_that_no_sdp_can_take(panda: Problem) -> None:
+    box = panda.box.copy()
+    box[:, [4, 6, 9], 1], box[:, [5, 7, 8], 0], box[:, [5, 7, 8], 1] = 0.02, -1e-3, 1e-3
+    tight = replace(panda, box=box)
+    task = task_of(tight, run_of(panda, panda.nominal_links, noise=0.02))
+    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
+    assert sdp.violations["barycentric inertia"] > 1e-3
+    theta, certificate = certify(task, Penalty(starts=2).fit(task))
+    moments = inertia.barycentric_from_standard(theta[task.links])[:, 4:]
+    assert np.all(moments >= box[:, 4:, 0] - 1e-9)
+    assert np.all(moments <= box[:, 4:, 1] + 1e-9)
+    assert certificate.worst <= 1e-9
+    assert certificate.loss >= (sdp.lower or 0.0) * (1.0 - 1e-9)
+
+
+def test_repair_satisfies_bounds_that_are_not_convex(panda: Problem) -> None:
+    box = panda.box.copy()
+    box[:, [5, 7, 8], 0], box[:, [5, 7, 8], 1] = -1e-3, 1e-3
+    tight = replace(panda, box=box)
+    task = task_of(tight, run_of(panda, panda.nominal_links))
+    inside = interior_point(task, task.constraints)
+    outside = inside.copy()
+    outside[5] += 2e-3  # Ixy1
+    assert task.constraints.worst(outside)["barycentric inertia"] > 0.0
+    assert max(task.constraints.worst(feasible(task.constraints, outside, inside)).values()) == 0.0
+
+
+def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda: Problem) -> None:
+    task = task_of(panda, run_of(panda, panda.nominal_links, noise=0.3))
+    theta, certificate = certify(task, make_estimator("penalty-two-step").fit(task))
+    assert certificate.worst <= 1e-9
+    assert certificate.gap is not None
+    assert certificate.gap < 1e-3  # of its own objective
+    one_step, other = certify(task, make_estimator("penalty").fit(task))
+    assert task.base_distance.loss(theta) < task.base_distance.loss(one_step)
+    assert other.loss < certificate.loss
+
+
+@pytest.mark.parametrize("method", ["penalty", "penalty-two-step", "penalty-paper"])
+def test_seed_decides(method: str, two_link: Problem) -> None:
+    run = run_of(two_link, two_link.nominal_links)
+    estimator = make_estimator(method)
+    if isinstance(estimator, PenaltyPaper):
+        estimator = PenaltyPaper(runs=2, evaluations=400)
+    first, again, other = (identify(two_link, run, estimator, seed=s) for s in (4, 4, 5))
+    assert np.array_equal(first.theta, again.theta)
+    assert first.details == again.details
+    assert first.details["runs"] != other.details["runs"]
+
+
+@pytest.mark.parametrize("method", ["penalty-paper", "penalty-paper-two-step"])
+def test_paper_stays_in_its_box_and_reports_runs(method: str, two_link: Problem) -> None:
+    said: list[str] = []
+    task = replace(
+        task_of(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)), progress=said.append
+    )
+    estimator = replace(make_estimator(method), runs=3, evaluations=1000)  # type: ignore[type-var]
+    fit = estimator.fit(task)
+    box = barycentric_box(task)
+    p = box.p(fit.theta)
+    np.testing.assert_allclose(box.theta(p), fit.theta, rtol=1e-9, atol=1e-9)  # nothing was clipped
+    assert np.all(np.isfinite(box.lower))
+    assert np.all(np.isfinite(box.upper))
+    runs = fit.details["runs"]
+    assert len(runs) == 3 == len(said)
+    assert all("violation" in text for text in said)
+    best = min(runs, key=lambda run: run["penalised"])
+    assert task.data.loss(fit.theta) == pytest.approx(best["loss"], rel=1e-12)
+    assert all(0 < run["evaluations"] < 2000 for run in runs)
+
+
+def test_penalty_without_links(two_link: Problem) -> None:
+    run = run_of(two_link, two_link.nominal_links)
+    task = task_of(two_link, run, "viscous_friction,torque_offset")
+    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
+    for method in ("penalty", "penalty-paper"):
+        _, certificate = certify(task, make_estimator(method).fit(task))
+        assert certificate.loss == pytest.approx(sdp.loss, rel=1e-6)
+
+
+@pytest.mark.real_data
+def test_on_the_real_panda(panda: Problem, data_folder) -> None:  # type: ignore[no-untyped-def]
+    run = load_measurements(data_folder / "panda", joints=7, stop=14.0)
+    task = task_of(panda, run, seed=11)
+    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
+    fit = make_estimator("penalty").fit(task)
+    theta, strong = certify(task, fit)
+    assert abs(strong.loss / sdp.loss - 1.0) < 1e-3
+    assert strong.worst <= 1e-9
+    assert independent_margins(theta, task.links, DEFAULT_THICKNESS).min() >= -1e-9
+    # The published weights leave triangle inequalities violated: measured, in every run.
+    paper = PenaltyPaper(runs=2, evaluations=2000).fit(task)
+    for r in paper.details["runs"]:
+        assert r["violations"]["triangle inequality"] > 1e-3
+    links = paper.theta[task.links]
+    assert inertia.triangle_margin(links).min() < -1e-3
