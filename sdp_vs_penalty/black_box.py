@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import numeric_arrays
 from sdp_vs_penalty.model import Model
 from sdp_vs_penalty.regression import Factor, Regression, TimeBlock, triangular
 from sdp_vs_penalty.robot import Robot
@@ -72,8 +73,11 @@ def is_black_box(path: str | Path) -> bool:
     """Whether a file holds a black box's answers rather than a measured run."""
     if Path(path).suffix != ".npz" or not zipfile.is_zipfile(path):
         return False
-    with zipfile.ZipFile(path) as archive:
-        return "mass_matrix.npy" in archive.namelist()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return "mass_matrix.npy" in archive.namelist()
+    except (zipfile.BadZipFile, OSError):
+        return False  # whoever reads it as measurements says what is wrong
 
 
 def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
@@ -83,19 +87,14 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
     where the inertia matrices are not symmetric.
     """
     path = Path(path)
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [name for name in _ARRAYS if name not in file.files]
-            if missing:
-                raise InputError(
-                    f"{path}: array {missing[0]} is missing; a black box is an .npz file with q (K, n), "
-                    "gravity (K, n) and mass_matrix (K, n, n)."
-                )
-            q, gravity, mass_matrix = (np.asarray(file[name], float) for name in _ARRAYS)
-    except InputError:
-        raise
-    except (OSError, ValueError, TypeError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{path}: not a readable .npz file of numbers ({error}).") from error
+    arrays = numeric_arrays(path)
+    missing = [name for name in _ARRAYS if name not in arrays]
+    if missing:
+        raise InputError(
+            f"{path}: array {missing[0]} is missing; a black box is an .npz file with q (K, n), "
+            "gravity (K, n) and mass_matrix (K, n, n)."
+        )
+    q, gravity, mass_matrix = (arrays[name] for name in _ARRAYS)
     if q.ndim != 2 or not q.size:
         raise InputError(f"{path}: array q has shape {q.shape}; one row a configuration is needed.")
     count, n = q.shape

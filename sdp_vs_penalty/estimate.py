@@ -123,10 +123,10 @@ def load_estimate(path: str | Path) -> Estimate:
     """
     path = Path(path)
     try:
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a JSON file ({error}).") from error
     if not isinstance(data, dict) or "format" not in data:
         raise InputError(f"{path}: not a model.json of this program (no field 'format').")
@@ -137,11 +137,11 @@ def load_estimate(path: str | Path) -> Estimate:
         )
     try:
         return _from_dict(data)
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     except KeyError as error:
         raise InputError(f"{path}: the field {error.args[0]!r} is missing.") from error
-    except (TypeError, ValueError, AttributeError, IndexError) as error:
+    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise InputError(f"{path}: a field has the wrong content ({error}).") from error
 
 
@@ -160,6 +160,8 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     missing = [name for name in names if name not in given]
     if missing:
         raise KeyError(f"parameters: {missing[0]}")
+    if not np.all(np.isfinite(list(given.values()))):
+        raise ValueError("a parameter's value is not a finite number")
     p = len(names)
     covariance = np.full((p, p), np.nan)
     seen = [names.index(name) for name in data["covariance"]["parameters"]]

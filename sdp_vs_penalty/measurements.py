@@ -231,14 +231,15 @@ def _numbers(path: Path, lines: Sequence[str], width: int, first: int = 2) -> Ar
     raise InputError(f"{path}: the rows cannot be read as numbers.")
 
 
-def _read_npz(path: Path) -> Measurements:
+def numeric_arrays(path: str | Path) -> dict[str, Array]:
+    """The arrays of an .npz file as floats; InputError for anything but real numbers."""
     arrays: dict[str, Array] = {}
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(info.file_size for info in archive.infolist())
             if size > 4 * 2**30:
                 raise InputError(
-                    f"{path}: unpacks to {size / 2**30:.0f} GiB; split it into runs below 4."
+                    f"{path}: unpacks to {size / 2**30:.0f} GiB; split it into files below 4 GiB."
                 )
         with np.load(path, allow_pickle=False) as file:
             for name in file.files:
@@ -249,7 +250,13 @@ def _read_npz(path: Path) -> Measurements:
     except InputError:
         raise
     except Exception as error:  # zip, zlib and array headers each fail in ways of their own
-        raise InputError(f"{path}: not a readable .npz file of numbers ({error}).") from error
+        what = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{path}: not a readable .npz file of numbers ({what}).") from error
+    return arrays
+
+
+def _read_npz(path: Path) -> Measurements:
+    arrays = numeric_arrays(path)
     if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
         for name in ("q", "dq", "tau"):
             block = arrays.pop(name, None)

@@ -57,6 +57,14 @@ class Preprocessing:
     torque_cutoff: float | None = None
     standstill: float = 2e-3
 
+    def __post_init__(self) -> None:
+        for name in ("state_cutoff", "torque_cutoff"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < np.inf:
+                raise InputError(f"preprocessing: {name} {value!r} is not a frequency above 0 Hz.")
+        if not 0.0 <= self.standstill < 1.0:
+            raise InputError(f"preprocessing: standstill {self.standstill!r} is not a share below 1.")
+
     def resolve(self, measurements: Measurements) -> Preprocessing:
         """The same settings with every number filled in for these measurements."""
         rate = min(_rate(run) for run in measurements.runs())

@@ -343,17 +343,21 @@ def _plausible(robot: Robot, given: Array) -> Array:
 def _load_folder(folder: Path) -> Problem:
     file = folder / "problem.toml"
     try:
-        data = tomllib.loads(file.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}).") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{file}: not a TOML file ({error}).") from error
     try:
         return _from_toml(folder, data)
+    except InputError as error:
+        if str(folder) in str(error):
+            raise
+        raise InputError(f"{file}: {error}") from error
     except KeyError as error:
         raise InputError(f"{file}: the field {error.args[0]!r} is missing.") from error
-    except (TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{file}: {error}.") from error
+    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise InputError(f"{file}: a field has the wrong content ({error}).") from error
 
 
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
@@ -381,14 +385,20 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
-    if low > high:
-        raise InputError(f"{folder / 'problem.toml'}: total_mass has its lower bound above its upper.")
+    if not low <= high:
+        raise InputError(f"total_mass has its lower bound {low:g} above its upper {high:g}.")
     cones = tuple(
         CentreOfMassCone(
             int(c["link"]) - 1, _AXES.index(c["axis"]), float(c["radius"]), float(c["slope"])
         )
         for c in data.get("centre_of_mass_cone", ())
     )
+    for cone in cones:
+        if not 0 <= cone.link < robot.n:
+            raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {robot.n}.")
+    side = data.get("torque_side", "link")
+    if side not in ("link", "motor"):
+        raise InputError(f"torque_side {side!r} is unknown; there are: link, motor.")
     base = data.get("base_parameters", {}).get("independent")
     settings = data.get("preprocessing", {})
     problem = Problem(
@@ -399,7 +409,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         np.zeros((robot.n, 10)),
         (low, high),
         cones,
-        data.get("torque_side", "link"),
+        side,
         Preprocessing(**settings),
         None if base is None else tuple(base),
         folder,
@@ -443,16 +453,23 @@ def _nominal_from_box(problem: Problem) -> Array:
 
 
 def _read_table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return [dict(row) for row in csv.DictReader(file)]
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return [dict(row) for row in csv.DictReader(file)]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a CSV table ({error}).") from error
 
 
 def _fill_box(box: Array, path: Path) -> None:
     """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
     entries = dict(zip(("xx", "xy", "yy", "xz", "yz", "zz"), range(4, 10), strict=True))
     for number, row in enumerate(_read_table(path), start=2):
-        name = row["parameter"]
+        name = row.get("parameter")
         try:
+            if not name:
+                raise ValueError
             if name[0] == "m":
                 link, entry = int(name[1:]) - 1, 0
             elif name[0] == "c":
@@ -462,11 +479,12 @@ def _fill_box(box: Array, path: Path) -> None:
             else:
                 raise ValueError
             lower, upper = float(row["lower"]), float(row["upper"])
-            box[link, entry]
-        except (ValueError, KeyError, IndexError):
+            if not 0 <= link < len(box):
+                raise ValueError
+        except (ValueError, KeyError, IndexError, TypeError):
             raise InputError(
-                f"{path}: row {number}: {name!r} is not m1, c1x or I1xx of a link of this robot with "
-                "numbers as bounds."
+                f"{path}: row {number}: parameter {name!r} is not m1, c1x or I1xx of a link of this "
+                "robot with numbers as lower and upper."
             ) from None
         if not lower <= upper:
             raise InputError(

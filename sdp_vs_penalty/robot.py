@@ -47,6 +47,22 @@ class Joint:
     velocity: float = np.inf
     effort: float = np.inf
 
+    def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and self.name):
+            raise InputError(f"a joint's name must be text, not {self.name!r}.")
+        for name, shape in (("placement", (4, 4)), ("axis", (3,)), ("link_frame", (4, 4))):
+            value = getattr(self, name)
+            if value.shape != shape or not np.all(np.isfinite(value)):
+                raise InputError(f"joint {self.name}: {name} must hold {shape} finite numbers.")
+        if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
+            raise InputError(f"joint {self.name}: the axis must be a unit vector.")
+        if self.kind not in ("revolute", "prismatic"):
+            raise InputError(f"joint {self.name}: kind {self.kind!r} is not revolute or prismatic.")
+        if not self.lower <= self.upper:
+            raise InputError(
+                f"joint {self.name}: the lower limit {self.lower:g} is above the upper {self.upper:g}."
+            )
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -62,6 +78,10 @@ class Robot:
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
+        names = [joint.name for joint in self.joints]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"robot {self.name}: joint {name} is there {names.count(name)} times.")
         open_branch: list[int] = []  # from the base to the last joint
         for i, joint in enumerate(self.joints):
             while open_branch and open_branch[-1] != joint.parent:
@@ -284,6 +304,8 @@ class Robot:
 
 
 def _vector3(values: Sequence[float]) -> tuple[float, float, float]:
+    if len(values) != 3 or not np.all(np.isfinite(values)):
+        raise InputError(f"gravity {values!r}: three finite numbers in m/s^2 are needed.")
     x, y, z = (float(v) for v in values)
     return x, y, z
 

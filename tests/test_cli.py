@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -67,12 +66,17 @@ def assert_one_sentence(err: str, *words: str) -> None:
         assert word in err
 
 
+@pytest.mark.skipif(os.name == "nt", reason="no resource usage of children")
 def test_help_answers_at_once() -> None:
+    """Under half a second of processor time, so that a busy machine does not fail the test."""
+    import resource
+
     seconds = []
-    for _ in range(4):
-        start = time.perf_counter()
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         result = subprocess.run([*PROGRAM, "--help"], capture_output=True, text=True, check=True)
-        seconds.append(time.perf_counter() - start)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert "identify" in result.stdout
     assert min(seconds) < 0.5
 

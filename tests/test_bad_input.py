@@ -1,0 +1,610 @@
+"""Whatever a user can get wrong is one sentence: file, row or field, what is wrong, what to do.
+
+Named cases first, then Hypothesis: no reader raises anything but InputError, whatever the bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import io
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from small_runs import small_run
+
+from sdp_vs_penalty import compare, files, identify, load_estimate, load_measurements, load_problem
+from sdp_vs_penalty.black_box import load_answers
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import Measurements, save_csv
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.urdf import load_urdf
+
+FUZZ = settings(
+    max_examples=150,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+def refusal(call: Callable[[], object], *words: str) -> str:
+    """The one sentence with which a call is refused; it holds the words."""
+    with pytest.raises(InputError) as caught:
+        call()
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.endswith(".")
+    for word in words:
+        assert word in message, message
+    return message
+
+
+def npz_bytes(**arrays: Any) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+# --- measurements ---------------------------------------------------------------------------------
+
+HEADER = "t,q1,q2,dq1,dq2,tau1,tau2"
+ROWS = [f"{0.01 * k:.2f},0.{k},0.2,0,0,1,2" for k in range(9)]
+
+
+def csv_with(change: Callable[[list[str]], None]) -> str:
+    lines = [HEADER, *ROWS]
+    change(lines)
+    return "\n".join(lines) + "\n"
+
+
+def setting(row: int, text: str) -> Callable[[list[str]], None]:
+    def change(lines: list[str]) -> None:
+        lines[row - 1] = text
+
+    return change
+
+
+CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
+    "no bytes": ("", ["row 1 is empty", "header"]),
+    "an empty run": (HEADER + "\n", ["0 sample(s)"]),
+    "one sample": (f"{HEADER}\n{ROWS[0]}\n", ["1 sample(s)"]),
+    "no header": ("\n".join(ROWS), ["row 1", "header"]),
+    "time is missing": (csv_with(setting(1, "s,q1,q2,dq1,dq2,tau1,tau2")), ["column t is missing"]),
+    "a torque is missing": (csv_with(setting(1, "t,q1,q2,dq1,dq2,tau1,x")), ["column tau2 is missing"]),
+    "a velocity is missing": (csv_with(setting(1, "t,q1,q2,dq1,x,tau1,tau2")), ["dq2 is missing"]),
+    "a column is misnamed": (csv_with(setting(1, HEADER + ",temp1")), ["'temp1' is unknown"]),
+    "a column comes twice": (csv_with(setting(1, "t,q1,q1,dq1,dq2,tau1,tau2")), ["q1 comes twice"]),
+    "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "header"]),
+    "a word": (csv_with(setting(4, "0.02,x,0,0,0,1,2")), ["row 4, column 2 holds 'x'", "correct it"]),
+    "not a number": (csv_with(setting(5, "0.03,0,0,0,0,nan,2")), ["row 5, column tau1", "finite"]),
+    "infinite": (csv_with(setting(5, "0.03,0,-inf,0,0,1,2")), ["row 5, column q2", "finite"]),
+    "an empty cell": (csv_with(setting(6, "0.04,0,,0,0,1,2")), ["row 6, column 3 holds ''"]),
+    "a row cut short": (csv_with(setting(10, "0.08,0.3")), ["row 10 has 2 cells", "complete the row"]),
+    "a row too long": (csv_with(setting(3, ROWS[1] + ",5")), ["row 3 has 8 cells", "header has 7"]),
+    "an empty row": (csv_with(setting(4, "")), ["row 4 is empty"]),
+    "time runs backwards": (
+        csv_with(setting(7, "0.01,0,0,0,0,1,2")),
+        ["row 7, column t", "runs backwards", "0.04 s to 0.01 s", "delete"],
+    ),
+    "time repeats": (csv_with(setting(7, "0.04,0,0,0,0,1,2")), ["row 7, column t", "repeats"]),
+    "a binary file": (bytes(range(256)) * 20, ["a binary file"]),
+    "a picture's first bytes": (b"\x89PNG\r\n\x1a\n" + b"\xff" * 50, ["not UTF-8 text"]),
+    "a binary tail": (csv_with(lambda x: None).encode() + b"\0" * 10, ["a binary file"]),
+}
+
+
+@pytest.mark.parametrize("case", CSV_CASES)
+def test_bad_csv(case: str, tmp_path: Path) -> None:
+    content, words = CSV_CASES[case]
+    path = tmp_path / "run.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert refusal(lambda: load_measurements(path), *words).startswith(f"{path}: ")
+
+
+def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path: Path) -> None:
+    """A byte order mark, CRLF, spaces in the header, blank lines at the end."""
+    path = tmp_path / "run.csv"
+    text = "\ufeff" + "\r\n".join([HEADER.replace(",", " , "), *ROWS, "", ""])
+    path.write_bytes(text.encode())
+    assert load_measurements(path, joints=2).q.shape == (9, 2)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"q1": np.zeros(5), "tau1": np.zeros(5)}, ["column t is missing"]),
+        ({"t": np.arange(5.0), "q1": np.zeros(4), "tau1": np.zeros(5)}, ["differ in length"]),
+        ({"t": np.arange(5.0), "q": np.zeros((5, 1, 1)), "tau": np.zeros(5)}, ["3 dimensions"]),
+        ({"t": np.arange(5.0), "q1": np.full(5, 1j), "tau1": np.zeros(5)}, ["q1", "complex"]),
+        ({"t": np.arange(5.0), "q1": np.array(list("abcde")), "tau1": np.zeros(5)}, ["q1", "<U1"]),
+        ({"t": np.arange(5.0)[::-1], "q1": np.zeros(5), "tau1": np.zeros(5)}, ["sample 2", "backwards"]),
+        ({"t": np.arange(5.0), "q1": np.array([{}] * 5), "tau1": np.zeros(5)}, ["not a readable"]),
+    ],
+)
+def test_bad_npz(arrays: dict[str, Any], words: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    np.savez(path, **arrays)
+    refusal(lambda: load_measurements(path), "run.npz", *words)
+
+
+def test_an_npz_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path) -> None:
+    """The directory of the archive promises 4 GiB an array; nothing is read before it is believed."""
+    content = bytearray(npz_bytes(t=np.zeros(2), q=np.zeros((2, 1)), tau=np.zeros((2, 1))))
+    entry = content.find(b"PK\x01\x02")
+    while entry >= 0:
+        content[entry + 24 : entry + 28] = (0xFFFFFFF0).to_bytes(4, "little")  # unpacked size
+        entry = content.find(b"PK\x01\x02", entry + 4)
+    path = tmp_path / "bomb.npz"
+    path.write_bytes(content)
+    refusal(lambda: load_measurements(path), "bomb.npz", "unpacks to 12 GiB")
+
+
+def test_files_and_folders_that_are_not_there(tmp_path: Path) -> None:
+    refusal(lambda: load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "no such file")
+    refusal(lambda: load_measurements(tmp_path), "exciting_traj_time.txt is missing")
+    refusal(load_measurements, "name at least one RUN.csv")
+
+
+def test_a_panda_log_of_unequal_files(tmp_path: Path) -> None:
+    for name, count in (("time", 5), ("positions", 35), ("velocity", 35), ("torques", 34)):
+        lines = [str(0.001 * k) for k in range(count)]
+        (tmp_path / f"exciting_traj_{name}.txt").write_text("\n".join(lines))
+    refusal(lambda: load_measurements(tmp_path), "34 numbers of tau", "5 instants")
+    (tmp_path / "exciting_traj_torques.txt").write_text("1\n2\nthree\n")
+    refusal(lambda: load_measurements(tmp_path), "exciting_traj_torques.txt: row 3", "'three'")
+
+
+@pytest.mark.real_data
+def test_the_ur10e_file_with_a_broken_clock(data_folder: Path, tmp_path: Path) -> None:
+    """A real case, under our header: rows of other fields, the clock runs backwards."""
+    raw = (data_folder / "ur10e" / "ur-20_02_19_15harm50secLoad.csv").read_text().splitlines()
+    rows = [line.split(",") for line in raw]
+    groups = [slice(0, 1), slice(1, 7), slice(7, 13), slice(13, 19)]
+    names = ["t", *(f"{p}{j}" for p in ("q", "dq", "tau") for j in range(1, 7))]
+    lines = [",".join(cell for g in groups for cell in row[g]) for row in rows if len(row) > 1]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([",".join(names), *lines]) + "\n")
+    words = ["run.csv: row 3, column t: time runs backwards", "3047.69", "6 such row(s)", "delete"]
+    refusal(lambda: load_measurements(path), *words)
+
+
+# --- this robot, in these units -------------------------------------------------------------------
+
+
+def in_degrees(run: Measurements, q: bool = True, dq: bool = True) -> Measurements:
+    factor = 180.0 / np.pi
+    velocity = None if run.dq is None else run.dq * (factor if dq else 1.0)
+    return Measurements(run.t, run.q * (factor if q else 1.0), run.tau, velocity, None, ("run.csv",))
+
+
+def test_degrees_are_refused_by_the_joints_ranges(panda: Problem) -> None:
+    run = small_run(panda)
+    centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
+    run = Measurements(run.t, run.q + centre, run.tau, run.dq, None, ("run.csv",))
+    estimate = identify(panda, run, "ols")
+    for call in (
+        lambda: identify(panda, in_degrees(run)),
+        lambda: compare(estimate, in_degrees(run)),
+    ):
+        refusal(
+            call, "run.csv: row ", "column q", "far outside the range of joint", "degrees to radians"
+        )
+
+
+@pytest.mark.parametrize(("q", "dq", "named"), [(True, False, "q"), (False, True, "dq")])
+def test_degrees_are_refused_by_the_derivative(two_link: Problem, q: bool, dq: bool, named: str) -> None:
+    run = in_degrees(small_run(two_link), q, dq)
+    refusal(lambda: identify(two_link, run), "q1 and dq1 differ by a factor of 57", f"convert {named} ")
+
+
+def test_degrees_are_refused_without_a_range(two_link: Problem) -> None:
+    run = in_degrees(small_run(two_link))
+    refusal(lambda: identify(two_link, run), "to and fro over", "turns", "degrees to radians")
+
+
+def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(
+    two_link: Problem, panda: Problem
+) -> None:
+    from sdp_vs_penalty.plausibility import check_plausible
+
+    run = small_run(panda)
+    centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
+    check_plausible(panda.robot, Measurements(run.t, run.q + centre + 2.0 * np.pi, run.tau, None))
+    run = small_run(two_link)
+    check_plausible(two_link.robot, Measurements(run.t, run.q + 20.0 * run.t[:, None], run.tau, None))
+
+
+def test_wrong_number_of_joints(two_link: Problem, panda: Problem, tmp_path: Path) -> None:
+    run = small_run(two_link)
+    save_csv(run, tmp_path / "run.csv")
+    refusal(lambda: load_measurements(tmp_path / "run.csv", joints=7), "run.csv", "2 joint(s)", "7")
+    refusal(lambda: identify(panda, run), "2 joint(s)", "panda", "7")
+    refusal(lambda: compare(identify(two_link, run, "ols"), small_run(panda)), "2 joint(s)", "7")
+
+
+def test_a_run_too_short_for_the_filters(two_link: Problem) -> None:
+    refusal(lambda: identify(two_link, small_run(two_link, 0.3)), "lasts 0.29 s", "record longer")
+
+
+def test_a_robot_that_does_not_move(two_link: Problem) -> None:
+    run = small_run(two_link)
+    still = Measurements(run.t, np.zeros_like(run.q), run.tau)
+    refusal(lambda: identify(load_problem("two_link"), still), "moves")
+
+
+# --- problems -------------------------------------------------------------------------------------
+
+TOML = """title = "t"
+[kinematics]
+convention = "modified"
+a = [0.0, 0.3]
+alpha_over_pi = [0.0, 0.5]
+d = [0.3, 0.0]
+gravity = [0.0, 0.0, -9.81]
+lower = [-3.0, -3.0]
+upper = [3.0, 3.0]
+[bounds]
+tables = ["bounds.csv"]
+total_mass = [1.0, 50.0]
+[preprocessing]
+state_cutoff = 5.0
+[[centre_of_mass_cone]]
+link = 1
+axis = "y"
+radius = 0.15
+slope = 0.0
+"""
+BOUNDS = "parameter,lower,upper\nm1,0.1,20\nc1x,-0.5,0.5\nI2xx,0,1\n"
+
+
+def problem_folder(folder: Path, toml: str = TOML, bounds: str = BOUNDS) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "problem.toml").write_text(toml)
+    (folder / "bounds.csv").write_text(bounds)
+    return folder
+
+
+def test_the_problem_of_these_tests_is_a_good_one(tmp_path: Path) -> None:
+    problem = load_problem(problem_folder(tmp_path / "arm"))
+    assert identify(problem, small_run(problem)).certificate.gap is not None
+
+
+PROBLEM_CASES = {
+    "not TOML": ("title", "title = = ", ["problem.toml", "not a TOML file"]),
+    "no kinematics": ("[kinematics]", "[kinematic]", ["problem.toml", "'kinematics' is missing"]),
+    "no title": ('title = "t"', "", ["'title' is missing"]),
+    "lengths differ": ("d = [0.3, 0.0]", "d = [0.3]", ["problem.toml"]),
+    "limits too few": ("lower = [-3.0, -3.0]", "lower = [-3.0]", ["problem.toml"]),
+    "a word": ("a = [0.0, 0.3]", 'a = [0.0, "x"]', ["problem.toml"]),
+    "nan": ("a = [0.0, 0.3]", "a = [0.0, nan]", ["problem.toml", "finite"]),
+    "gravity": ("-9.81]", "-9.81, 0.0]", ["problem.toml", "gravity"]),
+    "convention": ('"modified"', '"craig"', ["'craig'", "modified", "standard"]),
+    "joint limits": ("upper = [3.0, 3.0]", "upper = [3.0, -4.0]", ["joint2", "above"]),
+    "total mass": ("[1.0, 50.0]", "[60.0, 50.0]", ["total_mass", "60", "above", "50"]),
+    "no table": ('"bounds.csv"', '"bound.csv"', ["bound.csv", "cannot be read"]),
+    "cut-off": ("state_cutoff = 5.0", "state_cutoff = -5.0", ["state_cutoff", "-5"]),
+    "setting": ("state_cutoff = 5.0", "state_cut = 5.0", ["state_cut"]),
+    "cone's link": ("link = 1", "link = 3", ["centre_of_mass_cone", "link 3"]),
+    "cone's axis": ('axis = "y"', 'axis = "w"', ["problem.toml"]),
+    "torque side": ('title = "t"', 'title = "t"\ntorque_side = "left"', ["'left'", "link, motor"]),
+}
+
+
+@pytest.mark.parametrize("case", PROBLEM_CASES)
+def test_bad_problem(case: str, tmp_path: Path) -> None:
+    old, new, words = PROBLEM_CASES[case]
+    assert old in TOML
+    folder = problem_folder(tmp_path / "arm", TOML.replace(old, new, 1))
+    assert str(folder) in refusal(lambda: load_problem(folder), *words)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "words"),
+    [
+        ("parameter,lower,upper\nm1,0.1,20\nm2,5,3\n", ["row 3", "m2", "5", "above", "3"]),
+        ("parameter,lower,upper\nm1,nan,20\n", ["row 2", "m1"]),
+        ("parameter,lower,upper\nm3,1,20\n", ["row 2", "'m3'"]),
+        ("parameter,lower,upper\nm0,1,20\n", ["row 2", "'m0'"]),
+        ("parameter,lower,upper\nmass,1,20\n", ["row 2", "'mass'"]),
+        ("parameter,lower,upper\nm1,1\n", ["row 2", "'m1'"]),
+        ("name,lower,upper\nm1,1,2\n", ["row 2", "parameter"]),
+    ],
+)
+def test_bad_bounds(bounds: str, words: list[str], tmp_path: Path) -> None:
+    folder = problem_folder(tmp_path / "arm", bounds=bounds)
+    refusal(lambda: load_problem(folder), "bounds.csv", *words)
+
+
+def test_constraints_without_a_feasible_point_are_named(tmp_path: Path) -> None:
+    """Two links of at most 1 kg each cannot weigh 10 kg together."""
+    toml = TOML.replace("[1.0, 50.0]", "[10.0, 50.0]")
+    bounds = "parameter,lower,upper\nm1,0.1,1\nm2,0.1,1\n"
+    problem = load_problem(problem_folder(tmp_path / "arm", toml, bounds))
+    run = small_run(load_problem(problem_folder(tmp_path / "other")))
+    message = refusal(
+        lambda: identify(problem, run), "mass", "total mass", "exclude each other", "relax"
+    )
+    assert "centre of mass" not in message
+
+
+# --- models ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def model(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    identify(two_link, small_run(two_link)).save(path)
+    return path
+
+
+def changed(model: Path, path: Path, change: Callable[[Any], None]) -> Path:
+    data = json.loads(model.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    return path
+
+
+def setter(*keys: Any, value: Any) -> Callable[[Any], None]:
+    def change(data: Any) -> None:
+        for key in keys[:-1]:
+            data = data[key]
+        data[keys[-1]] = value
+
+    return change
+
+
+MODEL_CASES: dict[str, tuple[Callable[[Any], Any], list[str]]] = {
+    "a newer version": (setter("format", value=99), ["newer version", "format 99", "upgrade"]),
+    "no format": (lambda d: d.pop("format"), ["not a model.json"]),
+    "no parameters": (lambda d: d.pop("parameters"), ["'parameters' is missing"]),
+    "a parameter gone": (lambda d: d["parameters"].pop(3), ["parameters: mz1", "missing"]),
+    "not a number": (setter("parameters", 0, "value", value="x"), ["wrong content", "'x'"]),
+    "not finite": (setter("parameters", 0, "value", value=float("nan")), ["finite"]),
+    "a number too large": (setter("parameters", 0, "value", value=10**400), ["wrong content"]),
+    "an unknown effect": (setter("effects", 1, "effect", value="ether"), ["'ether'", "rigid_body"]),
+    "a joint of nothing": (setter("robot", "joints", 0, "placement", value=[1.0]), ["placement"]),
+    "an axis of nothing": (setter("robot", "joints", 0, "axis", value=[0, 0, 0]), ["axis"]),
+    "a strange joint": (setter("robot", "joints", 0, "kind", value="ball"), ["'ball'"]),
+    "a strange gravity": (setter("robot", "gravity", value=[1, 2]), ["gravity"]),
+    "a strange filter": (setter("preprocessing", "state_cutoff", value=-1.0), ["state_cutoff"]),
+}
+
+
+@pytest.mark.parametrize("case", MODEL_CASES)
+def test_bad_model(case: str, model: Path, tmp_path: Path) -> None:
+    change, words = MODEL_CASES[case]
+    path = changed(model, tmp_path / "bad.json", change)
+    assert refusal(lambda: load_estimate(path), *words).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[]", b"3", b"\xff\xfe", b"[" * 100_000, b'{"format": "x"}']
+)
+def test_files_that_are_no_models(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_bytes(content)
+    refusal(lambda: load_estimate(path), str(path))
+
+
+# --- writing --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("interruption", [KeyboardInterrupt, MemoryError, OSError(28, "No space left")])
+@pytest.mark.parametrize("where", ["fdopen", "replace"])
+def test_an_interrupted_write_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, interruption: Any
+) -> None:
+    path = tmp_path / "model.json"
+    path.write_text("old")
+
+    def broken(*_: object, **__: object) -> None:
+        raise interruption
+
+    monkeypatch.setattr(files.os, where, broken)
+    expected = InputError if isinstance(interruption, OSError) else interruption
+    with pytest.raises(expected):
+        files.write_text(path, "new")
+    monkeypatch.undo()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_writing_where_one_cannot(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    refusal(lambda: files.write_text(tmp_path / "file" / "model.json", "x"), "cannot be written")
+    refusal(lambda: files.write_text(tmp_path, "x"), "cannot be written")
+    assert sorted(os.listdir(tmp_path)) == ["file"]
+
+
+# --- fuzzing --------------------------------------------------------------------------------------
+
+
+def mutated(content: bytes) -> st.SearchStrategy[bytes]:
+    """A good file with a few stretches replaced by other bytes, or by bytes of its own."""
+    stretch = st.tuples(
+        st.integers(0, len(content)),
+        st.integers(0, 12),
+        st.one_of(
+            st.binary(max_size=8),
+            st.sampled_from(
+                [b"nan", b"-1e999", b",", b"\n", b"\0", b"'", b'"', b"0", b"-", b"[", b"{}"]
+            ),
+            st.integers(0, len(content)).map(lambda k: content[k : k + 20]),
+        ),
+    )
+
+    def apply(changes: list[tuple[int, int, bytes]]) -> bytes:
+        out = content
+        for at, length, new in changes:
+            out = out[:at] + new + out[at + length :]
+        return out
+
+    return st.lists(stretch, min_size=1, max_size=4).map(apply)
+
+
+def survives(path: Path, content: bytes, read: Callable[[Path], object]) -> object:
+    """The reader's result, or None where it refuses with one sentence that names the file."""
+    path.write_bytes(content)
+    try:
+        return read(path)
+    except InputError as error:
+        message = str(error)
+    assert "\n" not in message
+    assert path.name in message or str(path.parent) in message
+    return None
+
+
+GOOD_CSV = csv_with(lambda x: None).encode()
+
+
+@FUZZ
+@given(content=st.one_of(mutated(GOOD_CSV), st.binary(max_size=300)))
+def test_fuzz_csv(content: bytes, tmp_path: Path) -> None:
+    read = survives(tmp_path / "run.csv", content, load_measurements)
+    if read is not None:
+        assert isinstance(read, Measurements)
+        assert np.all(np.isfinite(read.q))
+        assert np.all(np.diff(read.t) > 0.0)
+
+
+GOOD_NPZ = npz_bytes(t=np.arange(4.0), q=np.ones((4, 2)), tau=np.ones((4, 2)))
+GOOD_BOX = npz_bytes(q=np.ones((3, 2)), gravity=np.ones((3, 2)), mass_matrix=np.ones((3, 2, 2)))
+
+
+@FUZZ
+@given(content=st.one_of(mutated(GOOD_NPZ), st.binary(max_size=300)))
+def test_fuzz_npz(content: bytes, tmp_path: Path) -> None:
+    survives(tmp_path / "run.npz", content, load_measurements)
+
+
+@FUZZ
+@given(content=st.one_of(mutated(GOOD_BOX), st.binary(max_size=300)))
+def test_fuzz_black_box(content: bytes, tmp_path: Path) -> None:
+    survives(tmp_path / "box.npz", content, lambda path: load_answers([path]))
+
+
+@FUZZ
+@given(
+    name=st.sampled_from(["time", "positions", "velocity", "torques"]),
+    content=st.one_of(mutated(b"0.001\n0.002\n0.003\n"), st.binary(max_size=60)),
+)
+def test_fuzz_panda_log(name: str, content: bytes, tmp_path: Path) -> None:
+    for other in ("time", "positions", "velocity", "torques"):
+        (tmp_path / f"exciting_traj_{other}.txt").write_text("0.001\n0.002\n0.003\n")
+    survives(
+        tmp_path / f"exciting_traj_{name}.txt", content, lambda path: load_measurements(path.parent)
+    )
+
+
+URDF = b"""<robot name="arm"><link name="base"/>
+<link name="a"><inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="2"/>
+<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial></link>
+<link name="b"/>
+<joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" velocity="2" effort="3"/></joint>
+<joint name="k" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.1 0 0"/></joint>
+</robot>"""
+
+
+@FUZZ
+@given(content=st.one_of(mutated(URDF), st.binary(max_size=200)))
+def test_fuzz_urdf(content: bytes, tmp_path: Path) -> None:
+    read = survives(tmp_path / "arm.urdf", content, load_urdf)
+    if read is not None:
+        robot, nominal = read  # type: ignore[misc]
+        zero = np.zeros((1, robot.n))
+        assert np.all(np.isfinite(robot.regressor(zero, zero, zero)))
+        assert np.all(np.isfinite(nominal))
+
+
+@FUZZ
+@given(content=st.one_of(mutated(TOML.encode()), st.binary(max_size=200)))
+def test_fuzz_problem(content: bytes, tmp_path: Path) -> None:
+    folder = problem_folder(tmp_path / "arm")
+    problem = survives(folder / "problem.toml", content, lambda path: load_problem(path.parent))
+    if problem is not None:
+        assert isinstance(problem, Problem)
+        problem.constraints(problem.model())
+
+
+@FUZZ
+@given(content=st.one_of(mutated(BOUNDS.encode()), st.binary(max_size=200)))
+def test_fuzz_bounds(content: bytes, tmp_path: Path) -> None:
+    folder = problem_folder(tmp_path / "arm")
+    survives(folder / "bounds.csv", content, lambda path: load_problem(path.parent))
+
+
+def paths_into(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Where every value of a JSON document is (of a long list the first two)."""
+    out = [path] if path else []
+    items: Any = []
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list):
+        items = list(enumerate(value))[:2]
+    for key, inner in items:
+        out += paths_into(inner, (*path, key))
+    return out
+
+
+JSON_VALUES = st.recursive(
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(-3, 10**3),
+        st.floats(),
+        st.text(max_size=5),
+        st.just(10**400),
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=3), inner, max_size=2)
+    ),
+    max_leaves=4,
+)
+
+
+@FUZZ
+@given(data=st.data())
+def test_fuzz_model(data: st.DataObject, model: Path, tmp_path: Path) -> None:
+    """Any value anywhere: refused, or read into a model that predicts."""
+    document = json.loads(model.read_text())
+    place = data.draw(st.sampled_from(paths_into(document)))
+    document = copy.deepcopy(document)
+    setter(*place, value=data.draw(JSON_VALUES))(document)
+    read = survives(tmp_path / "model.json", json.dumps(document).encode(), load_estimate)
+    if read is not None:
+        t, zero = np.arange(3.0), np.zeros((3, read.robot.n))  # type: ignore[attr-defined]
+        assert read.torque(Motion(t, zero, zero, zero, zero)).shape == zero.shape  # type: ignore[attr-defined]
+        json.dumps(read.to_dict())  # type: ignore[attr-defined]
+
+
+@FUZZ
+@given(content=st.one_of(mutated(b'{"format": 1, "robot": {}}'), st.binary(max_size=200)))
+def test_fuzz_model_bytes(content: bytes, tmp_path: Path) -> None:
+    survives(tmp_path / "model.json", content, load_estimate)
+
+
+@FUZZ
+@given(
+    text=st.one_of(
+        st.text(max_size=30),
+        st.lists(
+            st.sampled_from(
+                ["coulomb_friction", "rigid_body", ":", "1", "+", "@", "v_s=", "0.1", ",", "-"]
+            ),
+            max_size=8,
+        ).map("".join),
+    )
+)
+def test_fuzz_effects(text: str, two_link: Problem) -> None:
+    with contextlib.suppress(InputError):
+        parse_effects(text, two_link.robot)
