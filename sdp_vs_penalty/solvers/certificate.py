@@ -79,8 +79,11 @@ def lower_bound(
     best, kept = -np.inf, list(dual)
     for _ in range(_DUAL_ROUNDS):
         value, leftover = tangent.bound(constraints, dual)
-        if value > best:
+        gained = value - best
+        if gained > 0.0:
             best, kept = value, list(dual)
+        if gained <= _WORTHWHILE * float(np.abs(leftover) @ bound):
+            break
         # What is left of the slope goes into the multipliers of each link's 4x4 matrix, which can
         # hold any of it; projecting them back onto the cone leaves less.
         for k, inverse in spread.items():
@@ -98,8 +101,9 @@ def lower_bound(
     )
 
 
-#: Rounds of pushing the dual's residual into the multipliers; each gives a valid bound.
-_DUAL_ROUNDS = 3
+#: Most rounds of pushing the dual's residual into the multipliers; each gives a valid bound, and one
+#: that gains less than this share of what the residual costs is the last.
+_DUAL_ROUNDS, _WORTHWHILE = 50, 0.02
 
 
 @dataclass(frozen=True)
