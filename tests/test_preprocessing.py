@@ -171,7 +171,7 @@ def test_standstill_is_dropped_and_motion_is_kept() -> None:
     settings = Preprocessing(5.0, 8.0)
     kept = filtered_torque(stopped, model, settings).motion.t
     assert kept.max() < run.t[-1] + 0.3
-    everything = filtered_torque(stopped, model, replace(settings, standstill=-1.0)).motion.t
+    everything = filtered_torque(stopped, model, replace(settings, standstill=0.0)).motion.t
     np.testing.assert_array_equal(everything[everything < 9.5], kept[kept < 9.5])
     assert everything.max() > 14.0
 

@@ -124,11 +124,15 @@ def test_joints_must_come_depth_first() -> None:
     """In any other order Pinocchio's mass matrix is silently wrong."""
     arm, *_ = tree(np.random.default_rng(0), 1).joints
     parents = {"chain": (-1, 0, 1), "branches": (-1, 0, 0, -1, 3), "forest": (-1, -1, -1)}
+
+    def robot(order: tuple[int, ...]) -> Robot:
+        return Robot("r", tuple(replace(arm, name=f"j{k}", parent=p) for k, p in enumerate(order)))
+
     for order in parents.values():
-        Robot("r", tuple(replace(arm, parent=p) for p in order))
+        robot(order)
     for order in ((-1, 0, 0, 1), (0,), (-1, 2, 0), (-1, -1, 0), (-2,)):
         with pytest.raises(InputError, match="depth first"):
-            Robot("r", tuple(replace(arm, parent=p) for p in order))
+            robot(order)
 
 
 def test_dh_convention_must_be_known() -> None:

@@ -26,6 +26,9 @@ from sdp_vs_penalty.solvers.conic import Entropy, Objective, largest_margin, lea
 
 #: A certified gap relative to the loss below which an answer is kept at once.
 _TIGHT = 1e-8
+#: Each attempt's way from the last answer to the interior point at which cones are scaled, and
+#: whether parameters are scaled by the residual instead of the torque.
+_ATTEMPTS = ((1.0, False), (0.1, True), (0.1, False), (0.01, True))
 #: The loss at the optimum relative to |tau|^2 that the first attempt expects at least.
 _FIRST_LOSS = 1e-6
 
@@ -38,6 +41,10 @@ class LmiSdp(Estimator):
 
     entropy : weight of the Bregman divergence from the nominal robot, in units of the variance of
         one independent torque sample (1: the nominal counts like one such sample a link); 0: none.
+    joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
+        to zero; one that alone would make all of its joint's torque costs one sample (0: none). Where
+        a joint does not reverse, Coulomb friction and offset have the same column and only this
+        keeps them from growing against each other without end.
     solver : one of solvers/; accuracy : what it is asked for.
     """
 
@@ -46,21 +53,28 @@ class LmiSdp(Estimator):
 
     thickness: float = DEFAULT_THICKNESS
     entropy: float = 0.0
+    joint_prior: float = 0.0
     solver: str = "clarabel"
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
-        objective = Objective(task.data, self._entropy(task))
+        data = task.data
+        if self.joint_prior > 0.0 and task.joint_scale is not None:
+            data = data.with_prior(task.joint_scale, self.joint_prior * _sample_variance(task))
+        objective = Objective(data, self._entropy(task))
         return solve_sdp(task, objective, constraints, self.solver, self.accuracy)
 
     def _entropy(self, task: Task) -> Entropy | None:
         if self.entropy <= 0.0 or not len(task.links):
             return None
         links = tuple(c for c in task.constraints.convex if c.family == "pseudo-inertia")
-        variance = task.data.loss(task.ols) / max(task.data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
-        return Entropy(self.entropy * variance, links, nominal)
+        return Entropy(self.entropy * _sample_variance(task), links, nominal)
+
+
+def _sample_variance(task: Task) -> float:
+    return task.data.loss(task.ols) / max(task.data.rows, 1)
 
 
 @dataclass(frozen=True)
@@ -73,9 +87,10 @@ class LmiSdpPlain(LmiSdp):
 @dataclass(frozen=True)
 class LmiSdpEntropic(LmiSdp):
     name = "lmi-sdp-entropic"
-    description = "one-step torque SDP with an entropic pull towards the problem's nominal robot"
+    description = "one-step torque SDP with an entropic pull towards the problem's nominal robot and no friction"
     thickness: float = 0.0
     entropy: float = 1.0
+    joint_prior: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -121,8 +136,9 @@ def solve_sdp(
 
     Identification SDPs are degenerate (their optimal faces are flat where the data see little), and
     a solver may stall short of what it was asked for. So every answer is certified, and where the
-    gap is above ``_TIGHT`` the same problem is solved again about another centre and scale. The
-    tightest answer is kept. Raises InputError where the constraints admit no interior point.
+    gap is above ``_TIGHT`` the same problem is solved again as seen from the answer, each cone scaled
+    by a point a little inside of it. The tightest answer is kept. Raises InputError where the
+    constraints admit no interior point.
     """
     interior = interior_point(task, constraints, solver_name)
     sent = essential(constraints, objective)
@@ -130,12 +146,16 @@ def solve_sdp(
     smallest = np.inf
     said = []
     data = objective.least_squares
-    for centre, fine in ((interior, False), (task.ols, True), (None, False), (None, True)):
-        around = best.theta if centre is None and best is not None else centre
+    least = _FIRST_LOSS * data.tau_squared
+    for share, fine in _ATTEMPTS:
+        centre = interior if best is None else best.theta
+        inside = centre + share * (interior - centre)
         # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and
-        # says nothing of the optimum: a problem scaled by it looks infeasible to a solver.
-        least = _FIRST_LOSS * data.tau_squared if best is None else data.loss(best.theta)
-        problem = least_squares_sdp(objective, sent, interior, task.bound, around, fine, least)
+        # says nothing of the optimum: a problem scaled by it looks infeasible to a solver. Nor may
+        # the unit fall at once to a loss that is nothing but rounding.
+        if best is not None:
+            least = max(data.loss(best.theta), 1e-3 * least)
+        problem = least_squares_sdp(objective, sent, inside, task.bound, centre, fine, least)
         solution = solver(solver_name).solve(problem.conic, accuracy)
         said.append(f"{solution.status} ({solution.iterations})")
         if solution.claims in ("infeasible", "unbounded", "failed"):
