@@ -68,11 +68,47 @@ class LeastSquares:
     def gradient(self, theta: ArrayLike) -> Array:
         return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
 
+    def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
+        """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no prior on k."""
+        size = np.asarray(scale, float)
+        p = len(size)
+        rows = np.zeros((p, p + 1))
+        rows[:, :p] = np.diag(np.sqrt(weight) / size)
+        end = np.append(np.zeros(p), self.floor)[None, :]
+        r = triangular([np.column_stack([self.R, self.rho]), end, rows])
+        top = r[:p]
+        return LeastSquares(
+            np.ascontiguousarray(top[:, :-1]),
+            top[:, -1].copy(),
+            float(r[p, p]),
+            self.tau_squared,
+            self.rows,
+        )
+
     @property
     def column_norms(self) -> Array:
         """|Y_k| of each parameter: how much torque a unit of it makes; 0 where only rounding is left."""
         norms = np.linalg.norm(self.R, axis=0)
         return np.where(norms > 1e-10 * norms.max(initial=0.0), norms, 0.0)
+
+    @property
+    def own_torque(self) -> Array:
+        """(p,) distance of each column from the span of all others [torque per unit of parameter].
+
+        What a unit of the parameter makes that no other parameter can cancel: 1 / sqrt of the
+        diagonal of (R^T R)^-1, zero for what the data do not determine.
+        """
+        norms = self.column_norms
+        unit = np.where(norms > 0.0, norms, 1.0)
+        scaled = np.where(norms > 0.0, self.R, 0.0) / unit
+        rest = np.zeros((max(0, scaled.shape[1] - scaled.shape[0]), scaled.shape[1]))
+        _, s, vt = np.linalg.svd(np.vstack([scaled, rest]), full_matrices=False)
+        rounding = 1e-14 * s.max(initial=0.0)
+        if rounding == 0.0:
+            return np.zeros(len(norms))
+        spread = np.sum((vt / np.maximum(s, rounding)[:, None]) ** 2, axis=0)
+        hidden = np.sum(vt[s <= rounding] ** 2, axis=0) > 1e-12
+        return np.where(hidden, 0.0, norms / np.sqrt(spread))
 
 
 @dataclass(frozen=True)

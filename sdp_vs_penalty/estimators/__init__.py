@@ -161,12 +161,26 @@ def make_task(
         problem.independent,
         seed,
         progress,
+        joint_scale(regression, model),
     )
     if weighting == "none":
         return plain
     if weighting != "noise":
         raise InputError(f"weighting {weighting!r} is unknown; there are: noise, none.")
     return replace(plain, data=regression.least_squares(joint_weights(regression, plain.ols)))
+
+
+def joint_scale(regression: Regression, model: Model) -> np.ndarray:
+    """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links and idle ones."""
+    scale = np.full(regression.p, np.inf)
+    for factor in regression.per_joint():
+        norms = np.linalg.norm(factor.triangle[:, :-1], axis=0)
+        torque = float(np.linalg.norm(factor.triangle[:, -1]))
+        seen = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
+        if torque > 0.0:
+            where = factor.indices[seen]
+            scale[where] = np.minimum(scale[where], torque / norms[seen])
+    return scale
 
 
 def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:

@@ -40,6 +40,8 @@ class Task:
     nominal : (p,) a strictly consistent theta that the problem knows beforehand.
     box : (n, 10, 2) barycentric bounds of each link.
     independent : names of the base parameters to use, or None.
+    joint_scale : (p,) the value of a joint's own parameter (friction, offset, ...) that alone would
+        make the torque of that joint in these data; infinite for the links' parameters.
     """
 
     model: Model
@@ -51,6 +53,7 @@ class Task:
     independent: tuple[str, ...] | None = None
     seed: int = 0
     progress: Progress = no_progress
+    joint_scale: Array | None = None
 
     @cached_property
     def links(self) -> NDArray[np.intp]:

@@ -20,6 +20,7 @@ from sdp_vs_penalty import inertia
 from sdp_vs_penalty.constraints import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
+from sdp_vs_penalty.problem import PARAMETER_RANGE
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.conic import Entropy, Objective, largest_margin, least_squares_sdp
@@ -87,7 +88,9 @@ class LmiSdpPlain(LmiSdp):
 @dataclass(frozen=True)
 class LmiSdpEntropic(LmiSdp):
     name = "lmi-sdp-entropic"
-    description = "one-step torque SDP with an entropic pull towards the problem's nominal robot and no friction"
+    description = (
+        "one-step torque SDP with an entropic pull towards the problem's nominal robot and no friction"
+    )
     thickness: float = 0.0
     entropy: float = 1.0
     joint_prior: float = 1.0
@@ -182,17 +185,19 @@ def solve_sdp(
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
     """The convex constraints without those that others or the data imply.
 
-    A minimum thickness implies the pseudo-inertia, and the range of a parameter that the data see
-    is out of reach. Redundant rows leave the dual undetermined, which
-    costs a solver iterations and digits; feasibility and certificate use the full set.
+    A minimum thickness implies the pseudo-inertia, and the range of a parameter is out of reach where
+    the way there makes more torque than was measured, whatever the other parameters do. Redundant
+    rows leave the dual undetermined, which costs a solver iterations and digits; feasibility and
+    certificate use the full set.
     """
-    seen = objective.least_squares.column_norms > 0.0
+    data = objective.least_squares
+    determined = PARAMETER_RANGE * data.own_torque > np.sqrt(data.tau_squared)
     thick = {c.name for c in constraints.convex if c.family == "minimum thickness"}
     kept = []
     for c in constraints.convex:
         if c.family == "pseudo-inertia" and c.name in thick:
             continue
-        if c.family == "range" and bool(seen[c.indices].all()):
+        if c.family == "range" and bool(determined[c.indices].all()):
             continue
         kept.append(c)
     return kept
