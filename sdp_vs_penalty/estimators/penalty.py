@@ -40,7 +40,8 @@ class Penalty(Estimator):
 
     thickness : smallest radius of gyration of a link [m], as for ``lmi-sdp``; 0 for none.
     starts : runs; the first from the problem's nominal robot, the others from seeded random points
-        of the barycentric box. With convex constraints only, all end at the same loss.
+        of the barycentric box, moved towards it until the convex constraints hold. With convex
+        constraints only, all end at the same loss.
     tolerance : of violation and complementarity, relative to the size of each constraint's values.
     """
 
@@ -79,7 +80,7 @@ def fit_penalty(task: Task, data: LeastSquares, thickness: float, starts: int, t
     runs: list[dict[str, Any]] = []
     best: tuple[float, Array, Minimum] | None = None
     for run in range(max(starts, 1)):
-        start = interior if run == 0 else box.theta(box.random(rng))
+        start = interior if run == 0 else repair(constraints, box.theta(box.random(rng)), interior)
         minimum = minimise(scaled.penalty, start / scaled.theta_scale, tolerance)
         theta = feasible(constraints, scaled.theta_scale * minimum.x, interior)
         objective, violation = data.loss(theta), max(constraints.worst(theta).values(), default=0.0)
@@ -157,7 +158,8 @@ class ScaledProblem:
         parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.stacks]
         if bounds:
             parts.append(BarycentricPart.of(bounds, theta_scale, interior))
-        penalty = ShiftedPenalty(*scaled_loss(data, theta_scale, loss_scale), tuple(parts))
+        reach = 2.0 * task.bound / theta_scale
+        penalty = ShiftedPenalty(*scaled_loss(data, theta_scale, loss_scale), tuple(parts), reach)
         return cls(penalty, theta_scale, loss_scale, received)
 
     def multipliers(self, constraints: ConstraintSet, minimum: Minimum) -> list[Array]:

@@ -103,6 +103,7 @@ class ShiftedPenalty:
     rho: Array
     floor_squared: float
     parts: tuple[Part, ...]
+    reach: Array  # (p,) a step longer than this in some x_k cannot be needed
 
     def no_shifts(self, x: Array) -> list[Array]:
         return [np.zeros_like(part.values(x)) for part in self.parts]
@@ -126,6 +127,13 @@ class ShiftedPenalty:
             value += (float(np.vdot(z, z)) - float(np.vdot(shift, shift))) / (2.0 * weight)
             gradient -= z.ravel() @ part.jacobian(x)
         return value, gradient
+
+    def largest_curvature(self, x: Array, weight: float) -> Array:
+        """(p,) the Hessian's diagonal if every constraint were active: each variable's own scale."""
+        out = 2.0 * np.sum(self.R**2, axis=0)
+        for part in self.parts:
+            out += weight * np.sum(part.jacobian(x) ** 2, axis=0)
+        return np.maximum(out, 1e-12 * max(float(out.max(initial=0.0)), 1e-300))
 
     def hessian(self, x: Array, shifts: Sequence[Array], weight: float) -> Array:
         """An element of L's generalised Hessian (p, p)."""
@@ -180,18 +188,20 @@ def newton(
     Stops at a gradient below ``accuracy`` (scaled units) or where rounding hides any descent.
     """
     value, gradient = penalty.value_and_gradient(x, shifts, weight)
-    evaluations, damping = 1, 0.0
+    evaluations, damping, metric = 1, 0.0, penalty.largest_curvature(x, weight)
     for step in range(_STEPS):
         if np.abs(gradient).max(initial=0.0) <= accuracy:
             return x, evaluations, step
         hessian = penalty.hessian(x, shifts, weight)
-        size = float(np.abs(np.diagonal(hessian)).mean())
         accepted = False
         while not accepted:
-            direction, damping = _descent(hessian, gradient, damping, 1e-13 * size)
+            direction, damping = _descent(hessian, gradient, metric, damping)
             slope = float(gradient @ direction)
-            if -slope <= 1e-15 * abs(value) or damping > 1e3 * size:
+            if -slope <= 1e-15 * abs(value) or damping > 1e3:
                 return x, evaluations, step
+            if np.any(np.abs(direction) > penalty.reach):
+                damping *= 10.0
+                continue
             for length in (1.0, 0.5, 0.25, 0.125):
                 trial = x + length * direction
                 new_value, new_gradient = penalty.value_and_gradient(trial, shifts, weight)
@@ -201,20 +211,20 @@ def newton(
                     break
             if not accepted or length < 1.0:
                 # Short steps: the quadratic model is wrong far out, where it hardly bends.
-                damping = max(10.0 * damping, 1e-10 * size)
+                damping = max(10.0 * damping, 1e-10)
         if length == 1.0:
             damping *= 0.1
         x, value, gradient = trial, new_value, new_gradient
     return x, evaluations, _STEPS
 
 
-def _descent(hessian: Array, gradient: Array, damping: float, least: float) -> tuple[Array, float]:
-    """-(H + t 1)^-1 g and t, the first of damping, 100 damping, ... that makes the matrix definite."""
-    damping = max(damping, least, 1e-300)
+def _descent(hessian: Array, gradient: Array, metric: Array, damping: float) -> tuple[Array, float]:
+    """-(H + t diag(metric))^-1 g and t: the first of damping times 1, 100, ... that is definite."""
+    damping = max(damping, 1e-14)
     while True:
         try:
             factor = scipy.linalg.cho_factor(
-                hessian + damping * np.eye(len(hessian)), check_finite=False, overwrite_a=True
+                hessian + damping * np.diag(metric), check_finite=False, overwrite_a=True
             )
             return -scipy.linalg.cho_solve(factor, gradient, check_finite=False), damping
         except np.linalg.LinAlgError:
