@@ -5,9 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.measurements import Measurements, load_measurements
 from sdp_vs_penalty.problem import Problem
+
+Array = NDArray[np.float64]
 
 VARIABLE = "SDP_VS_PENALTY_DATA"
 
@@ -41,3 +46,22 @@ def good_configurations(problem: Problem) -> Path | None:
     folder = real_data_folder()
     file = None if folder is None else folder / problem.name / "good_configurations_1010.txt"
     return file if file is not None and file.is_file() else None
+
+
+def commanded_coefficients(problem: Problem) -> tuple[Array, Array] | None:
+    """a, b (n, L) of the trajectory that the authors' generator commanded, or None without its file.
+
+    Raises InputError where gen_params.txt has not two rows a joint.
+    """
+    folder = real_data_folder()
+    file = None if folder is None else folder / problem.name / "gen_params.txt"
+    if file is None or not file.is_file():
+        return None
+    n = problem.robot.n
+    try:
+        rows = np.loadtxt(file, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{file}: not rows of numbers ({error}).") from error
+    if len(rows) != 2 * n:
+        raise InputError(f"{file}: {len(rows)} rows, {2 * n} are needed (a and b of each joint).")
+    return rows[:n], rows[n:]

@@ -1,0 +1,72 @@
+"""What the wrench table and Figure 10 share: wrenches of real, feasible and unfeasible parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.published import published_links
+from sdp_vs_penalty.relaxed_retrieval import Retrieval, unfeasible_retrievals
+from sdp_vs_penalty.tables.study import METHODS, Study
+from sdp_vs_penalty.wrenches import WrenchIntervals, equal_torques, joint_wrenches, wrench_intervals
+
+Array = NDArray[np.float64]
+
+#: Instants of the intervals, relaxed retrievals of each kind.
+INSTANTS = {"quick": 25, "paper": 101}
+RETRIEVALS = {"quick": 10, "paper": 50}
+
+
+@dataclass(frozen=True)
+class WrenchStudy:
+    """Along the exciting trajectory at t (M,): true and other wrenches (M, n, 6), and the intervals.
+
+    boxed, unbounded : relaxed retrievals that reproduce the torques and are inconsistent, with and
+    without the box bounds.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    true: Array
+    feasible: dict[str, Array]
+    boxed: tuple[Retrieval, ...]
+    unbounded: tuple[Retrieval, ...]
+    intervals: WrenchIntervals
+
+    def wrenches(self, study: Study, links: Array) -> Array:
+        return joint_wrenches(study.problem.robot, links, self.q, self.dq, self.ddq)
+
+
+@lru_cache(maxsize=4)
+def wrench_study(study: Study) -> WrenchStudy:
+    problem, x = study.problem, study.experiment
+    t = np.linspace(0.0, x.trajectory.duration, INSTANTS[study.budget] + 2)[1:-1]
+    states = x.trajectory.states(t)
+    model = problem.model("rigid_body")
+    feasible = equal_torques(
+        problem.robot, problem.constraints(model), x.links, problem.parameter_bound(model)
+    )
+    intervals = wrench_intervals(problem.robot, feasible, t, *states, progress=study.progress)
+    pi = study.base @ x.links.ravel()
+    count = RETRIEVALS[study.budget]
+    study.progress("relaxed retrievals")
+    estimates = {"published p_hat": published_links(problem, "p_hat")}
+    data = study.simulated
+    for name, method in METHODS.items():
+        if name != "ols":
+            theta = study.result(method, data).theta
+            estimates[name] = theta[data.model.rigid_indices].reshape(-1, 10)
+    return WrenchStudy(
+        t,
+        *states,
+        joint_wrenches(problem.robot, x.links, *states),
+        {k: joint_wrenches(problem.robot, v, *states) for k, v in estimates.items()},
+        tuple(unfeasible_retrievals(problem, pi, count, boxed=True)),
+        tuple(unfeasible_retrievals(problem, pi, count, boxed=False)),
+        intervals,
+    )

@@ -1,0 +1,114 @@
+"""Table I's sigmoid friction: recovered exactly, with honest intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.experiment import Experiment, experiment
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import filtered_torque
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.sigmoid_friction import (
+    SigmoidLinearised,
+    coverage,
+    exact_rows,
+    fit_sigmoid,
+    friction,
+    residual_rms,
+)
+from sdp_vs_penalty.simulation import sigmoid_friction
+
+
+@pytest.fixture(scope="module")
+def x(panda: Problem) -> Experiment:
+    return experiment(panda)
+
+
+def sampled(x: Experiment, step: float) -> tuple[Motion, np.ndarray]:
+    t = np.arange(0.0, x.trajectory.duration, step)
+    motion = Motion(t, *x.trajectory.states(t))
+    return motion, np.sum([source(motion) for source in x.sources], axis=0)
+
+
+def test_the_formula_is_the_simulators(x: Experiment) -> None:
+    motion, _ = sampled(x, 0.1)
+    assert x.friction is not None
+    expected = sigmoid_friction(x.friction)(motion)
+    np.testing.assert_allclose(friction(x.friction, motion.dq), expected, atol=1e-14)
+
+
+def test_the_linearised_columns_are_its_derivatives(panda: Problem, x: Experiment) -> None:
+    motion, _ = sampled(x, 0.5)
+    assert x.friction is not None
+    robot: Robot = panda.robot
+    shapes = x.friction[:, 1:]
+    blocks = SigmoidLinearised(robot, shapes).blocks(motion)
+    for j, block in enumerate(blocks):
+        for k, h in ((1, 1e-5), (2, 1e-7)):
+            ends = []
+            for sign in (1.0, -1.0):
+                phi = np.column_stack([np.ones(robot.n), shapes])
+                phi[j, k] += sign * h
+                ends.append(friction(phi, motion.dq)[:, j])
+            np.testing.assert_allclose(block.columns[:, k], (ends[0] - ends[1]) / (2 * h), atol=1e-6)
+
+
+def test_without_noise_table_one_is_recovered(panda: Problem, x: Experiment) -> None:
+    fit = fit_sigmoid(panda, exact_rows(*sampled(x, 0.05)))
+    assert x.friction is not None
+    assert np.abs(fit.phi / x.friction - 1.0).max() < 1e-6
+    assert fit.rmse.max() < 1e-9
+
+
+def test_intervals_cover_the_truth_at_their_nominal_rate(panda: Problem, x: Experiment) -> None:
+    motion, torque = sampled(x, 0.1)
+    fits = []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(size=torque.shape) * 0.3 * x.sensor.torque_std
+        fits.append(fit_sigmoid(panda, exact_rows(motion, torque + noise)))
+    assert x.friction is not None
+    share = coverage(fits, x.friction)
+    # 140 intervals a parameter: four standard deviations of a count at 95 % are 7.4 %.
+    assert np.all(share > 0.95 - 0.074)
+    # Not by being too wide: at 50 % confidence they must miss as often as they hold.
+    narrow = []
+    for fit in fits:
+        inside = np.abs(fit.phi - x.friction) < 0.6745 * fit.std
+        narrow.append(inside.mean(axis=0))
+    assert np.all(np.abs(np.mean(narrow, axis=0) - 0.5) < 0.17)
+
+
+def test_the_shift_is_what_is_hardly_identifiable(panda: Problem, x: Experiment) -> None:
+    motion, torque = sampled(x, 0.05)
+    noise = np.random.default_rng(0).normal(size=torque.shape) * x.sensor.torque_std
+    fit = fit_sigmoid(panda, exact_rows(motion, torque + noise))
+    relative = np.median(fit.std / np.abs(fit.phi), axis=0)
+    assert relative[2] > 3.0 * max(relative[0], relative[1])
+
+
+def test_held_out_error_of_an_exact_fit_is_zero(panda: Problem, x: Experiment) -> None:
+    rows = exact_rows(*sampled(x, 0.05))
+    fit = fit_sigmoid(panda, rows)
+    assert residual_rms(panda, [rows, rows], fit).max() < 1e-9
+
+
+def test_too_few_samples_are_refused(panda: Problem, x: Experiment) -> None:
+    motion, torque = sampled(x, 1.0)
+    with pytest.raises(InputError, match="Too few samples"):
+        fit_sigmoid(panda, exact_rows(motion, torque))
+
+
+@pytest.mark.real_data
+def test_the_real_arms_friction_is_of_the_published_size(
+    panda: Problem, panda_run: Measurements
+) -> None:
+    settings = panda.preprocessing.resolve(panda_run)
+    fit = fit_sigmoid(panda, lambda model: filtered_torque(panda_run, model, settings), 2.0)
+    published = experiment(panda).friction
+    assert published is not None
+    ratio = fit.phi[:, 0] / published[:, 0]
+    assert np.all((ratio > 0.4) & (ratio < 2.0))
