@@ -103,12 +103,10 @@ class LeastSquares:
         scaled = np.where(norms > 0.0, self.R, 0.0) / unit
         rest = np.zeros((max(0, scaled.shape[1] - scaled.shape[0]), scaled.shape[1]))
         _, s, vt = np.linalg.svd(np.vstack([scaled, rest]), full_matrices=False)
-        rounding = 1e-14 * s.max(initial=0.0)
-        if rounding == 0.0:
-            return np.zeros(len(norms))
-        spread = np.sum((vt / np.maximum(s, rounding)[:, None]) ** 2, axis=0)
-        hidden = np.sum(vt[s <= rounding] ** 2, axis=0) > 1e-12
-        return np.where(hidden, 0.0, norms / np.sqrt(spread))
+        good = s > 1e-14 * s.max(initial=0.0)
+        spread = np.sum((vt[good] / s[good, None]) ** 2, axis=0)
+        hidden = np.sum(vt[~good] ** 2, axis=0) > 1e-12
+        return np.where(hidden, 0.0, norms / np.sqrt(np.where(hidden, 1.0, spread)))
 
 
 @dataclass(frozen=True)

@@ -198,6 +198,26 @@ def test_nearest_least_squares_is_a_minimiser_and_the_nearest(seed: int) -> None
 
 @quick
 @given(seeds)
+def test_own_torque_is_what_the_other_columns_cannot_make(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    r = rng.normal(size=(8, 6)) * 10.0 ** rng.uniform(-3, 3, 6)
+    r[:, 4] = r[:, :2] @ rng.normal(size=2)  # columns 0, 1 and 4 can stand in for each other
+    r[:, 5] = 0.0
+    for matrix in (r, r[:4]):
+        own = LeastSquares(matrix, matrix[:, 0], 0.0, 1.0, 8).own_torque
+        for k in range(6):
+            others = np.delete(matrix, k, axis=1)
+            size = np.maximum(np.linalg.norm(others, axis=0), 1e-300)
+            rest = matrix[:, k] - others @ (
+                np.linalg.lstsq(others / size, matrix[:, k], rcond=1e-11)[0] / size
+            )
+            assert own[k] == pytest.approx(
+                float(np.linalg.norm(rest)), rel=1e-6, abs=1e-8 * float(np.linalg.norm(matrix[:, k]))
+            )
+
+
+@quick
+@given(seeds)
 def test_base_parameters_make_the_same_torque(seed: int) -> None:
     """pi = B theta determines every torque: Y theta = Y B^+ B theta; and nothing less does."""
     rng = np.random.default_rng(seed)

@@ -73,9 +73,10 @@ def lower_bound(
     entropy_slopes : (links, 4, 4) positive definite S with which -log det P >= log det S + 4 -
         tr(S P) is used; P(theta)^-1 by default, the dual's own S where a solver gives it.
     """
-    tangent = _Tangent.of(objective, theta, bound, entropy_slopes)
     dual = [project(c.cone, raw) for c, raw in zip(constraints.convex, multipliers, strict=True)]
     spread = _spread(constraints)
+    tangents = [_Tangent.of(objective, theta, bound, entropy_slopes, cut) for cut in _CUTS]
+    tangent = max(tangents, key=lambda candidate: candidate.bound(constraints, dual)[0])
     best, kept = -np.inf, list(dual)
     for _ in range(_DUAL_ROUNDS):
         value, leftover = tangent.bound(constraints, dual)
@@ -106,6 +107,11 @@ def lower_bound(
 _DUAL_ROUNDS, _WORTHWHILE = 50, 0.02
 
 
+#: Directions of data below this share of the strongest are not used to take up what is left of the
+#: slope: two columns that differ by a billionth would ask for a shift of y that costs more.
+_CUTS = (1e-12, 1e-8)
+
+
 @dataclass(frozen=True)
 class _Tangent:
     """A lower bound of the objective that is affine in theta once y is chosen.
@@ -119,10 +125,16 @@ class _Tangent:
     y: Array
     limit: Array  # (p,) |theta_k| <= limit_k
     entropy_slopes: tuple[Array, ...]
+    cut: float
 
     @classmethod
     def of(
-        cls, objective: Objective, theta: Array, limit: Array, entropy_slopes: Array | None
+        cls,
+        objective: Objective,
+        theta: Array,
+        limit: Array,
+        entropy_slopes: Array | None,
+        cut: float,
     ) -> _Tangent:
         data = objective.least_squares
         constant, slope = data.floor**2, np.zeros(len(theta))
@@ -140,7 +152,8 @@ class _Tangent:
                 difference = entropy.weight * (np.linalg.inv(p0) - s)
                 slope[link.indices] += link.adjoint(difference)
                 constant += float(np.sum(difference * link.constant))
-        return cls(constant, slope, data, data.R @ theta - data.rho, limit, tuple(used))
+        y = data.R @ theta - data.rho
+        return cls(constant, slope, data, y, limit, tuple(used), cut)
 
     @cached_property
     def _pull(self) -> Array:
@@ -148,7 +161,7 @@ class _Tangent:
 
     @cached_property
     def push(self) -> Array:
-        return np.asarray(np.linalg.pinv(self.limit[:, None] * self._pull, rcond=1e-12))
+        return np.asarray(np.linalg.pinv(self.limit[:, None] * self._pull, rcond=self.cut))
 
     def bound(self, constraints: ConstraintSet, dual: Sequence[Array]) -> tuple[float, Array]:
         """The bound for multipliers inside their cones, and the slope (p,) that they leave over."""
