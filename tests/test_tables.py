@@ -16,24 +16,27 @@ import pytest
 
 from sdp_vs_penalty import inertia
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators import estimator_types, make_task
 from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpEntropic
 from sdp_vs_penalty.estimators.ols import Ols, condition_number, standard_deviations
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.problem import Problem, load_problem
 from sdp_vs_penalty.published import barycentric_names
-from sdp_vs_penalty.regression import LeastSquares, triangular
-from sdp_vs_penalty.tables import DEFAULT_TABLES, build_tables, make_tables, table_modules
+from sdp_vs_penalty.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.tables import DEFAULT_TABLES, build_tables, make_tables
 from sdp_vs_penalty.tables import study as study_module
+from sdp_vs_penalty.tables.data import training_windows
 from sdp_vs_penalty.tables.study import METHODS, Study
 from sdp_vs_penalty.tables.table import Column, Table, escape_latex, number_column, text
 
 
 class SmallStudy(Study):
-    """The same tables with one short run of the annealing."""
+    """The same tables with two short runs of the annealing."""
 
     def estimator(self, method: str) -> Estimator:
         made = super().estimator(method)
-        return type(made)(runs=1, evaluations=200) if isinstance(made, PenaltyPaper) else made
+        return type(made)(runs=2, evaluations=200) if isinstance(made, PenaltyPaper) else made
 
 
 @pytest.fixture
@@ -45,17 +48,12 @@ def without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], Table]:
-    """Every quick table of both problems, simulated only."""
+    """The paper's comparison tables of both problems, simulated only."""
     found = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path_factory.mktemp("empty")))
-        for name in ("panda", "two_link"):
-            names = [
-                key
-                for key, module in table_modules().items()
-                if name in getattr(module, "PROBLEMS", (name,)) and not getattr(module, "SLOW", False)
-            ]
-            for table in build_tables(names, SmallStudy(load_problem(name))):
+        for name, more in (("panda", ["errata"]), ("two_link", ["VII", "methods"])):
+            for table in build_tables([*DEFAULT_TABLES, *more], SmallStudy(load_problem(name))):
                 found[name, table.name] = table
     return found
 
@@ -289,3 +287,85 @@ def test_what_is_not_excited_has_no_standard_deviation(two_link: Problem) -> Non
     assert np.isinf(std[2])
     assert np.all(np.isfinite(np.delete(std, 2)))
     assert condition_number(replace(task, data=hidden)) > 1e12
+
+
+def test_a_prior_adds_its_quadratic_and_nothing_else(two_link: Problem) -> None:
+    study = Study(two_link)
+    data = study.task(study.simulated).data
+    rng = np.random.default_rng(1)
+    scale = np.where(rng.random(20) < 0.5, np.inf, rng.uniform(0.1, 3.0, 20))
+    for theta in rng.normal(size=(5, 20)):
+        expected = data.loss(theta) + 2.5 * np.sum((theta / scale) ** 2)
+        assert data.with_prior(scale, 2.5).loss(theta) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_second_of_motion_needs_a_prior_on_friction(panda: Problem) -> None:
+    """Where a joint does not reverse, Coulomb friction and offset have the same column."""
+    study = Study(panda)
+    data = study.simulated
+    blocks = compress(data.train, data.model, data.preprocessing, blocks_per_run=21)
+    task = make_task(panda, data.model, blocks.select([4]))
+    assert task.joint_scale is not None
+    rigid = data.model.rigid_indices
+    assert np.all(np.isinf(task.joint_scale[rigid]))
+    names = [p.name for p in data.model.parameters]
+    offset, torque = names.index("f_o1"), blocks.select([4]).per_joint()[0].triangle[:, -1]
+    root_mean_square = np.linalg.norm(torque) / np.sqrt(blocks.select([4]).joint_rows()[0])
+    assert task.joint_scale[offset] == pytest.approx(root_mean_square, rel=1e-6)
+    pulled = LmiSdpEntropic().fit(task).theta
+    _, error = data.errors(pulled)
+    assert error < 30.0
+    friction = np.delete(np.abs(pulled) / task.joint_scale, rigid)
+    assert friction.max() < 3.0
+
+
+def test_every_method_has_its_row_in_the_method_table(tables: dict[tuple[str, str], Table]) -> None:
+    by_name = {row["method"]: row for row in rows(tables["two_link", "methods"])}
+    assert set(by_name) == set(estimator_types())
+    assert float(by_name["lmi-sdp-plain"]["excess_loss_percent"]) < 1e-4  # its bound is its optimum
+    assert float(by_name["penalty"]["excess_loss_percent"]) < 0.1
+    assert by_name["penalty"]["feasible_runs"] == by_name["penalty"]["runs"]
+    assert float(by_name["lmi-sdp"]["smallest_thickness_mm"]) > 19.9
+    assert by_name["penalty-paper"]["runs"] == "2"
+    # The SDP gets a consequence of the bounds on inertias only, and the table says what came of it.
+    assert by_name["lmi-sdp-plain"]["violated_family"] == "barycentric inertia"
+    assert by_name["penalty"]["violated_family"] == ""
+    for row in by_name.values():
+        low, high = (float(row[f"run_excess_loss_percent_{k}"] or 0.0) for k in ("min", "max"))
+        assert low <= high
+        assert 0.0 <= float(row["positive_definite_percent"]) <= 100.0
+
+
+def test_errata_are_listed_with_the_numbers_that_show_them(
+    tables: dict[tuple[str, str], Table],
+) -> None:
+    by_number = {row["number"]: row["what_shows_it"] for row in rows(tables["panda", "errata"])}
+    assert list(by_number) == [str(k) for k in range(1, 9)]
+    assert "0.0271 from the printed value, 0.0276 from the corrected one" in by_number["1"]
+    assert by_number["2"].endswith("0.0247 - 0.0322 = -0.0075")
+    assert "Izz2 - 0.64 m2" in by_number["3"]
+    assert "0.750 m > r1" in by_number["4"]
+    assert "(0.9896); with it, 1.3341" in by_number["5"]
+    assert "-2.2e-05" in by_number["6"]
+    assert "-1.9e-05" in by_number["6"]
+    assert "not checked in this run" in by_number["7"]
+    assert by_number["8"] == "row 8: -0.0001 and row 24: 0.0008"
+
+
+@pytest.mark.real_data
+def test_the_authors_own_bound_contradicts_table_eight(panda: Problem) -> None:
+    (table,) = build_tables(["errata"], Study(panda))
+    assert rows(table)[6]["what_shows_it"] == "the authors' file reads c5z,-0.35,0.05"
+
+
+def test_training_windows_are_whole_and_inside_the_training_part(panda: Problem) -> None:
+    data = Study(panda).simulated
+    blocks = compress(data.train, data.model, data.preprocessing, blocks_per_run=21)
+    for length in (1, 4, 7):
+        windows = training_windows(blocks, length)
+        assert len(windows) == 6
+        assert len({tuple(w) for w in windows}) == 6
+        per_window = [blocks.select(w).joint_rows().sum() for w in windows]
+        assert min(per_window) > 0.9 * max(per_window)
+    assert training_windows(blocks, 14) == [list(range(14))]
+    assert training_windows(blocks, 30) == []

@@ -37,25 +37,46 @@ def table_modules() -> dict[str, ModuleType]:
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     """The tables as data. Raises InputError for a table that does not exist for the problem."""
-    modules = table_modules()
-    known = {name.lower(): name for name in modules}
-    chosen: list[ModuleType] = []
-    for name in names if names else DEFAULT_TABLES:
-        if name.lower() not in known:
-            raise InputError(f"table {name!r} is unknown; there are: {', '.join(modules)}.")
-        module = modules[known[name.lower()]]
+    chosen = _chosen(names or DEFAULT_TABLES)
+    for module in chosen:
         where = getattr(module, "PROBLEMS", None)
         if where is not None and study.problem.name not in where:
             raise InputError(
                 f"table {module.NAME} belongs to {' and '.join(where)}: choose it with --problem, or "
                 "leave the table out."
             )
-        if module not in chosen:
-            chosen.append(module)
     out = []
     for module in chosen:
         study.progress(f"table {module.NAME}")
         out.append(module.build(study))
+    return out
+
+
+def all_tables() -> tuple[str, ...]:
+    """Every table that does not take minutes of its own."""
+    return tuple(name for name, home in table_modules().items() if not getattr(home, "SLOW", False))
+
+
+def _chosen(names: Sequence[str]) -> list[ModuleType]:
+    modules = table_modules()
+    known = {name.lower(): name for name in modules}
+    chosen: list[ModuleType] = []
+    for name in names:
+        if name.lower() not in known:
+            raise InputError(f"table {name!r} is unknown; there are: {', '.join(modules)}.")
+        module = modules[known[name.lower()]]
+        if module not in chosen:
+            chosen.append(module)
+    return chosen
+
+
+def _by_problem(names: Sequence[str]) -> dict[str, list[str]]:
+    """The tables under the default problem where they apply to it, else under their own."""
+    out: dict[str, list[str]] = {}
+    for module in _chosen(names):
+        where = getattr(module, "PROBLEMS", (DEFAULT_PROBLEM,))
+        name = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]
+        out.setdefault(name, []).append(module.NAME)
     return out
 
 
@@ -69,10 +90,18 @@ def make_tables(
 ) -> list[Path]:
     """Build tables and write each as CSV, Markdown and LaTeX; the paths written.
 
-    names : of the tables, in any case; None for III, IV, VIII and IX. problem : default the Panda.
+    names : of the tables, in any case; None for III, IV, VIII and IX. problem : default the Panda,
+    and the 2R for the tables that are about it only.
     budget : "quick", or "paper" for as many loss evaluations of the paper's method as its authors
     allow. Raises InputError for names that do not exist, before anything is computed or written.
     """
-    chosen = problem if isinstance(problem, Problem) else load_problem(problem or DEFAULT_PROBLEM)
-    tables = build_tables(names, Study(chosen, budget, seed, progress))
-    return [path for table in tables for path in table.write(out)]
+    if problem is None:
+        groups = [(load_problem(k), group) for k, group in _by_problem(names or DEFAULT_TABLES).items()]
+    else:
+        chosen = problem if isinstance(problem, Problem) else load_problem(problem)
+        groups = [(chosen, list(names or DEFAULT_TABLES))]
+    paths = []
+    for one, group in groups:
+        for table in build_tables(group, Study(one, budget, seed, progress)):
+            paths += table.write(out)
+    return paths

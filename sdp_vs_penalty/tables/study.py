@@ -201,19 +201,10 @@ class Study:
         return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
 
     def frozen_links(self, links: Array, data: Data) -> Array:
-        """theta with given links, all other parameters refitted by least squares on the training part.
-
-        Each of them acts on one joint only, so that joints are fitted one by one.
-        """
+        """theta with given links, all other parameters refitted on the training part."""
         theta = np.zeros(len(data.model.parameters))
         theta[data.model.rigid_indices] = links.ravel()
-        for factor in data.regression.per_joint():
-            y, tau = factor.triangle[:, :-1], factor.triangle[:, -1]
-            free = ~np.isin(factor.indices, data.model.rigid_indices)
-            if free.any():
-                rest = tau - y[:, ~free] @ theta[factor.indices[~free]]
-                theta[factor.indices[free]] = np.linalg.lstsq(y[:, free], rest, rcond=None)[0]
-        return theta
+        return refit_others(data.regression, theta, data.model)
 
     def published_links(self, column: str) -> Array:
         return published_links(self.problem, column)
@@ -222,6 +213,18 @@ class Study:
         """Rigid links and given effects only."""
         rigid = self.problem.model("rigid_body").effects
         return Model(self.problem.robot, (*rigid, *effects))
+
+
+def refit_others(rows: Regression, theta: Array, model: Model) -> Array:
+    """theta with all but the links' parameters fitted to rows by least squares, joint by joint."""
+    out = theta.copy()
+    for factor in rows.per_joint():
+        y, tau = factor.triangle[:, :-1], factor.triangle[:, -1]
+        free = ~np.isin(factor.indices, model.rigid_indices)
+        if free.any():
+            rest = tau - y[:, ~free] @ theta[factor.indices[~free]]
+            out[factor.indices[free]] = np.linalg.lstsq(y[:, free], rest, rcond=None)[0]
+    return out
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
