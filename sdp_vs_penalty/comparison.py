@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.noise import noise_floor
 from sdp_vs_penalty.plausibility import check_plausible
 from sdp_vs_penalty.preprocessing import Preprocessing, Rows, filtered_torque
+
+if TYPE_CHECKING:
+    import pandas
 
 Array = NDArray[np.float64]
 
@@ -97,6 +100,24 @@ def compare(
             Comparison(name, np.sqrt(mse), mse, r2, floor, float(relative), settings.torque_cutoff)
         )
     return out
+
+
+def comparison_frame(comparisons: Sequence[Comparison]) -> pandas.DataFrame:
+    """Comparisons side by side: one row a model and joint (from 1), for a notebook."""
+    import pandas
+
+    rows = [
+        {
+            "model": c.name,
+            "joint": j + 1,
+            "rmse": c.rmse[j],
+            "r2": c.r2[j],
+            "noise_floor": np.nan if c.noise_floor is None else c.noise_floor[j],
+        }
+        for c in comparisons
+        for j in range(len(c.rmse))
+    ]
+    return pandas.DataFrame(rows).set_index(["model", "joint"])
 
 
 def predicted(rows: Rows, theta: Array) -> Array:

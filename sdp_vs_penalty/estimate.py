@@ -24,6 +24,8 @@ from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
 
 if TYPE_CHECKING:
+    import pandas
+
     from sdp_vs_penalty.black_box import BlackBox
     from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
     from sdp_vs_penalty.problem import Problem
@@ -75,6 +77,12 @@ class Estimate:
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""
         return self.model.torque(self.theta, motion)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The parameters as a table, indexed by name: value, std, unit, effect, joint."""
+        import pandas
+
+        return pandas.DataFrame(self.to_dict()["parameters"]).set_index("name")
 
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds."""

@@ -9,8 +9,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.files import write_text
+
+if TYPE_CHECKING:
+    import pandas
 
 #: Text is written as it is (published cells keep their printed digits), None is an empty cell.
 Cell = str | float | int | None
@@ -67,6 +71,12 @@ class Table:
             [text(cell, column.digits) for cell, column in zip(row, self.columns, strict=True)]
             for row in self.rows
         ]
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The cells as they are (published ones as printed text), for a notebook."""
+        import pandas
+
+        return pandas.DataFrame(self.rows, columns=[column.name for column in self.columns])
 
     def csv(self) -> str:
         out = io.StringIO()
