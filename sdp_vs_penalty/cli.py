@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__, cli_files
+from sdp_vs_penalty import __version__, cli_files, cli_shootout
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ Window = Annotated[
     str | None,
     typer.Option(metavar="START:STOP", help="Part of each run to use, in seconds from its start."),
 ]
+_TABLES_HELP = "Default: these four; also VII (--problem two_link), errata, methods, data."
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 
@@ -71,7 +72,7 @@ class Budget(StrEnum):
 @app.command()
 def tables(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[III IV VIII IX]", help="Default: all.")
+        list[str] | None, typer.Argument(metavar="[III IV VIII IX ...]", help=_TABLES_HELP)
     ] = None,
     problem: Annotated[str | None, typer.Option(help="two_link or panda.")] = None,
     budget: Annotated[Budget, typer.Option(help="quick, or as many runs as the paper.")] = Budget.quick,
@@ -231,6 +232,7 @@ def fetch(
 
 
 cli_files.register(app)
+cli_shootout.register(app)
 
 
 def _estimator(method: str, solver_name: str | None) -> Estimator:
