@@ -24,7 +24,7 @@ import numpy as np
 from sdp_vs_penalty import inertia
 from sdp_vs_penalty.estimators.estimator import Array, Task
 from sdp_vs_penalty.problem import PARAMETER_RANGE, Problem
-from sdp_vs_penalty.solvers.conic import Entropy
+from sdp_vs_penalty.solvers.conic import Objective
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,16 @@ class CvxpyModel:
 
 
 def cvxpy_model(
-    problem: Problem, task: Task, thickness: float = 0.0, entropy: Entropy | None = None
+    problem: Problem, task: Task, objective: Objective, thickness: float = 0.0
 ) -> CvxpyModel:
-    """The SDP of a task of this problem, with a minimum thickness [m] or an entropic pull.
+    """The SDP of a task of this problem: its objective, and a minimum thickness [m] of every link.
 
     theta = centre + scale x: only the numbers that the solver handles are scaled, each parameter by
     the torque that it makes (by its bound where it makes none), the loss by that of least squares.
     """
     import cvxpy as cp
 
-    data = task.data
+    data = objective.least_squares
     norms = data.column_norms
     scale = np.minimum(np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf), task.bound)
     scale = np.where(norms > 0.0, scale, task.bound)
@@ -61,7 +61,7 @@ def cvxpy_model(
 
     root = np.sqrt(unit)
     residual = data.R / root @ cp.multiply(scale, x) + (data.R @ task.ols - data.rho) / root
-    objective = cp.sum_squares(residual) + data.floor**2 / unit
+    value = cp.sum_squares(residual) + data.floor**2 / unit
     constraints: list[Any] = []
     links = [Link.of(theta, indices) for indices in task.links]
     for number, link in enumerate(links):
@@ -72,6 +72,7 @@ def cvxpy_model(
     for k in np.setdiff1d(np.arange(len(scale)), task.model.rigid_indices):
         lower = max(task.model.parameters[k].lower, -PARAMETER_RANGE)
         constraints += _between(theta[k], lower, PARAMETER_RANGE)
+    entropy = objective.entropy
     if entropy is not None:
         for link, p0 in zip(links, entropy.nominal, strict=True):
             # Congruence by the nominal's size: the same divergence in numbers of order one.
@@ -80,8 +81,8 @@ def cvxpy_model(
                 t @ link.pseudo_inertia @ t
             )
             constant = float(np.linalg.slogdet(t @ p0 @ t)[1]) - 4.0
-            objective = objective + entropy.weight / unit * (pull + constant)
-    return CvxpyModel(cp.Problem(cp.Minimize(objective), constraints), theta, unit)
+            value = value + entropy.weight / unit * (pull + constant)
+    return CvxpyModel(cp.Problem(cp.Minimize(value), constraints), theta, unit)
 
 
 @dataclass(frozen=True)

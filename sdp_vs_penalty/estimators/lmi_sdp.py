@@ -24,6 +24,7 @@ from sdp_vs_penalty.problem import PARAMETER_RANGE
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.conic import Entropy, Objective, largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 #: A certified gap relative to the loss below which an answer is kept at once.
 _TIGHT = 1e-8
@@ -59,12 +60,16 @@ class LmiSdp(Estimator):
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
+        objective, constraints = self.posed(task)
+        return solve_sdp(task, objective, constraints, self.solver, self.accuracy)
+
+    def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
+        """What is minimised, subject to what."""
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
         data = task.data
         if self.joint_prior > 0.0 and task.joint_scale is not None:
             data = data.with_prior(task.joint_scale, self.joint_prior * _sample_variance(task))
-        objective = Objective(data, self._entropy(task))
-        return solve_sdp(task, objective, constraints, self.solver, self.accuracy)
+        return Objective(data, self._entropy(task)), constraints
 
     def _entropy(self, task: Task) -> Entropy | None:
         if self.entropy <= 0.0 or not len(task.links):
@@ -228,21 +233,31 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
     theta = problem.theta(solution)
     if constraints.margin(theta) > 0.0:
         return theta
-    families = conflicting(constraints.convex, problem.multipliers(solution))
+    between = " and ".join(conflicting(constraints.convex, problem.shares(solution)))
+    if proves_infeasible(constraints.convex, problem.multipliers(solution), task.bound):
+        raise InputError(
+            f"The constraints admit no parameters: {between} exclude each other (from the "
+            "infeasibility certificate): relax one of them."
+        )
     raise InputError(
-        "The constraints admit no parameters: "
-        + " and ".join(families)
-        + " exclude each other (from the infeasibility certificate): relax one of them."
+        f"The constraints leave no room for parameters: {between} can at best hold with nothing to "
+        "spare (equal bounds?): widen one of them a little."
     )
 
 
-def conflicting(constraints: Sequence[Constraint], multipliers: Sequence[Array]) -> list[str]:
-    """The families whose multipliers carry the proof that nothing satisfies all, largest first."""
-    weight: dict[str, float] = {}
-    for constraint, multiplier in zip(constraints, multipliers, strict=True):
-        size = float(np.linalg.norm(multiplier))
-        label = f"{constraint.family} ({constraint.name})"
-        weight[label] = max(weight.get(label, 0.0), size)
-    largest = max(weight.values(), default=0.0)
-    names = sorted(weight, key=lambda k: -weight[k])
-    return [name for name in names if weight[name] > 1e-3 * largest][:4]
+def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
+    """The families, each with its links, that carry the proof that nothing satisfies all."""
+    families: dict[str, dict[str, float]] = {}
+    for constraint, share in zip(constraints, shares, strict=True):
+        if share > 1e-3 * shares.max():
+            families.setdefault(constraint.family, {})[constraint.name] = float(share)
+    order = sorted(families, key=lambda family: -sum(families[family].values()))
+    return [f"{family} ({_listed(list(families[family]))})" for family in order]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """link 1, link 2, robot -> links 1, 2; robot."""
+    links = [name.removeprefix("link ") for name in names if name.startswith("link ")]
+    others = [name for name in names if not name.startswith("link ")]
+    together = [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
+    return "; ".join(together + others)

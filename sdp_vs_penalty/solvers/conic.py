@@ -164,6 +164,18 @@ class SdpProblem:
                 out.append(item.scale * part)
         return out
 
+    def shares(self, solution: Solution) -> Array:
+        """(k,) <z, e> of each constraint's scaled multiplier z: its share of a proof, free of units.
+
+        For :func:`largest_margin` they add up to one where no theta satisfies all constraints.
+        """
+        out = []
+        for item in self.placed:
+            z = solution.z[item.start : item.start + _rows(item.constraint)]
+            e = item.constraint.identity
+            out.append(float(z @ (svec(e) if item.constraint.cone == "psd" else e)))
+        return np.array(out)
+
 
 def least_squares_sdp(
     objective: Objective,

@@ -1,0 +1,300 @@
+"""The certificate judges: known optima are enclosed, wrong answers stand out, conflicts are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_robots import link_parameters, tree
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import certify, positive_mass_matrices
+from sdp_vs_penalty.estimators.estimator import Fit, Task
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, interior_point, solve_sdp
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.solvers.certificate import lower_bound, repair
+from sdp_vs_penalty.solvers.conic import Objective
+
+seeds = st.integers(0, 2**32 - 1)
+quick = settings(max_examples=15, deadline=None, derandomize=True)
+
+THICKNESS = 0.02
+
+
+def bounded_problem(rng: np.random.Generator, links: int) -> Problem:
+    """A random robot with mass bounds and default balls, and a nominal well inside of everything."""
+    robot = tree(rng, links)
+    box = np.full((links, 10, 2), (-np.inf, np.inf))
+    box[:, 0] = 0.2, 20.0
+    nominal = np.array([link_parameters(rng, 0.5, thickness=0.06) for _ in range(links)])
+    return Problem("known", "known", robot, box, nominal)
+
+
+def thin_link(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A link exactly THICKNESS thin in one direction, and the null vector (4,) of its constraint.
+
+    [[Sigma - m r^2 1, h], [h^T, m]] of second moment Sigma_c with smallest eigenvalue m r^2 is
+    singular along (u, -u.c), u being the thin direction.
+    """
+    mass, centre = rng.uniform(1.0, 4.0), rng.uniform(-0.15, 0.15, 3)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    gyration = np.array([THICKNESS, *rng.uniform(0.05, 0.15, 2)])
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = mass * ((axes * gyration**2) @ axes.T + np.outer(centre, centre))
+    pseudo[:3, 3] = pseudo[3, :3] = mass * centre
+    pseudo[3, 3] = mass
+    u = axes[:, 0]
+    return inertia.from_pseudo_inertia(pseudo), np.append(u, -u @ centre)
+
+
+class Known:
+    """An identification problem built backwards from its optimum.
+
+    Some links are as thin as allowed, one sits on its upper mass; multipliers S complementary to
+    that and a full-rank R are drawn; rho follows from 2 R^T (R theta - rho) = sum F*(S), which with
+    feasibility and complementarity is optimality.
+    """
+
+    def __init__(self, seed: int, links: int = 2) -> None:
+        rng = np.random.default_rng(seed)
+        problem = bounded_problem(rng, links)
+        model = problem.model(["rigid_body"])
+        thin = [thin_link(rng) for _ in range(links)]
+        self.theta = np.concatenate([parameters for parameters, _ in thin])
+        problem.box[-1, 0, 1] = self.theta[10 * (links - 1)]
+        problem.nominal_links[-1] *= 0.7 * self.theta[-10] / problem.nominal_links[-1, 0]
+        demands = problem.constraints(model)
+        p = 10 * links
+        plain = Task(
+            model,
+            LeastSquares(np.eye(p), np.zeros(p), 0.0, 1.0, p),
+            demands,
+            problem.parameter_bound(model),
+            problem.nominal(model),
+            problem.box,
+        )
+        self.constraints = demands.plus(plain.minimum_thickness(THICKNESS))
+        assert self.constraints.margin(self.theta) > -1e-12
+        self.multipliers, slope = [], np.zeros(p)
+        for c in self.constraints.convex:
+            s = np.zeros_like(c.constant)
+            link = int(c.indices[0]) // 10
+            if c.family == "minimum thickness":
+                null = thin[link][1]
+                s = rng.uniform(0.1, 3.0) * np.outer(null, null)
+            elif c.family == "mass" and link == links - 1:
+                s[-1] = rng.uniform(0.1, 3.0)
+            self.multipliers.append(s)
+            slope[c.indices] += c.adjoint(s)
+        r = rng.normal(size=(p + 5, p)) / np.maximum(np.abs(self.theta), 1e-2)
+        y = np.linalg.lstsq(r.T, slope / 2.0, rcond=None)[0]
+        rho, floor = r @ self.theta - y, float(rng.uniform(0.0, 1.0))
+        data = LeastSquares(r, rho, floor, float(rho @ rho) + floor**2, 200)
+        self.optimum = float(y @ y) + floor**2
+        self.task = replace(plain, data=data)
+        self.objective = Objective(data)
+
+
+@quick
+@given(seeds, st.integers(1, 3))
+def test_the_interval_of_the_estimator_holds_the_known_optimum(seed: int, links: int) -> None:
+    known = Known(seed, links)
+    fit = LmiSdp(thickness=THICKNESS).fit(known.task)
+    theta, certificate = certify(known.task, fit)
+    assert certificate.lower is not None
+    assert certificate.upper is not None
+    assert certificate.gap is not None
+    rounding = 1e-12 * known.task.data.tau_squared
+    assert certificate.lower <= known.optimum + rounding
+    assert known.optimum <= certificate.upper + rounding
+    assert certificate.gap < 1e-7
+    assert certificate.worst == 0.0
+    # R has full rank: the optimum is one point.
+    scale = np.maximum(np.abs(known.theta), 1e-2)
+    np.testing.assert_allclose(theta / scale, known.theta / scale, atol=2e-3)
+    thin = inertia.thickness(theta.reshape(-1, 10))
+    np.testing.assert_allclose(thin, THICKNESS, rtol=1e-3)
+
+
+@quick
+@given(seeds)
+def test_no_multipliers_prove_too_much(seed: int) -> None:
+    """True ones give the optimum; whatever else is handed in gives less, never more."""
+    known = Known(seed)
+    rng = np.random.default_rng(seed)
+    bound = known.task.bound
+    rounding = 1e-11 * known.task.data.tau_squared
+
+    def proved(multipliers: list[np.ndarray], theta: np.ndarray) -> float:
+        return lower_bound(known.objective, known.constraints, multipliers, theta, bound)
+
+    exact = proved(known.multipliers, known.theta)
+    assert exact <= known.optimum + rounding
+    assert exact >= known.optimum - 1e-7 * known.optimum - 100 * rounding
+    for size in (1e-6, 1e-2, 1.0, 1e3):
+        noisy = [s + size * rng.normal(size=s.shape) for s in known.multipliers]
+        scaled = [(1.0 + size) * s for s in known.multipliers]
+        theta = known.theta * (1.0 + size * rng.normal(size=known.theta.shape))
+        for multipliers in (noisy, scaled, known.multipliers):
+            assert proved(multipliers, known.theta) <= known.optimum + rounding
+            assert proved(multipliers, theta) <= known.optimum + rounding
+    nothing = [np.zeros_like(s) for s in known.multipliers]
+    assert proved(nothing, known.theta) <= known.optimum + rounding
+
+
+@quick
+@given(seeds)
+def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed: int) -> None:
+    known = Known(seed)
+    fit = LmiSdp(thickness=THICKNESS).fit(known.task)
+    assert fit.multipliers is not None
+    _, right = certify(known.task, fit)
+    rng = np.random.default_rng(seed)
+    interior = interior_point(known.task, fit.constraints)
+    wrong_theta = replace(fit, theta=fit.theta + 0.05 * (interior - fit.theta))
+    wrong_dual = replace(fit, multipliers=[2.0 * s for s in fit.multipliers])
+    no_dual = replace(fit, multipliers=[0.0 * s for s in fit.multipliers])
+    noisy = replace(fit, multipliers=[s + rng.normal(size=s.shape) for s in fit.multipliers])
+    assert right.gap is not None
+    for name, wrong in {"theta": wrong_theta, "2 S": wrong_dual, "0": no_dual, "noise": noisy}.items():
+        _, certificate = certify(known.task, wrong)
+        assert certificate.gap is not None
+        assert certificate.gap > 1e3 * max(right.gap, 1e-9), name
+
+
+@quick
+@given(seeds)
+def test_an_infeasible_answer_is_repaired_or_reported(seed: int) -> None:
+    known = Known(seed)
+    fit = LmiSdp(thickness=THICKNESS).fit(known.task)
+    interior = interior_point(known.task, fit.constraints)
+    outside = fit.theta + 0.2 * (fit.theta - interior)
+    assert fit.constraints.margin(outside) < 0.0
+    theta, repaired = certify(known.task, replace(fit, theta=outside))
+    assert repaired.worst == 0.0
+    assert fit.constraints.margin(theta) >= -1e-15
+    # Without multipliers it is left as the method gave it, and its violations are said.
+    theta, reported = certify(known.task, Fit(outside, fit.objective, fit.constraints))
+    np.testing.assert_array_equal(theta, outside)
+    assert reported.gap is None
+    assert reported.worst == pytest.approx(max(fit.constraints.worst(outside).values()))
+    assert reported.worst > 0.0
+
+
+@quick
+@given(seeds)
+def test_repair_finds_the_first_feasible_point(seed: int) -> None:
+    known = Known(seed)
+    rng = np.random.default_rng(seed)
+    interior = interior_point(known.task, known.constraints)
+    for size in (0.0, 1e-12, 1e-6, 1e-2, 1.0):
+        start = known.theta + size * (known.theta - interior) * rng.uniform(0.5, 1.0)
+        found = repair(known.constraints, start, interior)
+        assert known.constraints.margin(found) >= -1e-15
+        # On the segment, and a little before it is not feasible (unless the start was).
+        step = float((found - start) @ (interior - start) / ((interior - start) @ (interior - start)))
+        np.testing.assert_allclose(found, start + step * (interior - start), atol=1e-9)
+        if step > 1e-9:
+            before = start + 0.999 * step * (interior - start)
+            assert known.constraints.margin(before) < 0.0
+    np.testing.assert_array_equal(repair(known.constraints, interior, interior), interior)
+
+
+def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda: Problem) -> None:
+    links = panda.nominal_links
+    assert positive_mass_matrices(panda.robot, links, 500) == 1.0
+    broken = links.copy()
+    broken[6, 9] = -0.5  # joint 7 turns about z: M_77 = Izz7 < 0 wherever it points
+    assert positive_mass_matrices(panda.robot, broken, 500) == 0.0
+    tilted = links.copy()
+    tilted[5, 0] = -4.0
+    share = positive_mass_matrices(panda.robot, tilted, 2000)
+    q = panda.robot.random_configurations(2000, 0)
+    alone = [np.linalg.eigvalsh(panda.robot.mass_matrices(tilted, x))[0, 0] > 0.0 for x in q[:300]]
+    assert 0.0 <= share < 1.0
+    assert share == pytest.approx(np.mean(alone), abs=0.1)
+
+
+def with_box(problem: Problem, link: int, entry: int, low: float, high: float) -> Problem:
+    box = problem.box.copy()
+    box[link, entry] = low, high
+    return replace(problem, box=box)
+
+
+def task_of(problem: Problem) -> Task:
+    model = problem.model()
+    p = len(model.parameters)
+    return Task(
+        model,
+        LeastSquares(np.eye(p), np.zeros(p), 1.0, 1.0, p),
+        problem.constraints(model),
+        problem.parameter_bound(model),
+        problem.nominal(model),
+        problem.box,
+    )
+
+
+def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]]]:
+    """Panda problems without a feasible point: minimum thickness, and what the message must name."""
+    heavy = replace(panda, total_mass=(71.0, 80.0))  # seven links of at most 10 kg
+    heavy_links = panda
+    for link in (0, 3):
+        heavy_links = with_box(heavy_links, link, 0, 9.0, 10.0)
+    light = replace(heavy_links, total_mass=(1.0, 17.0))
+    flat = panda
+    for entry in (4, 6, 9):
+        flat = with_box(flat, 3, entry, 0.0, 1e-6)
+    flat = with_box(flat, 3, 0, 2.0, 3.0)
+    return {
+        "too heavy": (heavy, 0.0, ("total mass (robot)", "mass (links 1, 2, 3, 4, 5, 6, 7)")),
+        # The other links weigh nothing less than nothing: that much of the pseudo-inertias is needed.
+        "too light": (
+            light,
+            0.0,
+            ("total mass (robot)", "mass (links 1, 4)", "pseudo-inertia (links 2, 3, 5, 6, 7)"),
+        ),
+        "too thick": (panda, 2.0, ("minimum thickness (link", "trace (link")),
+        "one flat link": (
+            flat, 0.5, ("minimum thickness (link 4)", "trace (link 4)", "mass (link 4)")
+        ),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ["too heavy", "too light", "too thick", "one flat link"])
+def test_demands_that_exclude_each_other_are_named(case: str, panda: Problem) -> None:
+    problem, thickness, families = conflicts(panda)[case]
+    with pytest.raises(InputError, match="exclude each other") as refusal:
+        LmiSdp(thickness=thickness).fit(task_of(problem))
+    message = str(refusal.value)
+    for family in families:
+        assert family in message
+    for innocent in {"sign", "range", "centre of mass", "pseudo-inertia"}:
+        assert innocent not in message or innocent in " ".join(families)
+    assert "\n" not in message
+
+
+def test_bounds_that_leave_no_room_are_not_called_a_contradiction(panda: Problem) -> None:
+    known = with_box(panda, 2, 0, 3.0, 3.0)
+    with pytest.raises(InputError, match=r"no room.*mass \(link 3\).*equal bounds.*widen"):
+        LmiSdp().fit(task_of(known))
+
+
+def test_an_interior_point_is_found_where_the_nominal_robot_is_outside(panda: Problem) -> None:
+    task = task_of(with_box(panda, 4, 0, 3.0, 3.2))
+    demands = task.constraints.plus(task.minimum_thickness(0.03))
+    assert demands.margin(task.nominal) < 0.0
+    assert demands.margin(interior_point(task, demands)) > 0.0
+
+
+def test_a_set_without_constraints_has_the_least_squares_optimum() -> None:
+    known = Known(3)
+    fit = solve_sdp(known.task, known.objective, ConstraintSet(()), "clarabel", 1e-9)
+    best = np.asarray(np.linalg.lstsq(known.task.data.R, known.task.data.rho)[0], np.float64)
+    lowest = known.objective.value(best)
+    assert known.objective.value(fit.theta) == pytest.approx(lowest, rel=1e-9)
