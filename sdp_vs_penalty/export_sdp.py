@@ -10,7 +10,7 @@ format reference, version 3.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, linear_objective
 
 Array = NDArray[np.float64]
@@ -44,6 +44,36 @@ def export_sdp(problem: ConicProblem, path: str | Path) -> None:
         write_text(path, cbf_text(linear_objective(problem).problem))
     else:
         raise InputError(f"{path}: name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format).")
+
+
+def posed(
+    problem: str, data: Sequence[Path], method: str = "lmi-sdp", effects: str | None = None
+) -> ConicProblem:
+    """The conic form of identifying a problem from measured runs, centred and scaled.
+
+    Raises InputError where the method solves no one-step SDP, or the input cannot be used.
+    """
+    from sdp_vs_penalty.estimators import make_estimator, make_task
+    from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, essential, interior_point
+    from sdp_vs_penalty.measurements import load_measurements
+    from sdp_vs_penalty.problem import load_problem
+    from sdp_vs_penalty.regression import compress
+
+    estimator = make_estimator(method)
+    if not isinstance(estimator, LmiSdp):
+        raise InputError(
+            f"method {method} is not one SDP: take lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic."
+        )
+    robot = load_problem(problem)
+    measurements = load_measurements(*data, joints=robot.robot.n)
+    model = robot.model(effects)
+    regression = compress(measurements, model, robot.preprocessing.resolve(measurements))
+    task = make_task(robot, model, regression)
+    objective, constraints = estimator.posed(task)
+    interior = interior_point(task, constraints)
+    sent = essential(constraints, objective)
+    least = 1e-6 * objective.least_squares.tau_squared
+    return least_squares_sdp(objective, sent, interior, task.bound, interior, least_loss=least).conic
 
 
 def sdpa_text(problem: ConicProblem) -> str:

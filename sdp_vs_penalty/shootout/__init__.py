@@ -1,0 +1,1 @@
+"""Solvers against instances of identification, every answer judged by our own certificate."""

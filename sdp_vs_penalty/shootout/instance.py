@@ -1,0 +1,159 @@
+"""One problem of the shootout: the mathematical problem, and the form in which solvers get it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.constraints import Constraint, ConstraintSet
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point
+from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.solvers.conic import Entropy, Objective, SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.unscaled import gram_sdp, rows_sdp
+
+Array = NDArray[np.float64]
+
+#: How a problem can be posed to a solver.
+FORMULATIONS = ("residual", "gram", "gram in float32", "rows")
+
+
+@dataclass(frozen=True)
+class Instance:
+    """minimise objective(theta) over task.constraints.convex, |theta_k| <= task.bound.
+
+    task : data, constraints and bounds in the instance's own units; what it calls nonconvex is empty.
+    formulation : "residual" is ours, centred and scaled; "gram", "gram in float32" and "rows" are what
+        users write. raw : the uncompressed rows that the formulation "rows" poses.
+    hostile : whether figures to reach leave it out.
+    """
+
+    name: str
+    group: str
+    task: Task
+    objective: Objective
+    formulation: str = "residual"
+    raw: LeastSquares | None = None
+    hostile: bool = False
+
+    @property
+    def constraints(self) -> ConstraintSet:
+        return self.task.constraints
+
+    @property
+    def data(self) -> LeastSquares:
+        """The least-squares part of the objective."""
+        return self.objective.least_squares
+
+    @cached_property
+    def interior(self) -> Array | None:
+        """A strictly feasible theta, or None where the constraints exclude each other."""
+        try:
+            return interior_point(self.task, self.constraints)
+        except InputError:
+            return None
+
+    @cached_property
+    def sent(self) -> list[Constraint]:
+        """The constraints that solvers get: ours without redundant ones, users' all of them."""
+        if self.formulation == "residual":
+            return essential(self.constraints, self.objective)
+        return list(self.constraints.convex)
+
+    @cached_property
+    def sdp(self) -> SdpProblem:
+        """The problem as it is posed to conic solvers."""
+        if self.formulation == "gram":
+            return gram_sdp(self.data, self.sent)
+        if self.formulation == "gram in float32":
+            return gram_sdp(self.data, self.sent, np.float32)
+        if self.formulation == "rows":
+            return rows_sdp(self.data if self.raw is None else self.raw, self.sent)
+        centre = self.task.nominal if self.interior is None else self.interior
+        least = 1e-6 * self.data.tau_squared
+        return least_squares_sdp(
+            self.objective, self.sent, centre, self.task.bound, centre, least_loss=least
+        )
+
+    def all_multipliers(self, sent: list[Array]) -> list[Array]:
+        """Multipliers of all constraints from those of the constraints that were sent."""
+        found = {id(c): m for c, m in zip(self.sent, sent, strict=True)}
+        return [found.get(id(c), np.zeros_like(c.constant)) for c in self.constraints.convex]
+
+    @cached_property
+    def hash(self) -> str:
+        """Sixteen hexadecimal digits over every number of the problem, the form it is posed in included.
+
+        Numbers are rounded to 9 digits first: libraries of linear algebra differ in the last ones.
+        """
+        digest = hashlib.sha256(f"{self.formulation} {self.name}".encode())
+        data = self.data
+        # R itself is fixed only up to the signs and rounding of its rows; R^T R and R^T rho are not.
+        arrays = [
+            np.linalg.norm(data.R, axis=0),
+            data.R.T @ data.rho,
+            np.array([data.tau_squared]),
+            self.task.bound,
+        ]
+        for c in self.constraints.convex:
+            digest.update(f"{c.family} {c.name} {c.cone} {c.indices.tolist()}".encode())
+            arrays += [c.constant, c.coefficients]
+        if self.objective.entropy is not None:
+            arrays.append(self.objective.entropy.nominal)
+        for array in arrays:
+            largest = float(np.abs(array).max(initial=0.0)) or 1.0
+            rounded = np.round(array / float(f"{largest:.1e}"), 6) + 0.0
+            digest.update(rounded.tobytes())
+        return digest.hexdigest()[:16]
+
+
+def in_units(instance: Instance, mass: float, length: float) -> Instance:
+    """The same problem with masses in ``mass`` kg and lengths in ``length`` m (seconds stay).
+
+    Torques become tau / (mass length^2); parameters, bounds and constraint rows follow their units.
+    """
+    task = instance.task
+    m, l = 1.0 / mass, 1.0 / length  # noqa: E741
+    torque = m * l**2
+    factor = np.full(len(task.bound), torque)
+    for indices in task.links:
+        factor[indices] = [m, *[m * l] * 3, *[m * l**2] * 6]
+    data = instance.data
+    changed = LeastSquares(
+        torque * data.R / factor,
+        torque * data.rho,
+        torque * data.floor,
+        torque**2 * data.tau_squared,
+        data.rows,
+    )
+    row_units = {"centre of mass": m * l, "centre of mass cone": m * l, "trace": m * l**2}
+    row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid"), m)
+
+    def convert(c: Constraint) -> Constraint:
+        local = factor[c.indices].reshape(-1, *[1] * c.constant.ndim)
+        if c.cone == "psd":
+            corner = np.sqrt(m) * np.array([l, l, l, 1.0])
+            scale = np.outer(corner, corner)
+        else:
+            scale = np.full(c.constant.shape, row_units.get(c.family, torque))
+        return replace(c, constant=c.constant * scale, coefficients=c.coefficients * scale / local)
+
+    convex = tuple(convert(c) for c in task.constraints.convex)
+    entropy = instance.objective.entropy
+    if entropy is not None:
+        corner = np.sqrt(m) * np.array([l, l, l, 1.0])
+        links = tuple(c for c in convex if c.family == "pseudo-inertia")
+        entropy = Entropy(entropy.weight * torque**2, links, entropy.nominal * np.outer(corner, corner))
+    moved = replace(
+        task,
+        data=changed,
+        constraints=ConstraintSet(convex),
+        bound=task.bound * factor,
+        nominal=task.nominal * factor,
+    )
+    return replace(instance, task=moved, objective=Objective(changed, entropy))

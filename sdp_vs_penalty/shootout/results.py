@@ -1,0 +1,132 @@
+"""runs.csv: one row a run, written as runs end, read back to go on where a shootout stopped."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import write_text
+
+Row = dict[str, Any]
+
+COLUMNS = (
+    "problem", "group", "hash", "solver", "settings", "accuracy", "claimed", "status", "class", "gap",
+    "violation", "own_gap", "lower", "upper", "seconds", "setup_seconds", "solve_seconds", "iterations",
+    "version", "machine", "seed", "remark",
+)  # fmt: skip
+_NUMBERS = (
+    "accuracy", "gap", "violation", "own_gap", "lower", "upper", "seconds", "setup_seconds",
+    "solve_seconds",
+)  # fmt: skip
+
+Key = tuple[str, str, str, str]
+
+
+def key(row: Row) -> Key:
+    """What makes a run the same run: problem (and its hash), solver, settings."""
+    return row["problem"], row["hash"], row["solver"], row["settings"]
+
+
+class Results:
+    """The runs of one output folder.
+
+    Opening drops a torn last row, and nothing else; InputError where the folder holds other results.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "runs.csv"
+        self.rows: list[Row] = []
+        self.torn = False
+        if self.path.exists():
+            self._read()
+        elif folder.is_dir() and any(not p.name.startswith(".") for p in folder.iterdir()):
+            raise InputError(
+                f"{folder}: holds other files and no runs.csv; give --out an empty or a new folder."
+            )
+        else:
+            write_text(self.path, ",".join(COLUMNS) + "\n")
+
+    def _read(self) -> None:
+        try:
+            text = self.path.read_text()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{self.path}: cannot be read ({error}).") from error
+        head, _, body = text.partition("\n")
+        if head.split(",") != list(COLUMNS):
+            raise InputError(
+                f"{self.path}: holds the results of something else (its columns are {head[:60]}...); "
+                "give --out another folder."
+            )
+        whole = body[: body.rfind("\n") + 1]
+        self.torn = whole != body
+        lines = list(csv.reader(io.StringIO(whole)))
+        for number, cells in enumerate(lines, start=2):
+            if len(cells) != len(COLUMNS):
+                if number == len(lines) + 1:
+                    self.torn = True
+                    break
+                raise InputError(
+                    f"{self.path}: row {number} has {len(cells)} cells instead of {len(COLUMNS)}; "
+                    "delete that row, and the run is done again."
+                )
+            self.rows.append(parsed(dict(zip(COLUMNS, cells, strict=True))))
+        if self.torn:
+            self.rewrite()
+
+    def add(self, row: Row) -> None:
+        """Append one run; it is on the disk when this returns."""
+        self.rows.append(parsed(row))
+        with self.path.open("a", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerow(cell(row.get(c, "")) for c in COLUMNS)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def keep(self, current: dict[str, str]) -> int:
+        """Drop runs of instances whose hash (by problem name) has changed; returns how many."""
+        kept = [r for r in self.rows if current.get(r["problem"], r["hash"]) == r["hash"]]
+        dropped = len(self.rows) - len(kept)
+        if dropped:
+            self.rows = kept
+            self.rewrite()
+        return dropped
+
+    def rewrite(self) -> None:
+        """The whole file again, whole or not at all, sorted."""
+        order = sorted(self.rows, key=lambda r: (r["group"], r["problem"], r["solver"], -r["accuracy"]))
+        write_text(self.path, table_text(COLUMNS, order))
+
+    @property
+    def keys(self) -> set[Key]:
+        return {key(row) for row in self.rows}
+
+
+def table_text(columns: tuple[str, ...], rows: list[Row]) -> str:
+    """Rows as CSV text."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        writer.writerow(cell(row.get(c, "")) for c in columns)
+    return file.getvalue()
+
+
+def cell(value: Any) -> str:
+    """Numbers to six digits, bounds in full; line breaks have no place in a row."""
+    if isinstance(value, float):
+        return (
+            f"{value:.6g}" if abs(value) < 1e-3 or abs(value) >= 1e6 or value == 0.0 else f"{value:.10g}"
+        )
+    return " ".join(str(value).split())
+
+
+def parsed(row: Row) -> Row:
+    """The row with its numbers as numbers; an empty cell is infinite."""
+    out = {c: row.get(c, "") for c in COLUMNS}
+    for name in _NUMBERS:
+        out[name] = float(out[name]) if out[name] not in ("", None) else float("inf")
+    out["iterations"] = int(out["iterations"] or 0)
+    return out

@@ -1,0 +1,205 @@
+"""The shootout from names to runs.csv: proofs of the instances' intervals first, then every run."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.shootout.contestants import Contestant, chosen
+from sdp_vs_penalty.shootout.instances import GROUPS, Entry, instance, selected
+from sdp_vs_penalty.shootout.results import Results
+from sdp_vs_penalty.shootout.work import Task, everywhere
+
+ACCURACIES = (1e-4, 1e-6, 1e-8)
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Shootout:
+    """What to run and how. time_limit [s] and memory [GB] are for each run."""
+
+    out: Path
+    solvers: list[str] | None = None
+    problems: list[str] = field(default_factory=lambda: list(GROUPS))
+    accuracies: tuple[float, ...] = ACCURACIES
+    time_limit: float = 60.0
+    memory: float = 4.0
+    quick: bool = False
+    scheduler: str | None = None
+    jobs: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.accuracies or any(not 1e-14 < a < 1.0 for a in self.accuracies):
+            raise InputError(
+                "--accuracy: numbers between 1e-14 and 1 are needed, separated by commas: 1e-4,1e-8."
+            )
+        if not self.time_limit > 0.0 or not self.memory > 0.0:
+            raise InputError("--time-limit and --memory must be positive.")
+        if not hasattr(os, "fork"):
+            raise InputError("The shootout forks a process for each run; it needs Linux or macOS.")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The folder's runs after a shootout, and what was left out: why, by name."""
+
+    results: Results
+    absent: dict[str, str]
+    not_applicable: list[tuple[str, str, str]]  # problem, solver, reason
+    notes: list[str]
+
+
+def run(setup: Shootout, progress: Progress | None = None) -> Outcome:
+    """Do every run that the folder does not hold yet. Raises InputError for names that do not exist."""
+    contestants, missing = chosen(setup.solvers)
+    entries, unmeasured = selected(setup.problems, setup.quick)
+    results = Results(setup.out)
+    notes = ["a torn last row of runs.csv was dropped"] if results.torn else []
+    absent = {c.name: str(c.absent) for c in missing}
+    absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
+    say = progress or (lambda what, done, total: None)
+    jobs = setup.jobs or os.cpu_count() or 1
+    references = _references(setup, entries, say, jobs)
+    dropped = results.keep({name: found["hash"] for name, found in references.items()})
+    if dropped:
+        notes.append(f"{dropped} runs of instances that have changed since were dropped")
+    tasks, not_applicable = _pending(setup, entries, contestants, references, results)
+    total = sum(len(task.accuracies) for task in tasks)
+    groups = {e.name: e.group for e in entries}
+    versions = {c.name: c.version() for c in contestants}
+    machine = f"{platform.node()} {platform.machine()} {platform.system()}"
+    done = 0
+    say("runs", done, total)
+    for task, rows in everywhere(tasks, setup.scheduler, jobs):
+        for row in rows:
+            if "error" in row:
+                notes.append(f"{task.problem}, {task.solver}: {row['error']}")
+                continue
+            fixed = {
+                "problem": task.problem,
+                "group": groups[task.problem],
+                "hash": task.hash,
+                "solver": task.solver,
+                "version": versions[task.solver],
+                "machine": machine,
+                "seed": 0,
+            }
+            results.add({**row, **fixed})
+            done += 1
+        say(f"{task.solver} on {task.problem}", done, total)
+    if tasks:
+        results.rewrite()
+    return Outcome(results, absent, not_applicable, notes)
+
+
+def _references(
+    setup: Shootout, entries: Sequence[Entry], say: Progress, jobs: int
+) -> dict[str, dict[str, Any]]:
+    """Each instance's hash and proved interval; kept in references.json beside the runs."""
+    path = setup.out / "references.json"
+    known: dict[str, dict[str, Any]] = {}
+    if path.exists():
+        try:
+            known = json.loads(path.read_text())
+        except ValueError:
+            raise InputError(
+                f"{path}: not JSON; delete it, and the intervals are proved again."
+            ) from None
+    current = {e.name: instance(e.name).hash for e in entries}
+    todo = [n for n, h in current.items() if known.get(n, {}).get("hash") != h]
+    tasks = [_task(setup, n, "", (), (), current[n], None) for n in todo]
+    say("proving intervals", 0, len(tasks))
+    for done, (task, replies) in enumerate(everywhere(tasks, setup.scheduler, jobs), start=1):
+        reply = replies[0]
+        if "error" in reply:
+            raise InputError(f"instance {task.problem!r} cannot be used: {reply['error']}.")
+        if reply["hash"] != task.hash:
+            raise InputError(
+                f"instance {task.problem!r} differs between this machine and a worker: use the same "
+                "version and data on all of them."
+            )
+        known[task.problem] = reply
+        write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
+        say(f"proving intervals: {task.problem}", done, len(tasks))
+    return {name: known[name] for name in current}
+
+
+def _pending(
+    setup: Shootout,
+    entries: Sequence[Entry],
+    contestants: Sequence[Contestant],
+    references: dict[str, dict[str, Any]],
+    results: Results,
+) -> tuple[list[Task], list[tuple[str, str, str]]]:
+    done = results.keys
+    tasks, left_out = [], []
+    for entry in entries:
+        made = instance(entry.name)
+        for contestant in contestants:
+            reason = contestant.applies(made)
+            if reason is not None:
+                left_out.append((entry.name, contestant.name, reason))
+                continue
+            pairs = [
+                (a, s)
+                for a, s in _asked(contestant, setup.accuracies)
+                if (entry.name, made.hash, contestant.name, s) not in done
+            ]
+            if pairs:
+                accuracies, settings = zip(*pairs, strict=True)
+                known = references[entry.name]["reference"]
+                tasks.append(
+                    _task(setup, entry.name, contestant.name, accuracies, settings, made.hash, known)
+                )
+    return tasks, left_out
+
+
+def _asked(contestant: Contestant, accuracies: Iterable[float]) -> list[tuple[float, str]]:
+    """(accuracy, settings) from loose to tight; one for a contestant that cannot be asked."""
+    if not contestant.tunable:
+        return [(contestant.promise, contestant.settings(contestant.promise))]
+    return [(a, contestant.settings(a)) for a in sorted(set(accuracies), reverse=True)]
+
+
+def _task(
+    setup: Shootout,
+    problem: str,
+    solver: str,
+    accuracies: tuple[float, ...],
+    settings: tuple[str, ...],
+    digest: str,
+    known: dict[str, Any] | None,
+) -> Task:
+    return Task(problem, solver, accuracies, settings, digest, known, setup.time_limit, setup.memory)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """A bar on stderr; silent where nobody watches."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda what, done, total: None
+        return
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Bar(*columns, console=console) as bar:
+        line = bar.add_task("", total=None)
+        yield lambda what, done, total: bar.update(
+            line, description=what, completed=done, total=total or None
+        )

@@ -1,0 +1,259 @@
+"""What the runs say: tables in Markdown, LaTeX and CSV, performance profiles, three sentences.
+
+The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms, over the runs that a solver got
+right, unsolved ones at the time limit. The performance profile of Dolan and More (Math. Program. 2002)
+shows for each solver the share of problems that it got right within a factor of the fastest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.shootout.judge import CLASSES
+from sdp_vs_penalty.shootout.results import Row, table_text
+
+_SHIFT = 0.01  # s
+_COLUMNS = (
+    "solver", "settings", "runs", "success_percent", *CLASSES, "mean_seconds", "worst_certified_gap",
+    "version",
+)  # fmt: skip
+_HEADINGS = {
+    "success_percent": "right %",
+    "silently_wrong": "silently wrong",
+    "mean_seconds": "time [ms]",
+    "worst_certified_gap": "worst gap called optimal",
+}
+
+
+def summary_rows(rows: Sequence[Row], time_limit: float) -> list[Row]:
+    """One row for each solver and settings: how often right, how often silently wrong, how fast."""
+    out = []
+    for solver, settings in sorted({(r["solver"], r["settings"]) for r in rows}, key=_order):
+        mine = [r for r in rows if (r["solver"], r["settings"]) == (solver, settings)]
+        counts = {kind: sum(r["class"] == kind for r in mine) for kind in CLASSES}
+        times = [r["seconds"] if r["class"] == "right" else time_limit for r in mine]
+        gaps = [r["gap"] for r in mine if r["claimed"] == "optimal"]
+        out.append(
+            {
+                "solver": solver,
+                "settings": settings,
+                "runs": len(mine),
+                "success_percent": 100.0 * counts["right"] / len(mine),
+                **counts,
+                "mean_seconds": shifted_geometric_mean(times),
+                "worst_certified_gap": max(gaps, default=float("nan")),
+                "version": mine[-1]["version"],
+            }
+        )
+    return out
+
+
+def _order(pair: tuple[str, str]) -> tuple[str, float]:
+    solver, settings = pair
+    return solver, 0.0 if settings == "default" else -float(settings)
+
+
+def shifted_geometric_mean(seconds: Sequence[float]) -> float:
+    """exp(mean log(t + s)) - s."""
+    return float(np.exp(np.mean(np.log(np.asarray(seconds) + _SHIFT))) - _SHIFT)
+
+
+def markdown(rows: Sequence[Row], headings: Sequence[str]) -> str:
+    """A table whose numbers are short enough to read."""
+    names = [_HEADINGS.get(h, h) for h in headings]
+    lines = ["| " + " | ".join(names) + " |", "| " + " | ".join("---" for _ in names) + " |"]
+    lines += ["| " + " | ".join(_short(h, row[h]) for h in headings) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def latex(rows: Sequence[Row], headings: Sequence[str]) -> str:
+    """The same table as a tabular of booktabs."""
+    names = [_HEADINGS.get(h, h).replace("_", r"\_").replace("%", r"\%") for h in headings]
+    body = [
+        " & ".join(_short(h, row[h]).replace("_", r"\_").replace("%", r"\%") for h in headings) + r" \\"
+        for row in rows
+    ]
+    columns = "ll" + "r" * (len(headings) - 2)
+    top = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", " & ".join(names) + r" \\", r"\midrule"]
+    return "\n".join([*top, *body, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def _short(name: str, value: object) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    if name == "mean_seconds":
+        return f"{1e3 * value:.3g}"
+    if name == "success_percent":
+        return f"{value:.0f}"
+    return "-" if np.isnan(value) else f"{value:.1e}"
+
+
+def by_problem(rows: Sequence[Row]) -> str:
+    """Markdown: problems down, solvers across, the class at the tightest accuracy asked for."""
+    mark = {
+        "right": "right", "inaccurate": "inaccurate", "silently_wrong": "**WRONG**", "failed": "failed",
+        "timeout": "timeout", "crash": "crash",
+    }  # fmt: skip
+    solvers = sorted({r["solver"] for r in rows})
+    lines = ["| problem | " + " | ".join(solvers) + " |", "| --- |" + " --- |" * len(solvers)]
+    for problem in dict.fromkeys(r["problem"] for r in rows):
+        cells = []
+        for solver in solvers:
+            mine = [r for r in rows if r["problem"] == problem and r["solver"] == solver]
+            tightest = min(mine, key=lambda r: r["accuracy"], default=None)
+            if tightest is None:
+                cells.append("n/a")
+            elif tightest["class"] == "silently_wrong" and np.isfinite(tightest["gap"]):
+                cells.append(f"**WRONG** {tightest['gap']:.0e}")
+            else:
+                cells.append(mark[tightest["class"]])
+        lines.append(f"| {problem} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def sentences(rows: Sequence[Row], time_limit: float) -> list[str]:
+    """Which solver to use, from the data alone: the most often right, the fastest, whom to doubt."""
+    table = summary_rows(rows, time_limit)
+    if not table:
+        return []
+    best = max(table, key=lambda r: (r["success_percent"], -r["silently_wrong"], -r["mean_seconds"]))
+    first = (
+        f"Most often right is {_named(best)}: {best['right']} of {best['runs']} runs, "
+        f"{best['silently_wrong']} silently wrong, {1e3 * best['mean_seconds']:.3g} ms on average."
+    )
+    safe = [r for r in table if r["silently_wrong"] == 0 and r["right"] > 0]
+    reliable = [r for r in safe if r["success_percent"] >= 0.8 * best["success_percent"]]
+    if reliable:
+        quick = min(reliable, key=lambda r: r["mean_seconds"])
+        second = (
+            f"Of those never silently wrong and nearly as often right the fastest is "
+            f"{_named(quick)} with {1e3 * quick['mean_seconds']:.3g} ms."
+        )
+    else:
+        second = "No solver was both often right and never silently wrong."
+    worst = max(table, key=lambda r: (r["silently_wrong"] / r["runs"], r["runs"]))
+    if worst["silently_wrong"]:
+        third = (
+            f"Check every answer of {_named(worst)}: it claimed success wrongly in "
+            f"{worst['silently_wrong']} of {worst['runs']} runs, and all solvers together in "
+            f"{sum(r['silently_wrong'] for r in table)} of {sum(r['runs'] for r in table)}."
+        )
+    else:
+        third = f"No solver claimed success wrongly in any of {sum(r['runs'] for r in table)} runs."
+    return [first, second, third]
+
+
+def _named(row: Row) -> str:
+    return row["solver"] if row["settings"] == "default" else f"{row['solver']} at {row['settings']}"
+
+
+def profile(rows: Sequence[Row]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """For each solver (ratios, shares), at the tightest accuracy that it was asked for."""
+    problems = sorted({r["problem"] for r in rows})
+    solvers = sorted({r["solver"] for r in rows})
+    seconds = np.full((len(problems), len(solvers)), np.inf)
+    tightest = {s: min(r["accuracy"] for r in rows if r["solver"] == s) for s in solvers}
+    for r in rows:
+        if r["class"] == "right" and r["accuracy"] == tightest[r["solver"]]:
+            seconds[problems.index(r["problem"]), solvers.index(r["solver"])] = max(r["seconds"], 1e-6)
+    best = seconds.min(axis=1)
+    solved = np.isfinite(best)
+    out = {}
+    for k, solver in enumerate(solvers):
+        ratios = np.sort(seconds[solved, k] / best[solved])
+        shares = np.arange(1, len(ratios) + 1) / max(len(problems), 1)
+        finite = np.isfinite(ratios)
+        out[solver] = (ratios[finite], shares[finite])
+    return out
+
+
+def plot_profile(rows: Sequence[Row], path: Path) -> bool:
+    """Write the performance profiles as SVG; False where matplotlib (extra [plot]) is absent."""
+    import importlib.util
+    import io
+
+    from sdp_vs_penalty.files import write_bytes
+
+    if importlib.util.find_spec("matplotlib") is None:
+        return False
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    with plt.rc_context({"svg.hashsalt": "shootout"}):
+        figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
+        styles = ["-", "--", "-.", ":"]
+        for number, (solver, (ratios, shares)) in enumerate(profile(rows).items()):
+            if len(ratios):
+                axes.step(
+                    np.append(ratios, 1e5),
+                    np.append(shares, shares[-1]),
+                    where="post",
+                    label=solver,
+                    linestyle=styles[number // 10 % 4],
+                )
+        axes.set_xscale("log")
+        axes.set_xlim(1.0, 1e4)
+        axes.set_ylim(0.0, 1.0)
+        axes.set_xlabel("time over that of the fastest solver that was right")
+        axes.set_ylabel("share of problems got right")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize="small", ncols=2)
+        file = io.BytesIO()
+        figure.savefig(file, format="svg", metadata={"Date": None})
+        plt.close(figure)
+    write_bytes(path, file.getvalue())
+    return True
+
+
+def write_summary(
+    folder: Path,
+    rows: Sequence[Row],
+    time_limit: float,
+    absent: dict[str, str],
+    not_applicable: Sequence[tuple[str, str, str]],
+) -> list[Path]:
+    """summary.md, .tex, .csv and profile.svg beside runs.csv; the paths written."""
+    table = summary_rows(rows, time_limit)
+    left_out: dict[tuple[str, str], int] = {}
+    for _, solver, reason in not_applicable:
+        left_out[solver, reason] = left_out.get((solver, reason), 0) + 1
+    machines = sorted({r["machine"] for r in rows})
+    text = [
+        "# Solver shootout",
+        "",
+        *(f"- {sentence}" for sentence in sentences(rows, time_limit)),
+        "",
+        "Every answer is judged by our own proved interval around the optimum. Times are those of "
+        f"set-up and solve, a run that is not right counts {time_limit:g} s. Made by "
+        "`sdp-vs-penalty shootout`; the runs are in runs.csv.",
+        "",
+        "## By solver",
+        "",
+        markdown(table, _COLUMNS),
+        "## By problem, at the tightest accuracy asked for",
+        "",
+        by_problem(rows),
+        "## Left out",
+        "",
+        *(f"- {name}: {reason}." for name, reason in sorted(absent.items())),
+        *(
+            f"- {s}: not applicable to {n} problem(s): {why}."
+            for (s, why), n in sorted(left_out.items())
+        ),
+        f"- Machine(s): {', '.join(machines)}.",
+        "",
+    ]
+    paths = [folder / name for name in ("summary.md", "summary.tex", "summary.csv")]
+    write_text(paths[0], "\n".join(text))
+    write_text(paths[1], latex(table, _COLUMNS))
+    write_text(paths[2], table_text(_COLUMNS, table))
+    picture = folder / "profile.svg"
+    if plot_profile(rows, picture):
+        paths.append(picture)
+    return paths

@@ -1,0 +1,170 @@
+"""The runs of the shootout wherever they are done: two threads of this process, or a Dask cluster.
+
+Each worker, local or remote, holds a nursery (:mod:`nursery`) and sends it names; numbers are judged
+there. A task is all accuracies of one solver on one problem, from loose to tight: what exceeds the time
+limit at one accuracy would exceed it at every tighter one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Task:
+    """Runs of one solver on one problem, or (solver "") the proof of the problem's interval."""
+
+    problem: str
+    solver: str
+    accuracies: tuple[float, ...]
+    settings: tuple[str, ...]
+    hash: str | None
+    reference: dict[str, Any] | None
+    time_limit: float
+    memory: float
+
+
+#: One thread each: runs share the machine, and a forked child must not inherit a pool of threads.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
+
+
+class Nursery:
+    """The other end of a nursery process; started on first use and again if it ever dies."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+
+    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        """One request, one answer. Raises RuntimeError with the nursery's own words if it cannot."""
+        process = self._started()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            process.stdin.write(json.dumps(request) + "\n")
+            process.stdin.flush()
+            line = process.stdout.readline()
+        except BrokenPipeError:
+            line = ""
+        if not line:
+            code = process.wait()
+            self._process = None
+            raise RuntimeError(f"the process that runs solvers ended with code {code}")
+        reply: dict[str, Any] = json.loads(line)
+        if "error" in reply:
+            raise RuntimeError(reply["error"])
+        return reply
+
+    def _started(self) -> subprocess.Popen[str]:
+        if self._process is None or self._process.poll() is not None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "sdp_vs_penalty.shootout.nursery"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                env={**os.environ, **dict.fromkeys(_THREADS, "1")},
+            )
+        return self._process
+
+    def close(self) -> None:
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.close()
+            self._process.wait()
+            self._process = None
+
+
+_LOCAL = threading.local()
+
+
+def nursery() -> Nursery:
+    """This thread's own."""
+    if not hasattr(_LOCAL, "nursery"):
+        _LOCAL.nursery = Nursery()
+    found: Nursery = _LOCAL.nursery
+    return found
+
+
+def perform(task: Task) -> tuple[Task, list[Row]]:
+    """Do a task here; what a worker of any kind calls."""
+    try:
+        if not task.solver:
+            reply = nursery().ask({"do": "reference", "problem": task.problem, "memory": task.memory})
+            return task, [reply]
+        return task, list(_runs(task))
+    except RuntimeError as error:
+        return task, [{"error": str(error)}]
+
+
+def _runs(task: Task) -> Iterator[Row]:
+    stopped = ""
+    for accuracy, settings in zip(task.accuracies, task.settings, strict=True):
+        if stopped:
+            yield {
+                "settings": settings,
+                "accuracy": accuracy,
+                "class": "timeout",
+                "seconds": task.time_limit,
+                "remark": f"not run: {stopped} exceeded the time limit",
+            }
+            continue
+        request = {
+            "do": "run",
+            "problem": task.problem,
+            "solver": task.solver,
+            "accuracy": accuracy,
+            "hash": task.hash,
+            "reference": task.reference,
+            "time_limit": task.time_limit,
+            "memory": task.memory,
+        }
+        row = nursery().ask(request)
+        if row["class"] == "timeout":
+            stopped = settings
+        yield {"settings": settings, "accuracy": accuracy, **row}
+
+
+def everywhere(
+    tasks: Iterable[Task], scheduler: str | None = None, jobs: int = 2
+) -> Iterator[tuple[Task, list[Row]]]:
+    """Results as they come, in any order; scheduler : a Dask scheduler's address, None: this machine."""
+    if scheduler is None:
+        from joblib import Parallel, delayed
+
+        # Threads: each only waits for its nursery, which is the process that works.
+        parallel = Parallel(
+            n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1
+        )
+        yield from parallel(delayed(perform)(task) for task in tasks)
+        return
+    with connected(scheduler) as client:
+        from distributed import as_completed
+
+        futures = client.map(perform, list(tasks), pure=False, retries=5)
+        for _, result in as_completed(futures, with_results=True):
+            yield result
+
+
+def connected(scheduler: str) -> Any:
+    """A Dask client; InputError where Dask is not installed or nobody answers at the address."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "--scheduler needs Dask: install the extra, pip install 'sdp-vs-penalty[cluster]'."
+        ) from None
+    try:
+        return Client(scheduler, timeout=10)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(
+            f"--scheduler {scheduler}: no Dask scheduler answers there ({error})."
+        ) from error
