@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
+#: Events are rare: what fills more than this share of a joint's rows is something else.
+MOST_EVENTS = 0.15
 _BLOCKS = 60
 _PHASE_FOLDS = 5
 
@@ -112,8 +114,8 @@ def prepare(
     white = library.whitened(noise, rows)
     base = np.zeros((rows.n, len(rows.t), 0)) if frozen else model_columns(rows, estimate)
     labels = label_rows(rows)
-    fit = white_fit(rows, noise, labels, base, residual)
-    search = Search(rows, noise, fit, library, white, seed)
+    columns, target = white_rows(rows, noise, base, residual)
+    search = Search(rows, noise, labels, columns, target, white, seed)
     return Stage(rows, noise, labels, base, residual, library, white, search, frozen)
 
 
@@ -164,39 +166,45 @@ def phase_folds(rows: DiagnosisRows) -> NDArray[np.intp]:
     return slot % _PHASE_FOLDS
 
 
-def white_fit(rows: DiagnosisRows, noise: Noise, labels: Rows, base: Array, residual: Array) -> Fit:
-    """The model's columns (n, M, p) fitted to the residual (M, n), both white."""
+def white_rows(rows: DiagnosisRows, noise: Noise, base: Array, residual: Array) -> tuple[Array, Array]:
+    """White model columns (n M, p) and residual (n M,) from (n, M, p) and (M, n)."""
     n, M = rows.n, len(rows.t)
     columns, target = np.zeros((n, M, base.shape[2])), np.zeros((n, M))
     for j in range(n):
         pieces = pieces_of(rows, j)
         columns[j] = noise.whiten(base[j], j, pieces)
         target[j] = noise.whiten(residual[:, j], j, pieces)
-    return Fit.of(labels, columns.reshape(n * M, -1), target.ravel())
+    return columns.reshape(n * M, -1), target.ravel()
 
 
 def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
-    """What is left once events are set aside, and the events."""
+    """What is left once events are set aside, and the events.
+
+    Windows of too much energy are events only if they are few and nothing repeatable is left
+    beside them: otherwise they are the peaks of the model's error.
+    """
     rows, noise = stage.rows, stage.noise
     n, M = rows.n, len(rows.t)
-    whole = rows.with_masked(np.zeros((0, 0), bool))
+    white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
+    left = remainder(fit, rows, noise)
     mask = np.zeros((M, n), bool)
-    # The residual of all rows, those that repetition made suspect included.
-    theta_fit = fit.residual.reshape(n, M)
-    events: list[Event] = []
     for j in range(n):
-        pieces = pieces_of(rows, j)
-        mask[:, j] = local_excess(theta_fit[j], pieces, tests=n)
-    left_all = remainder(fit, rows, noise)
-    left = remainder(fit, rows, noise, mask)
-    if left.remains:
-        # Error everywhere: its peaks are the model's, not events.
-        mask[:] = False
-        left = left_all
+        found = local_excess(white[:, j], pieces_of(rows, j), tests=n)
+        if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
+            mask[:, j] = found
+    if mask.any():
+        without = remainder(fit, rows, noise, mask)
+        if without.remains:
+            mask[:] = False
+        else:
+            left = without
     mask |= noise.suspect
-    for j in range(n):
-        for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0):
-            events.append(Event(j, start, end))
+    whole = rows.with_masked(np.zeros((0, 0), bool))
+    events = [
+        Event(j, start, end)
+        for j in range(n)
+        for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0)
+    ]
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
 
 
@@ -237,7 +245,7 @@ def _finding(
     pick = picks[k]
     h = pick.hypothesis
     fit = stage.search.fit(without=k)
-    fresh = fit.partialled(h.columns)
+    fresh = fit.partialled(fit.scaled(h.columns))
     gram = fresh.T @ fresh
     beta = np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0]
     covariance = np.linalg.pinv(gram, rcond=1e-12)
@@ -273,7 +281,11 @@ def _rival_name(own: tuple[str, int | None], other: tuple[str, int | None]) -> s
 
 def invisible_effects(stage: Stage) -> tuple[Invisible, ...]:
     """Candidates whose energy the model's own columns absorb, whatever their shape."""
-    scores = score_library(stage.search.base, stage.white)
+    if stage.frozen:
+        return ()
+    search = stage.search
+    plain = replace(search.weighting, level=np.ones(stage.rows.n))
+    scores = score_library(Fit.of(stage.labels, search.basis, search.target, plain), stage.white)
     shares: dict[tuple[str, int | None], float] = {}
     for group, absorbed in zip(stage.white.groups, scores.absorbed, strict=True):
         shares[group.key] = min(shares.get(group.key, 1.0), float(absorbed))

@@ -18,20 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from sdp_vs_penalty.diagnosis.library import Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.library import SEVERAL, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
 from sdp_vs_penalty.diagnosis.scoring import (
     BlockSums,
     Fit,
-    Scores,
+    Rows,
+    Weighting,
     cross_validate,
     evidence,
     flip_threshold,
+    independent,
     score_library,
     solve_group,
     wald_exponent,
 )
-from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
+from sdp_vs_penalty.diagnosis.whitening import ORDER, Noise, autoregression, pieces_of
 from sdp_vs_penalty.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -42,14 +44,17 @@ MIN_SHARE = 0.004
 #: Evidence (twice a log Bayes factor, per unit of residual variance) by which a rival must fall
 #: short to be told apart: odds of 150 to 1.
 TOLD_APART = 10.0
-#: How many hypotheses a step looks at closely, and how many steps there are at most.
+#: Residual variance over that of the noise from which the evidence is not taken at its word.
+_MISFIT = 1.3
+#: How many hypotheses a step looks at closely, how many it tries to add, how many steps there are.
 _CONTENDERS = 8
+_TRIES = 3
 _STEPS = 40
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One effect on one joint with its best shape: chi2 it takes from the residual, beta (k,),
+    """One effect on one joint with its best shape: chi2 it takes from the scaled residual, beta (k,),
     evidence against nothing, columns : white (n M, k)."""
 
     key: Key
@@ -61,7 +66,7 @@ class Hypothesis:
 
     @property
     def signed(self) -> bool:
-        return len(self.beta) == 1 and self.effect.parameters[0].lower == 0.0
+        return _signed(self.effect)
 
 
 @dataclass(frozen=True)
@@ -76,147 +81,214 @@ class Pick:
 
 
 class Search:
-    """The ladder's state; one instance a diagnosis (or an outer fold of one)."""
+    """The ladder's state; one instance a diagnosis (or an outer fold of one).
+
+    base (n M, p) and target (n M,) : white columns of the model and the white residual.
+    """
 
     def __init__(
-        self, rows: DiagnosisRows, noise: Noise, base: Fit, library: Library, white: Library, seed: int
+        self,
+        rows: DiagnosisRows,
+        noise: Noise,
+        labels: Rows,
+        base: Array,
+        target: Array,
+        white: Library,
+        seed: int,
     ) -> None:
-        self.rows, self.noise, self.base, self.white, self.seed = rows, noise, base, white, seed
+        self.rows, self.noise, self.labels, self.seed = rows, noise, labels, seed
+        self.basis, self.target, self.white = independent(base), target, white
         self.pieces = [pieces_of(rows, j) for j in range(rows.n)]
         self.picks: list[Pick] = []
-        self.start_excess = self._excess(base)
+        n = rows.n
+        inner = tuple(tuple(p[ORDER:] for p in pieces if len(p) > 2 * ORDER) for pieces in self.pieces)
+        self.weighting = Weighting(np.ones(n), np.zeros((n, ORDER)), inner)
         self.by_key: dict[Key, list[int]] = {}
-        for g, group in enumerate(library.groups):
+        for g, group in enumerate(white.groups):
             self.by_key.setdefault(group.key, []).append(g)
+        self.settle()
 
-    def _excess(self, fit: Fit) -> float:
-        return float(np.maximum(fit.joint_chi2 - fit.degrees, 0.0).sum())
+    def settle(self) -> None:
+        """Bring the joints' levels and everything that depends on them up to date with the picks."""
+        for _ in range(2):
+            fit = self.fit(base=self._base(self.weighting))
+            level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, 1.0))
+            self.weighting = replace(self.weighting, level=level)
+        self.base = self._base(self.weighting)
+        self.scaled = self.weighting.library(self.white)
 
-    def fit(self, without: int | None = None) -> Fit:
+    def _base(self, weighting: Weighting) -> Fit:
+        return Fit.of(self.labels, self.basis, self.target, weighting)
+
+    def fit(self, without: int | None = None, base: Fit | None = None) -> Fit:
         """The model with the picks so far, all of them or all but one."""
-        out = self.base
+        out = self.base if base is None else base
         for k, pick in enumerate(self.picks):
             if k != without:
-                out = out.extended(pick.hypothesis.columns)
+                out = out.extended(out.scaled(pick.hypothesis.columns))
         return out
 
-    def run(self) -> list[Pick]:
-        """Add until nothing more is justified."""
+    def coloured(self) -> tuple[Fit, Library]:
+        """Fit and library with the colour of the unexplained error taken out."""
+        fit = self.fit()
+        n = self.rows.n
+        white = fit.residual.reshape(n, -1) * self.weighting.level[:, None]
+        colour = np.zeros((n, ORDER))
+        for j in range(n):
+            if self.weighting.level[j] ** 2 > _MISFIT:
+                colour[j] = autoregression(white[j], self.weighting.pieces[j])[0]
+        weighting = replace(self.weighting, level=np.ones(n), colour=colour)
+        for _ in range(2):
+            fit = self.fit(base=self._base(weighting))
+            level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, weighting.floor))
+            weighting = replace(weighting, level=level)
+        return self.fit(base=self._base(weighting)), weighting.library(self.white)
+
+    def run(self, thorough: bool = True) -> list[Pick]:
+        """Add until nothing more is justified; ``thorough`` re-examines earlier picks on the way."""
         for _ in range(_STEPS):
-            fit = self.fit()
-            pick = self.next(fit)
+            pick = self.next()
             if pick is None:
                 break
             self.picks.append(pick)
-            if len(self.picks) > 1:
+            self.settle()
+            if thorough and len(self.picks) > 1:
                 self.reexamine()
         return self.picks
 
-    def next(self, fit: Fit) -> Pick | None:
-        """The best acceptable hypothesis, with what it cannot be told apart from."""
-        scores = score_library(fit, self.white)
-        contenders = self.contenders(fit, scores)
+    def next(self) -> Pick | None:
+        """The best acceptable hypothesis, with what it cannot be told apart from.
+
+        While even the best leaves error that is not noise, the choice is made with that error's own
+        colour taken out: otherwise whatever is slow, like the error, would win.
+        """
+        fit, scaled = self.fit(), self.scaled
+        contenders = self.contenders(fit, scaled)
+        if contenders and self._left(fit, contenders[0]) > _MISFIT:
+            fit, scaled = self.coloured()
+            contenders = self.contenders(fit, scaled)
         if not contenders:
             return None
-        threshold = flip_threshold(fit, self.white, self.seed + len(self.picks))
-        for hypothesis in contenders[:3]:
-            pick = self.accepted(fit, hypothesis, threshold)
+        threshold = flip_threshold(fit, scaled, self.seed + len(self.picks))
+        for hypothesis in contenders[:_TRIES]:
+            pick = self.accepted(fit, scaled, hypothesis, threshold)
             if pick is not None:
-                return replace(pick, rivals=self.rivals(fit, hypothesis, contenders))
+                return replace(pick, rivals=self.rivals(fit, scaled, hypothesis, contenders))
         return None
 
-    def accepted(self, fit: Fit, hypothesis: Hypothesis, threshold: float) -> Pick | None:
+    def accepted(
+        self, fit: Fit, scaled: Library, hypothesis: Hypothesis, threshold: float
+    ) -> Pick | None:
         """The pick, if the hypothesis passes every test."""
         k = len(hypothesis.beta)
-        rest = self._scale(fit, hypothesis)
-        freedom = self._degrees(fit, hypothesis)
-        p = stats.f.sf(hypothesis.chi2 / k / rest, k, freedom)
+        joints = self._joints(fit, hypothesis)
+        freedom = max(fit.degrees[joints].sum() - k, 1.0)
+        level2 = fit.weighting.level**2
+        rest = float(np.sum((fit.joint_chi2 / level2)[joints])) - hypothesis.chi2
+        p = stats.f.sf(hypothesis.chi2 / k / max(rest / freedom, 1e-300), k, freedom)
         if not p < FALSE_CLAIM / max(self.white.size, 1):
             return None
-        sums = BlockSums.of(fit, fit.partialled(hypothesis.columns), k)
+        sums = BlockSums.of(fit, fit.partialled(fit.scaled(hypothesis.columns)), k)
         exponent = float(wald_exponent(sums)[0, 0])
         if exponent < threshold:
             return None
-        gain = self.gain(fit, hypothesis)
-        if gain < MIN_GAIN or gain < MIN_SHARE * self.start_excess:
+        gain = float(self.block_gains(fit, scaled, hypothesis).sum())
+        noise = fit.degrees * fit.weighting.floor
+        excess = np.maximum(fit.joint_chi2 - noise, 0.0) / level2
+        if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
             return None
         return Pick(hypothesis, gain, exponent, ())
 
-    def gain(self, fit: Fit, hypothesis: Hypothesis) -> float:
-        """Cross-validated gain, the shape chosen anew in each fold."""
-        return float(self.block_gains(fit, hypothesis).sum())
-
-    def block_gains(self, fit: Fit, hypothesis: Hypothesis) -> Array:
+    def block_gains(self, fit: Fit, scaled: Library, hypothesis: Hypothesis) -> Array:
+        """(B,) cross-validated gains, the shape chosen anew in each fold."""
         n, M = fit.rows.n, len(fit.rows.block)
-        shapes = [hypothesis.columns]
-        for g in self.by_key.get(hypothesis.key, ()):
-            group = self.white.groups[g]
-            if group.k == len(hypothesis.beta) and len(self.by_key[hypothesis.key]) <= 12:
-                shapes.append(self.white.columns(group).reshape(n * M, -1))
+        shapes = [fit.scaled(hypothesis.columns)]
+        members = self.by_key.get(hypothesis.key, [])
+        if len(members) <= 12:
+            shapes += [
+                scaled.columns(self.white.groups[g]).reshape(n * M, -1)
+                for g in members
+                if self.white.groups[g].k == len(hypothesis.beta)
+            ]
         return cross_validate(fit, shapes, hypothesis.signed)
 
-    def contenders(self, fit: Fit, scores: Scores) -> list[Hypothesis]:
+    def contenders(self, fit: Fit, scaled: Library) -> list[Hypothesis]:
         """The most plausible hypotheses, shapes refined, best first."""
+        scores = score_library(fit, scaled)
         taken = {p.hypothesis.effect.text for p in self.picks}
-        keys = {p.hypothesis.key for p in self.picks if p.hypothesis.key[0] not in _SEVERAL}
+        keys = {p.hypothesis.key for p in self.picks if p.hypothesis.key[0] not in SEVERAL}
         coarse: list[tuple[float, Key, int]] = []
         for key, members in self.by_key.items():
             if key in keys:
                 continue
-            values = np.array([evidence(scores.chi2[g], self.white.groups[g].k) for g in members], float)
-            usable = [self.white.groups[g].effect.text not in taken for g in members]
-            values = np.where(usable, values, 0.0)
-            best = int(np.argmax(values))
-            coarse.append((_averaged(values), key, members[best]))
-        coarse.sort(key=lambda item: -item[0])
-        coarse = [c for c in coarse if c[0] > 0.0][: 3 * _CONTENDERS]
-        if not coarse:
-            return []
-        out = []
-        for value, key, g in coarse[:_CONTENDERS] + [
-            c for c in coarse[_CONTENDERS:] if c[0] > 0.7 * coarse[0][0]
-        ]:
-            out.append(self.refined(fit, self.white.groups[g], key, value))
-        return sorted(out, key=lambda h: -h.evidence)
-
-    def refined(self, fit: Fit, group: Group, key: Key, grid_evidence: float) -> Hypothesis:
-        """The hypothesis with its shape constants moved to where they explain most."""
-        columns = self.white.columns(group).reshape(len(fit.residual), -1)
-        best = self._hypothesis(fit, key, group.effect, columns)
-        coarse = float(evidence(best.chi2, group.k))
-        names = [
-            k
-            for k in group.effect.shape_bounds
-            if k in group.effect.shape and not (k == "T" and group.effect.shape.get("form", 0) % 2)
+            values = np.zeros(len(members))
+            for m, g in enumerate(members):
+                group = self.white.groups[g]
+                if group.effect.text not in taken:
+                    values[m] = self._coarse(fit, scaled, group, float(scores.chi2[g]), scores.beta[g])
+            coarse.append((_averaged(values), key, members[int(np.argmax(values))]))
+        coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])
+        close = [c for k, c in enumerate(coarse) if k < _CONTENDERS or c[0] > 0.7 * coarse[0][0]]
+        found = [
+            self.refined(fit, self.white.groups[g], key, v) for v, key, g in close[: 3 * _CONTENDERS]
         ]
-        for name in names:
-            best = self._refine_one(fit, key, best, name)
-        fine = float(evidence(best.chi2, group.k))
-        return replace(best, evidence=grid_evidence + fine - coarse)
+        return sorted(found, key=lambda h: -h.evidence)
 
-    def _refine_one(self, fit: Fit, key: Key, start: Hypothesis, name: str) -> Hypothesis:
+    def _coarse(self, fit: Fit, scaled: Library, group: Group, chi2: float, beta: Array) -> float:
+        """Evidence of a group; one on a single joint is taken to change that joint's error only."""
+        if chi2 <= group.k:
+            return 0.0
+        if group.joint is None:
+            columns = scaled.columns(group).reshape(len(fit.residual), -1)
+            return self._evidence(fit, fit.partialled(columns), beta)
+        after = fit.joint_chi2.copy()
+        drop = chi2 * fit.weighting.level[group.joint] ** 2
+        after[group.joint] = max(after[group.joint] - drop, 0.0)
+        return float(evidence(fit.likelihood_gain(after), group.k))
+
+    @staticmethod
+    def _evidence(fit: Fit, partialled: Array, beta: Array) -> float:
+        left = fit.residual - partialled @ beta
+        gain = fit.likelihood_gain(fit.chi2_of(left))
+        return float(evidence(gain, len(beta)))
+
+    def refined(self, fit: Fit, group: Group, key: Key, averaged: float) -> Hypothesis:
+        """The hypothesis with its shape constants moved to where they explain most.
+
+        What a free shape costs is in ``averaged``, the evidence averaged over the grid.
+        """
+        columns = self.white.columns(group).reshape(len(fit.residual), -1)
+        start = self._hypothesis(fit, key, group.effect, columns)
+        best = self.tuned(fit, start)
+        return replace(best, evidence=averaged + best.evidence - start.evidence)
+
+    def tuned(self, fit: Fit, start: Hypothesis) -> Hypothesis:
+        """The hypothesis with every continuous shape constant refined in turn."""
+        best = start
+        for name in start.effect.shape_bounds:
+            if name in start.effect.shape and not (name == "T" and start.effect.shape["form"] % 2):
+                best = self._refine_one(fit, best, name)
+        return self._hypothesis(fit, best.key, best.effect, best.columns)
+
+    def _refine_one(self, fit: Fit, start: Hypothesis, name: str) -> Hypothesis:
         low, high = start.effect.shape_bounds[name]
         value = start.effect.shape[name]
-        linear = name == "k"
+        linear = name == "k"  # waves: neighbours are a fixed distance apart, whatever their order
         a, b = (value - 0.6, value + 0.6) if linear else (value / 2.2, value * 2.2)
         a, b = max(a, low), min(b, high)
-        found = {value: start}
+        found = [start]
 
         def loss(x: float) -> float:
-            shape = float(x if linear else np.exp(x))
-            effect = self._with_shape(start.effect, name, shape)
-            found[shape] = self._hypothesis(fit, key, effect, self.white_columns(effect))
-            return -found[shape].chi2
+            shape = {**start.effect.shape, name: float(x if linear else np.exp(x))}
+            effect = type(start.effect)(start.effect.robot, start.effect.asked_joints, **shape)
+            found.append(self._solve(fit, start.key, effect, self.white_columns(effect)))
+            return -found[-1].chi2
 
         bounds = (a, b) if linear else (np.log(a), np.log(b))
         optimize.minimize_scalar(
             loss, bounds=bounds, method="bounded", options={"xatol": 0.01, "maxiter": 14}
         )
-        return max(found.values(), key=lambda h: h.chi2)
-
-    @staticmethod
-    def _with_shape(effect: Effect, name: str, value: float) -> Effect:
-        return type(effect)(effect.robot, effect.asked_joints, **{**effect.shape, name: value})
+        return max(found, key=lambda h: h.chi2)
 
     def white_columns(self, effect: Effect) -> Array:
         """(n M, k) white columns of any effect."""
@@ -224,78 +296,94 @@ class Search:
         white = np.stack([self.noise.whiten(raw[j], j, self.pieces[j]) for j in range(self.rows.n)])
         return white.reshape(-1, raw.shape[2])
 
-    def _hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
-        C = fit.Q.T @ columns
-        signed = columns.shape[1] == 1 and effect.parameters[0].lower == 0.0
+    def _solve(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
+        scaled = fit.scaled(columns)
+        C = fit.Q.T @ scaled
         chi2, beta, _ = solve_group(
-            columns.T @ columns - C.T @ C,
-            np.sum(columns**2, axis=0),
-            columns.T @ fit.residual,
-            signed,
+            scaled.T @ scaled - C.T @ C,
+            np.sum(scaled**2, axis=0),
+            scaled.T @ fit.residual,
+            _signed(effect),
         )
-        return Hypothesis(key, effect, chi2, beta, float(evidence(chi2, len(beta))), columns)
+        return Hypothesis(key, effect, chi2, beta, 0.0, columns)
+
+    def _hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
+        found = self._solve(fit, key, effect, columns)
+        partialled = fit.partialled(fit.scaled(columns))
+        return replace(found, evidence=self._evidence(fit, partialled, found.beta))
 
     def rivals(
-        self, fit: Fit, chosen: Hypothesis, contenders: Sequence[Hypothesis]
+        self, fit: Fit, scaled: Library, chosen: Hypothesis, contenders: Sequence[Hypothesis]
     ) -> tuple[Hypothesis, ...]:
-        """Other hypotheses of nearly the same evidence, in units of what remains unexplained."""
-        limit = TOLD_APART * self._scale(fit, chosen)
-        return tuple(
-            h
-            for h in contenders
-            if h.key != chosen.key and h.evidence > 0.0 and chosen.evidence - h.evidence < limit
-        )
+        """Hypotheses that these data do not tell from the chosen one.
+
+        By evidence; where error remains that nothing explains, evidence is too sure of itself, and
+        the difference of the cross-validated gains, block by block, has to exceed 2 sigma as well.
+        """
+        others = [h for h in contenders if h.key != chosen.key and h.evidence > 0.0]
+        close = [h for h in others if chosen.evidence - h.evidence < TOLD_APART]
+        if self._left(fit, chosen) > _MISFIT:
+            own = self.block_gains(fit, scaled, chosen)
+            for h in others:
+                if h in close:
+                    continue
+                gains = self.block_gains(fit, scaled, h)
+                apart = own - gains
+                sigma = float(np.sqrt(len(apart) * apart.var()))
+                if gains.sum() > 0.5 * own.sum() and apart.sum() < 2.0 * sigma:
+                    close.append(h)
+        return tuple(close)
 
     def _joints(self, fit: Fit, hypothesis: Hypothesis) -> NDArray[np.intp]:
         return np.flatnonzero(fit.rows.joint_sums(np.sum(hypothesis.columns**2, axis=1)) > 0.0)
 
-    def _degrees(self, fit: Fit, hypothesis: Hypothesis) -> float:
-        joints = self._joints(fit, hypothesis)
-        return float(max(fit.degrees[joints].sum() - len(hypothesis.beta), 1.0))
-
-    def _scale(self, fit: Fit, hypothesis: Hypothesis) -> float:
+    def _left(self, fit: Fit, hypothesis: Hypothesis) -> float:
         """Residual variance (1: noise alone) where the hypothesis acts, once it is added."""
+        left = fit.residual - fit.partialled(fit.scaled(hypothesis.columns)) @ hypothesis.beta
         joints = self._joints(fit, hypothesis)
-        left = fit.joint_chi2[joints].sum() - hypothesis.chi2
-        return float(max(left / self._degrees(fit, hypothesis), 1.0))
+        noise = fit.degrees * fit.weighting.floor
+        return float(fit.chi2_of(left)[joints].sum() / noise[joints].sum())
 
     def reexamine(self) -> None:
-        """Drop picks that have become useless, exchange those that something else explains better."""
+        """Drop picks that have become useless; exchange those that something else explains better,
+        now that the newest one has taken its share of the same joints' error."""
+        fit, scaled = self.coloured()
+        newest = self._joints(fit, self.picks[-1].hypothesis)
+        base = self._base(fit.weighting)
         for k in reversed(range(len(self.picks))):
+            fit = self.fit(without=k, base=base)
             pick = self.picks[k]
-            fit = self.fit(without=k)
-            again = self._hypothesis(
-                fit, pick.hypothesis.key, pick.hypothesis.effect, pick.hypothesis.columns
-            )
-            if self.gain(fit, again) < MIN_GAIN:
+            h = pick.hypothesis
+            chosen, rivals = self._hypothesis(fit, h.key, h.effect, h.columns), pick.rivals
+            if k < len(self.picks) - 1 and len(np.intersect1d(newest, self._joints(fit, h))):
+                chosen, rivals = self._again(fit, scaled, k)
+            gain = float(self.block_gains(fit, scaled, chosen).sum())
+            if gain < MIN_GAIN:
                 del self.picks[k]
-                continue
-            group = Group(again.key, again.effect, None, slice(0, len(again.beta)))
-            tuned = again
-            for name in group.effect.shape_bounds:
-                if not (name == "T" and again.effect.shape.get("form", 0) % 2):
-                    tuned = self._refine_one(fit, again.key, tuned, name)
-            others = self.picks[:k] + self.picks[k + 1 :]
-            kept, self.picks = self.picks, others
-            scores = score_library(fit, self.white)
-            contenders = self.contenders(fit, scores)
-            self.picks = kept
-            best = contenders[0] if contenders else tuned
-            same = next((h for h in contenders if h.key == again.key), None)
-            own = max(tuned.evidence, -np.inf) if same is None else same.evidence
-            if best.key != again.key and best.evidence > own + TOLD_APART * self._scale(fit, best):
-                chosen = best
             else:
-                chosen = replace(tuned, evidence=own)
-            self.picks[k] = replace(
-                pick,
-                hypothesis=chosen,
-                gain=self.gain(fit, chosen),
-                rivals=self.rivals(fit, chosen, contenders),
-            )
+                self.picks[k] = replace(pick, hypothesis=chosen, gain=gain, rivals=rivals)
+        self.settle()
+
+    def _again(self, fit: Fit, scaled: Library, k: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
+        """The best hypothesis in the place of pick k, given all others."""
+        kept = self.picks
+        self.picks = kept[:k] + kept[k + 1 :]
+        contenders = self.contenders(fit, scaled)
+        self.picks = kept
+        old = kept[k].hypothesis
+        own = self.tuned(fit, self._hypothesis(fit, old.key, old.effect, old.columns))
+        same = next((h for h in contenders if h.key == old.key), None)
+        if same is not None:
+            own = same if same.chi2 > own.chi2 else replace(own, evidence=same.evidence)
+        best = contenders[0] if contenders else own
+        if best.key != own.key and best.evidence > own.evidence + TOLD_APART:
+            own = best
+        return own, self.rivals(fit, scaled, own, contenders)
 
 
-_SEVERAL = frozenset({"torque_ripple", "joint_coupling"})
+def _signed(effect: Effect) -> bool:
+    parameters = effect.parameters
+    return len(parameters) == 1 and parameters[0].lower == 0.0
 
 
 def _averaged(values: Array) -> float:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 #: (effect name, joint from 0; None: the whole robot).
 Key = tuple[str, int | None]
 #: Effects of which a joint can have several, with different constants.
-_SEVERAL = frozenset({"torque_ripple", "joint_coupling"})
+SEVERAL = frozenset({"torque_ripple", "joint_coupling"})
 #: Never a candidate: a model without it has no torque to begin with.
 _NEVER = frozenset({"rigid_body"})
 
@@ -85,7 +85,7 @@ def build_library(
     taken = set()
     if not frozen:
         for effect in model.effects:
-            if effect.name not in _SEVERAL:
+            if effect.name not in SEVERAL:
                 joints: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
                 taken |= {(effect.name, j) for j in joints}
     start = min(float(s.motion.t[0]) for s in rows.segments)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -60,54 +61,137 @@ class Rows:
         return values.reshape(self.n, len(self.block), *values.shape[1:]).sum(axis=1)
 
 
+def independent(columns: Array) -> Array:
+    """An orthonormal basis (n M, r) of columns (n M, p), their rank found by a pivoted QR."""
+    norms = np.linalg.norm(columns, axis=0)
+    seen = norms > 1e-12 * norms.max(initial=0.0)
+    if not seen.any():
+        return np.zeros((len(columns), 0))
+    q, r, _ = scipy.linalg.qr(
+        columns[:, seen] / norms[seen], mode="economic", pivoting=True, check_finite=False
+    )
+    diagonal = np.abs(np.diagonal(r))
+    return np.ascontiguousarray(q[:, diagonal > 1e-8 * diagonal[0]])
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """What white rows go through before they are fitted.
+
+    level (n,) : the rows of each joint are divided by it, so that a joint whose error the model does
+    not explain does not outvote the others because its sensor is quiet. colour (n, order) : before
+    that, an autoregression of the unexplained error itself is taken out: error that nothing explains
+    is noise to every hypothesis, and strongly coloured noise; zero where only noise is left.
+    pieces : per joint the stretches of consecutive rows.
+    """
+
+    level: Array
+    colour: Array
+    pieces: tuple[tuple[NDArray[np.intp], ...], ...]
+
+    @property
+    def floor(self) -> Array:
+        """(n,) variance of the noise behind the colour's filter, before the division."""
+        return 1.0 + np.sum(self.colour**2, axis=1)
+
+    def apply(self, columns: Array, joint: int) -> Array:
+        """White rows (M, ...) of one joint, filtered and divided."""
+        if not np.any(self.colour[joint]):
+            return columns / self.level[joint]
+        out = np.zeros_like(columns)
+        order = self.colour.shape[1]
+        for piece in self.pieces[joint]:
+            x = columns[piece]
+            y = x[order:].copy()
+            for lag, a in enumerate(self.colour[joint], start=1):
+                y -= a * x[order - lag : -lag]
+            out[piece[order:]] = y / self.level[joint]
+        return out
+
+    def apply_all(self, columns: Array) -> Array:
+        """(n M, ...) rows of all joints."""
+        n = len(self.level)
+        stacked = columns.reshape(n, -1, *columns.shape[1:])
+        return np.concatenate([self.apply(c, j) for j, c in enumerate(stacked)])
+
+    def library(self, white: Library) -> Library:
+        """A white library's columns, weighted."""
+        joints = tuple(self.apply(m, j) for j, m in enumerate(white.joints))
+        robot = np.stack([self.apply(m, j) for j, m in enumerate(white.robot)])
+        return Library(white.groups, joints, robot)
+
+
 @dataclass(frozen=True)
 class Fit:
-    """The model fitted to white rows: Q (n M, r) orthonormal, residual (n M,) what it leaves."""
+    """The model fitted to weighted white rows.
+
+    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves.
+    """
 
     rows: Rows
     Q: Array
     residual: Array
     target: Array
+    weighting: Weighting
 
     @classmethod
-    def of(cls, rows: Rows, columns: Array, target: Array) -> Fit:
-        """Least squares on columns (n M, p), their rank found by a pivoted QR."""
-        norms = np.linalg.norm(columns, axis=0)
-        seen = norms > 1e-12 * norms.max(initial=0.0)
-        Q = np.zeros((len(target), 0))
-        if seen.any():
-            q, r, _ = scipy.linalg.qr(
-                columns[:, seen] / norms[seen], mode="economic", pivoting=True, check_finite=False
-            )
-            diagonal = np.abs(np.diagonal(r))
-            Q = np.ascontiguousarray(q[:, diagonal > 1e-8 * diagonal[0]])
-        return cls(rows, Q, target - Q @ (Q.T @ target), target)
+    def of(cls, rows: Rows, basis: Array, target: Array, weighting: Weighting) -> Fit:
+        """Least squares on white columns (n M, r) of full rank, target white (n M,)."""
+        q = np.linalg.qr(weighting.apply_all(basis))[0] if basis.shape[1] else basis
+        weighted = weighting.apply_all(target)
+        return cls(rows, q, weighted - q @ (q.T @ weighted), weighted, weighting)
+
+    def scaled(self, columns: Array) -> Array:
+        """White columns (n M, k), weighted."""
+        return self.weighting.apply_all(columns)
 
     def partialled(self, columns: Array) -> Array:
-        """(n M, k) what the model's columns leave of others; twice, against rounding."""
+        """(n M, k) what the model's columns leave of weighted others; twice, against rounding."""
         for _ in range(2):
             columns = columns - self.Q @ (self.Q.T @ columns)
         return columns
 
     def extended(self, columns: Array) -> Fit:
-        """The fit with more columns (n M, k)."""
+        """The fit with more weighted columns (n M, k)."""
         before = np.linalg.norm(columns, axis=0)
         fresh = self.partialled(columns)
         fresh = fresh[:, np.linalg.norm(fresh, axis=0) > 1e-4 * np.sqrt(_ROUNDING) * before]
         q = np.linalg.qr(fresh)[0] if fresh.shape[1] else fresh
         Q = np.column_stack([self.Q, q])
-        return Fit(self.rows, Q, self.residual - q @ (q.T @ self.residual), self.target)
+        residual = self.residual - q @ (q.T @ self.residual)
+        return Fit(self.rows, Q, residual, self.target, self.weighting)
 
-    @property
+    def chi2_of(self, residual: Array) -> Array:
+        """(n,) squared weighted residual of each joint, in units of (filtered) noise."""
+        return self.weighting.level**2 * self.rows.joint_sums(residual**2)
+
+    @cached_property
     def joint_chi2(self) -> Array:
-        """(n,) squared residual of each joint: its number of rows, if nothing is missing."""
-        return self.rows.joint_sums(self.residual**2)
+        """(n,) what the model leaves: each joint's number of rows, if nothing is missing."""
+        return self.chi2_of(self.residual)
 
-    @property
+    @cached_property
     def degrees(self) -> Array:
         """(n,) degrees of freedom of each joint: rows less its share of the model's rank."""
         leverage = self.rows.joint_sums(np.sum(self.Q**2, axis=1))
         return np.maximum(self.rows.count - leverage, 1.0)
+
+    def likelihood_gain(self, after: Array) -> float:
+        """Twice the gain of log likelihood when the joints' squared residuals fall to ``after`` (n,).
+
+        The variance of each joint is whatever remains, but at least the noise: for R = joint_chi2
+        and N degrees, -2 log L = sum_j N log v + R / v with v = max(noise, R / N). Near the noise that
+        is the chi-square itself; far above, the logarithm of the error's reduction.
+        """
+        return float(self._deviance - self._deviance_of(after))
+
+    @cached_property
+    def _deviance(self) -> float:
+        return self._deviance_of(self.joint_chi2)
+
+    def _deviance_of(self, chi2: Array) -> float:
+        variance = np.maximum(chi2 / self.degrees, self.weighting.floor)
+        return float(np.sum(self.degrees * np.log(variance) + chi2 / variance))
 
 
 @dataclass(frozen=True)
@@ -120,7 +204,7 @@ class Scores:
 
 
 def score_library(fit: Fit, library: Library) -> Scores:
-    """Score all groups of a white library against a fit."""
+    """Score all groups of a library, white and scaled like the fit's rows."""
     n, M = fit.rows.n, len(fit.rows.block)
     residual = fit.residual.reshape(n, M)
     Q = fit.Q.reshape(n, M, -1)

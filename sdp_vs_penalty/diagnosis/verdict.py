@@ -40,7 +40,7 @@ class Remainder:
 def remainder(fit: Fit, rows: DiagnosisRows, noise: Noise, ignore: Mask | None = None) -> Remainder:
     """Test what is left; ``ignore`` (M, n) are rows of events."""
     n, M = rows.n, len(rows.t)
-    white = fit.residual.reshape(n, M).T
+    white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
     keep = rows.keep & (white != 0.0)
     if ignore is not None:
         keep &= ~ignore

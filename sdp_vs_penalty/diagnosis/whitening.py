@@ -28,6 +28,8 @@ ORDER = 4
 _ALIKE = 0.01
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
+#: Events are rare: what fills more than this share of the differences is noise of another kind.
+_MOST_EVENTS = 0.15
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
     n = rows.n
     suspect = np.zeros((len(rows.t), n), bool)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
-        parts = [_autoregression(residual[:, j], pieces_of(rows, j)) for j in range(n)]
+        parts = [autoregression(residual[:, j], pieces_of(rows, j)) for j in range(n)]
         ar, sigma = np.array([p[0] for p in parts]), np.array([p[1] for p in parts])
         degrees = np.array([p[2] for p in parts])
         keep = rows.keep
@@ -173,13 +175,13 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
         for _ in range(3):
             rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
             runs = [p[good[p]] for p in pieces]
-            ar[j], sigma[j], degrees[j] = _autoregression(rest, runs)
+            ar[j], sigma[j], degrees[j] = autoregression(rest, runs)
             trial = Noise(floor, ar, sigma, degrees, "repetition", suspect)
             white = trial.whiten(rest, j, pieces)
             white /= max(robust_scale(white[white != 0.0]), 1e-12)
             good = ~local_excess(white, pieces, tests=n)
-            if good.sum() < _FEWEST // 2:
-                good[:] = True
+            if good.mean() < 1.0 - _MOST_EVENTS:
+                good[:] = True  # noise that is not stationary, rather than an event
         rank = np.linalg.matrix_rank(drift[good])
         used = max(int(good.sum()) - rank, 1)
         floor[j] = np.sqrt(np.sum(rest[good] ** 2) / used)
@@ -225,7 +227,7 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
     return matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
 
 
-def _autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array, float, float]:
+def autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array, float, float]:
     """AR coefficients (ORDER,), standard deviation of the innovations, degrees of freedom."""
     past, now = [], []
     for piece in pieces:

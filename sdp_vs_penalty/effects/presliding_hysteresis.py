@@ -21,8 +21,8 @@ class PreslidingHysteresis(JointEffect):
     lower = 0.0
     has_memory = True
     shape_defaults = {"d": 0.003}
-    shape_grid = {"d": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064)}
-    shape_bounds = {"d": (0.0002, 0.3)}
+    shape_grid = {"d": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}
+    shape_bounds = {"d": (0.0002, 0.05)}
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
