@@ -46,7 +46,8 @@ class LmiSdp(Estimator):
     joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
         to zero; one that alone would make all of its joint's torque costs one sample (0: none). Where
         a joint does not reverse, Coulomb friction and offset have the same column and only this
-        keeps them from growing against each other without end.
+        keeps them from growing against each other without end. On the Panda it costs 7e-8 of the
+        loss at 14 s of motion; at 1 s the held-out error is 6 to 20 % with it, hundreds without.
     solver : one of solvers/; accuracy : what it is asked for.
     """
 
@@ -55,7 +56,7 @@ class LmiSdp(Estimator):
 
     thickness: float = DEFAULT_THICKNESS
     entropy: float = 0.0
-    joint_prior: float = 0.0
+    joint_prior: float = 1.0
     solver: str = "clarabel"
     accuracy: float = 1e-10
 
@@ -88,6 +89,7 @@ class LmiSdpPlain(LmiSdp):
     name = "lmi-sdp-plain"
     description = "one-step torque SDP without minimum thickness: links degenerate to rods"
     thickness: float = 0.0
+    joint_prior: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,6 @@ class LmiSdpEntropic(LmiSdp):
     )
     thickness: float = 0.0
     entropy: float = 1.0
-    joint_prior: float = 1.0
 
 
 @dataclass(frozen=True)
