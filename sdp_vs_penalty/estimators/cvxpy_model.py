@@ -125,11 +125,10 @@ def _link(problem: Problem, number: int, link: Link, thickness: float) -> list[A
 
     box = problem.box[number]
     largest, com, _ = problem._link_size(number)
-    # A congruence that gives the corners of each matrix numbers of one size.
-    size = float(np.sqrt(np.trace(inertia.pseudo_inertia(problem.nominal_links[number])[:3, :3])))
-    t = np.diag([1.0 / size] * 3 + [1.0 / np.sqrt(problem.nominal_links[number, 0])])
+    # A congruence under which the nominal link is the identity: a solver sees numbers of one size.
+    t = np.linalg.inv(np.linalg.cholesky(inertia.pseudo_inertia(problem.nominal_links[number])))
     corner = link.sigma - link.mass * thickness**2 * np.eye(3)
-    out = [t @ link.with_corner(corner) @ t >> 0]
+    out = [t @ link.with_corner(corner) @ t.T >> 0]
     out += _between(link.mass, max(box[0, 0], 0.0), largest)
     for axis in range(3):
         lower, upper = box[1 + axis]

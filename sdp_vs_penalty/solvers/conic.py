@@ -87,9 +87,11 @@ class Entropy:
     def value(self, theta: Array) -> float:
         total = 0.0
         for link, p0 in zip(self.links, self.nominal, strict=True):
-            ratio = np.linalg.solve(p0, link.value(theta))
-            sign, logdet = np.linalg.slogdet(ratio)
-            total += np.inf if sign <= 0 else float(np.trace(ratio)) - logdet - 4.0
+            root = np.linalg.inv(np.linalg.cholesky(p0))
+            ratios = np.linalg.eigvalsh(root @ link.value(theta) @ root.T)
+            if ratios[0] <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
+                return np.inf
+            total += float(np.sum(ratios - np.log(ratios) - 1.0))
         return self.weight * total
 
     def gradient(self, theta: Array) -> Array:

@@ -1,0 +1,389 @@
+"""The convex estimators: against CVXPY with two solvers, known robots, and their own laws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_robots import link_parameters, sines, tree
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.estimate import certify
+from sdp_vs_penalty.estimators import identify, make_estimator, make_task
+from sdp_vs_penalty.estimators.cvxpy_model import cvxpy_model
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpTwoStep, essential, interior_point
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import Preprocessing
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import LeastSquares, base_parameters, compress
+from sdp_vs_penalty.solvers.conic import Entropy, Objective
+
+seeds = st.integers(0, 2**32 - 1)
+METHODS = {"lmi-sdp-plain": 0.0, "lmi-sdp": 0.02, "lmi-sdp-entropic": 0.0}
+
+
+def simulated(
+    problem: Problem, theta: np.ndarray, seed: int = 0, noise: float = 0.0, seconds: float = 20.0
+) -> Measurements:
+    model = problem.model()
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 2e-3)
+    motion = sines(rng, problem.robot.n, t, 0.1, 5)
+    tau = model.torque(theta, motion)
+    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape))
+
+
+def p_real(problem: Problem) -> np.ndarray:
+    """(20,) the 2R's true parameters, straight from Table VII."""
+    cells = {row["parameter"]: float(row["p_real"]) for row in problem.published["table_VII"]}
+    names = ("m{}", "c{}x", "c{}y", "c{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
+    links = [[cells[name.format(k)] for name in names] for k in (1, 2)]
+    return np.asarray(inertia.standard_from_barycentric(links)).ravel()
+
+
+def with_friction(problem: Problem, links: np.ndarray, level: float = 0.3) -> np.ndarray:
+    theta = np.full(len(problem.model().parameters), level)
+    theta[: len(links)] = links
+    return theta
+
+
+@pytest.fixture(scope="module")
+def toy_task(two_link: Problem) -> Task:
+    """The 2R with noise of a few percent: constraints bind."""
+    truth = with_friction(two_link, p_real(two_link))
+    run = simulated(two_link, truth, noise=5.0, seconds=6.0)
+    model = two_link.model()
+    return make_task(two_link, model, compress(run, model, two_link.preprocessing.resolve(run)))
+
+
+# --- objective and entropy --------------------------------------------------------------------------
+
+
+def random_entropy(rng: np.random.Generator) -> tuple[Entropy, np.ndarray]:
+    from sdp_vs_penalty.constraints import pseudo_inertia
+
+    links = tuple(pseudo_inertia(f"link {k + 1}", 10 * k + np.arange(10) + 3) for k in range(2))
+    nominal = np.array([inertia.pseudo_inertia(link_parameters(rng, 0.4)) for _ in links])
+    theta = np.concatenate([rng.normal(size=3), *(link_parameters(rng, 0.4) for _ in links)])
+    return Entropy(float(rng.uniform(0.1, 10.0)), links, nominal), theta
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seeds)
+def test_gradients_against_finite_differences(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    entropy, theta = random_entropy(rng)
+    r = rng.normal(size=(30, 23))
+    data = LeastSquares(r, rng.normal(size=30), 0.7, 1.0, 30)
+    for objective in (Objective(data), Objective(data, entropy)):
+        gradient = objective.gradient(theta)
+        direction = rng.normal(size=23) * np.where(np.arange(23) < 3, 1.0, np.abs(theta) + 1e-3)
+        steps = np.array([1e-3, 2e-3]) * 1e-2
+        central = [
+            (objective.value(theta + h * direction) - objective.value(theta - h * direction)) / (2 * h)
+            for h in steps
+        ]
+        extrapolated = (4.0 * central[0] - central[1]) / 3.0
+        assert gradient @ direction == pytest.approx(extrapolated, rel=1e-6, abs=1e-6)
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seeds)
+def test_entropy_is_a_divergence(seed: int) -> None:
+    """Zero at the nominal robot only, positive elsewhere, convex, the same in every frame."""
+    rng = np.random.default_rng(seed)
+    entropy, theta = random_entropy(rng)
+    home = theta.copy()
+    home[3:] = inertia.from_pseudo_inertia(entropy.nominal).ravel()
+    assert entropy.value(home) == pytest.approx(0.0, abs=1e-9 * entropy.weight)
+    np.testing.assert_allclose(entropy.gradient(home) * (np.abs(home) + 1e-3), 0.0, atol=1e-6)
+    assert entropy.value(theta) > 0.0
+    half = 0.5 * (theta + home)
+    assert entropy.value(half) <= 0.5 * (entropy.value(theta) + entropy.value(home)) + 1e-9
+    move = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = move * np.linalg.det(move), rng.normal(size=3)
+    moved = replace(entropy, nominal=frame @ entropy.nominal @ frame.T)
+    there = theta.copy()
+    there[3:] = (theta[3:].reshape(2, 10) @ inertia.transform(frame).T).ravel()
+    assert moved.value(there) == pytest.approx(entropy.value(theta), rel=1e-6)
+
+
+def test_entropy_is_infinite_outside_and_on_the_boundary() -> None:
+    rng = np.random.default_rng(0)
+    entropy, theta = random_entropy(rng)
+    eigenvalues, vectors = np.linalg.eigh(inertia.pseudo_inertia(theta[3:13]))
+    for flipped in ((0,), (0, 1), (1, 2), (0, 1, 2, 3)):  # an even number hides from the determinant
+        values = eigenvalues.copy()
+        values[list(flipped)] *= -1.0
+        outside = theta.copy()
+        outside[3:13] = inertia.from_pseudo_inertia((vectors * values) @ vectors.T)
+        assert entropy.value(outside) == np.inf
+    point_mass = theta.copy()
+    point_mass[3:13] = [1.0, *[0.0] * 9]
+    assert entropy.value(point_mass) == np.inf
+
+
+# --- against CVXPY ----------------------------------------------------------------------------------
+
+#: solver -> its settings; the optimum agrees to 1e-7 of the loss, violations stay below 1e-7.
+CVXPY_SOLVERS = {"CLARABEL": {}, "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000}}
+
+
+@pytest.mark.parametrize("solver", CVXPY_SOLVERS)
+@pytest.mark.parametrize("method", METHODS)
+def test_the_readable_model_has_the_same_optimum(
+    method: str, solver: str, toy_task: Task, two_link: Problem
+) -> None:
+    fit = make_estimator(method).fit(toy_task)
+    theta, certificate = certify(toy_task, fit)
+    model = cvxpy_model(two_link, toy_task, fit.objective, METHODS[method])
+    found, value = model.solve(solver, **CVXPY_SOLVERS[solver])
+    assert certificate.upper is not None
+    loss = fit.objective.least_squares.loss(theta)
+    assert value == pytest.approx(certificate.upper, abs=1e-7 * loss)
+    assert fit.objective.value(found) == pytest.approx(certificate.upper, abs=1e-7 * loss)
+    assert fit.constraints.margin(found) > -1e-7
+    assert certificate.gap is not None
+    assert certificate.gap < 1e-8
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("method", METHODS)
+def test_the_readable_model_agrees_on_the_real_panda(
+    method: str, panda: Problem, real_task: Task
+) -> None:
+    fit = make_estimator(method).fit(real_task)
+    model = cvxpy_model(panda, real_task, fit.objective, METHODS[method])
+    found, value = model.solve("CLARABEL")
+    own = fit.objective.value(fit.theta)
+    loss = fit.objective.least_squares.loss(fit.theta)
+    assert value == pytest.approx(own, abs=1e-7 * loss)
+    assert fit.objective.value(found) == pytest.approx(own, abs=1e-7 * loss)
+    assert fit.constraints.margin(found) > -1e-8
+
+
+# --- against known robots ---------------------------------------------------------------------------
+
+
+def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray) -> float:
+    model = problem.model()
+    motion = sines(np.random.default_rng(99), problem.robot.n, np.arange(0.0, 10.0, 0.01), 0.13, 5)
+    torque = model.torque(truth, motion)
+    return float(np.linalg.norm(model.torque(theta, motion) - torque) / np.linalg.norm(torque))
+
+
+@pytest.mark.parametrize("method", ["ols", *METHODS, "lmi-sdp-two-step"])
+def test_noise_free_the_two_link_robot_is_reproduced(method: str, two_link: Problem) -> None:
+    """pi_2R and the torques of p_real, which is feasible, thick enough and inside every bound."""
+    truth = with_friction(two_link, p_real(two_link))
+    estimate = identify(two_link, simulated(two_link, truth), method)
+    assert relative_torque_error(two_link, estimate.theta, truth) < 1e-6
+    base, _ = base_parameters(two_link.model(), two_link.independent)
+    pi = base @ p_real(two_link)
+    np.testing.assert_allclose(base @ estimate.theta[:20], pi, atol=1e-5 * np.abs(pi).max())
+    np.testing.assert_allclose(estimate.theta[20:], 0.3, atol=1e-4)
+
+
+@pytest.mark.parametrize("method", ["ols", *METHODS])
+def test_with_noise_the_two_link_robot_is_close(method: str, two_link: Problem) -> None:
+    truth = with_friction(two_link, p_real(two_link))
+    estimate = identify(two_link, simulated(two_link, truth, noise=1.0), method)
+    assert relative_torque_error(two_link, estimate.theta, truth) < 0.01
+    if method != "ols":
+        # The 2R's upper bounds on barycentric moments are not convex: reported, not imposed.
+        violations = estimate.certificate.violations
+        assert max(v for family, v in violations.items() if family != "barycentric inertia") == 0.0
+        assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) >= 0.0)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(seeds)
+def test_a_random_feasible_robot_round_trips(seed: int) -> None:
+    """Simulate, identify, predict another motion: a tree of one to five joints of both kinds."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 6))
+    robot = tree(rng, n)
+    box = np.full((n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.01
+    nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
+    problem = Problem("random", "random", robot, box, nominal)
+    truth = np.concatenate([link_parameters(rng, 0.5) for _ in range(n)])
+    theta = with_friction(problem, truth, 0.4)
+    run = simulated(problem, theta, seed % 1000, seconds=12.0)
+    estimate = identify(problem, run)
+    assert relative_torque_error(problem, estimate.theta, theta) < 1e-5
+    assert estimate.certificate.worst == 0.0
+    assert estimate.certificate.positive_mass_matrices == 1.0
+    assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) >= 0.0)
+    assert np.all(inertia.thickness(estimate.links) >= 0.02 - 1e-9)
+
+
+# --- laws -------------------------------------------------------------------------------------------
+
+
+def test_loss_rises_with_what_is_demanded(toy_task: Task) -> None:
+    def loss(thickness: float) -> float:
+        return toy_task.data.loss(LmiSdp(thickness=thickness).fit(toy_task).theta)
+
+    losses = [toy_task.data.loss(toy_task.ols), *(loss(r) for r in (0.0, 0.01, 0.02, 0.04, 0.06))]
+    tolerance = 1e-8 * losses[0]
+    assert all(a <= b + tolerance for a, b in pairwise(losses))
+    assert losses[1] > losses[0] * (1 + 1e-6), "no constraint binds: this test shows nothing"
+    assert losses[-1] > losses[1] * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_the_unit_of_torque_does_not_matter(factor: float, toy_task: Task) -> None:
+    """All rows in other units: the same parameters, the loss times the square."""
+    data = toy_task.data
+    scaled = LeastSquares(
+        factor * data.R, factor * data.rho, factor * data.floor, factor**2 * data.tau_squared, data.rows
+    )
+    fit = LmiSdp().fit(toy_task)
+    other = LmiSdp().fit(replace(toy_task, data=scaled))
+    assert scaled.loss(other.theta) == pytest.approx(factor**2 * data.loss(fit.theta), rel=1e-7)
+    torque = data.R @ fit.theta
+    assert np.linalg.norm(data.R @ other.theta - torque) < 1e-4 * np.linalg.norm(torque)
+
+
+def test_an_entropic_pull_of_growing_weight_reaches_the_nominal_robot(toy_task: Task) -> None:
+    nominal = toy_task.nominal[toy_task.links]
+
+    def distance(entropy: float) -> float:
+        fit = LmiSdp(thickness=0.0, entropy=entropy).fit(toy_task)
+        assert fit.objective.entropy is not None
+        return fit.objective.entropy.value(fit.theta) / fit.objective.entropy.weight
+
+    distances = [distance(w) for w in (1e-2, 1.0, 1e2, 1e6)]
+    assert distances == sorted(distances, reverse=True)
+    assert distances[-1] < 0.5 * distances[1]
+    assert np.all(inertia.consistency_margin(nominal) > 0.0)
+
+
+def test_the_two_step_chain_is_what_it_says(toy_task: Task) -> None:
+    fit = LmiSdpTwoStep().fit(toy_task)
+    chain = {k: np.array(fit.details[k]) for k in ("beta_prime", "beta_star", "beta_star_e")}
+    target = toy_task.base @ toy_task.ols
+    distance = {k: np.linalg.norm(beta - target) for k, beta in chain.items()}
+    assert distance["beta_prime"] <= min(distance.values()) + 1e-9
+    np.testing.assert_allclose(chain["beta_star_e"], toy_task.base @ fit.theta, atol=1e-12)
+    # The torque SDP over fewer demands cannot lose more.
+    w = toy_task.data.R @ np.linalg.pinv(toy_task.base)
+
+    def loss(beta: np.ndarray) -> float:
+        return float(np.sum((w @ beta - toy_task.data.rho) ** 2))
+
+    assert loss(chain["beta_star"]) <= loss(chain["beta_star_e"]) * (1 + 1e-6)
+    assert loss(chain["beta_star"]) <= loss(chain["beta_prime"]) * (1 + 1e-6)
+    assert fit.details["loss_beta_prime"] >= toy_task.data.loss(fit.theta) * (1 - 1e-6)
+    assert fit.constraints.margin(fit.theta) >= -1e-9
+
+
+def test_a_joint_that_never_reverses_keeps_its_certificate(two_link: Problem) -> None:
+    """Its Coulomb and offset columns differ by nothing but rounding: their range is what bounds them."""
+    model = two_link.model()
+    t = np.arange(0.0, 8.0, 2e-3)
+    motion = sines(np.random.default_rng(0), 2, t, 0.1, 4)
+    q = motion.q.copy()
+    q[:, 0] = 0.6 * t + 0.05 * np.sin(2.0 * t)
+    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
+    truth = with_friction(two_link, p_real(two_link))
+    tau = model.torque(truth, replace(motion, q=q, dq=dq, ddq=ddq))
+    run = Measurements(t, q, tau + 0.3 * np.random.default_rng(1).normal(size=q.shape))
+    task = make_task(two_link, model, compress(run, model, Preprocessing(5.0, 8.0)))
+    own = task.data.own_torque[-6:]
+    assert own[2] < 1e-6 * task.data.column_norms[-4], "joint 1 reverses"
+    objective = Objective(task.data)
+    kept = [c.name for c in essential(task.constraints, objective) if c.family == "range"]
+    assert "coulomb_friction f_c1" in kept
+    assert "coulomb_friction f_c2" not in kept
+    _, certificate = certify(task, LmiSdp().fit(task))
+    assert certificate.gap is not None
+    assert certificate.gap < 1e-6
+    assert certificate.worst == 0.0
+
+
+def test_a_model_without_links_is_a_bounded_least_squares_problem(two_link: Problem) -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 10.0, 2e-3)
+    motion = sines(rng, 2, t)
+    tau = -0.5 * motion.dq + 2.0  # a negative viscous friction, which is not allowed
+    estimate = identify(
+        two_link, Measurements(t, motion.q, tau), effects="viscous_friction,torque_offset"
+    )
+    assert estimate.theta[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert estimate.certificate.worst == 0.0
+    assert estimate.certificate.positive_mass_matrices is None
+
+
+def test_interior_points_are_interior_for_every_built_in_problem(request: pytest.FixtureRequest) -> None:
+    for name in ("panda", "two_link"):
+        problem: Problem = request.getfixturevalue(name)
+        model = problem.model()
+        p = len(model.parameters)
+        task = Task(
+            model,
+            LeastSquares(np.eye(p), np.ones(p), 0.0, float(p), p),
+            problem.constraints(model),
+            problem.parameter_bound(model),
+            problem.nominal(model),
+            problem.box,
+        )
+        demands = task.constraints.plus(task.minimum_thickness(0.02))
+        assert demands.margin(interior_point(task, demands)) > 0.0
+
+
+# --- the real arm -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def real_task(panda: Problem, panda_run: Measurements) -> Task:
+    train = panda_run.window(0.0, 14.0)
+    model = panda.model()
+    return make_task(panda, model, compress(train, model, panda.preprocessing.resolve(train)))
+
+
+@pytest.mark.real_data
+def test_figures_on_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
+    """Train on the first 14 s, test after 14.2 s: the figures that issue and README state."""
+    from sdp_vs_penalty.comparison import compare
+
+    train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
+    assert len(panda_run.t) == 20_544
+    error = {}
+    for method in ("ols", *METHODS):
+        estimate = identify(panda, train, method)
+        error[method] = [compare(estimate, run)[0].relative_error_percent for run in (train, test)]
+        if method == "ols":
+            continue
+        certificate = estimate.certificate
+        assert certificate.gap is not None
+        assert certificate.gap < 1e-8
+        convex = {f: v for f, v in certificate.violations.items() if f != "barycentric inertia"}
+        assert max(convex.values()) == 0.0
+        assert certificate.positive_mass_matrices == 1.0
+        eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links))
+        assert np.all(eigenvalues >= 0.0)
+        assert 16.0 - 1e-9 <= estimate.links[:, 0].sum() <= 20.0 + 1e-9
+    assert 0.9 < error["ols"][0] < 1.3
+    assert 0.9 < error["ols"][1] < 1.5
+    assert error["lmi-sdp"][1] < 1.06 * error["ols"][1]
+    assert error["lmi-sdp-plain"][1] < 1.06 * error["ols"][1]
+
+
+@pytest.mark.real_data
+def test_the_real_runs_rank_is_that_of_the_paper(panda: Problem, real_task: Task) -> None:
+    """43 base parameters and 21 of friction and offset, all excited."""
+    data = real_task.data
+    assert real_task.base.shape == (64, 91)
+    norms = np.where(data.column_norms > 0.0, data.column_norms, 1.0)
+    s = np.linalg.svd(data.R / norms, compute_uv=False)
+    assert int(np.sum(s > 1e-9 * s[0])) == 64
+    assert s[63] > 1e3 * s[64]
+    assert panda.robot.n == 7
