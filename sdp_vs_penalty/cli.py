@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__, cli_files, cli_shootout
+from sdp_vs_penalty import __version__, cli_files, cli_paper, cli_shootout
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def tables(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="[III IV VIII IX ...]", help=_TABLES_HELP)
     ] = None,
+    every: Annotated[bool, typer.Option("--all", help="I to IX and what goes with them.")] = False,
     problem: Annotated[str | None, typer.Option(help="two_link or panda.")] = None,
     budget: Annotated[Budget, typer.Option(help="quick, or as many runs as the paper.")] = Budget.quick,
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
@@ -84,8 +85,14 @@ def tables(
     Example: [cyan]sdp-vs-penalty tables III --out results[/cyan]
     """
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.tables import make_tables
+    from sdp_vs_penalty.tables import all_tables, make_tables
 
+    if every:
+        if names or problem:
+            raise InputError(
+                "--all makes every table with its own problem: leave names and --problem out."
+            )
+        names = list(all_tables())
     with console.progress("tables") as progress:
         written = make_tables(
             names or None, problem=problem, budget=budget.value, out=out, progress=progress
@@ -232,6 +239,7 @@ def fetch(
 
 
 cli_files.register(app)
+cli_paper.register(app)
 cli_shootout.register(app)
 
 

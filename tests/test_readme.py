@@ -84,11 +84,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory, panda: Problem) -> Path:
 def test_commands_run_in_order(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All but those that take long (tables) or need the network (fetch), tested elsewhere."""
+    """All but those that take long (tables, figures) or need the network (fetch), tested elsewhere."""
     monkeypatch.chdir(folder)
     for line in COMMANDS:
         words = shlex.split(line)[1:]
-        if words[0] in ("tables", "fetch"):
+        if words[0] in ("tables", "figures", "fetch"):
             continue
         with pytest.raises(SystemExit) as stop:
             main(words)

@@ -16,7 +16,7 @@ from sdp_vs_penalty.wrenches import WrenchIntervals, equal_torques, joint_wrench
 Array = NDArray[np.float64]
 
 #: Instants of the intervals, relaxed retrievals of each kind.
-INSTANTS = {"quick": 25, "paper": 101}
+INSTANTS = {"quick": 81, "paper": 201}
 RETRIEVALS = {"quick": 10, "paper": 50}
 
 

@@ -1,0 +1,88 @@
+"""How figures look: print size, the colour-blind-safe palette of Okabe and Ito, lines that also differ
+in pattern, so that they survive a black-and-white printer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Full width of a two-column page [inch].
+WIDTH = 7.16
+
+#: Okabe, Ito, "Color universal design" (2008).
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, RED, PURPLE, GREY = "#F0E442", "#0072B2", "#D55E00", "#CC79A7", "#999999"
+
+#: One look a role, the same in every figure. What is drawn first is thick, what comes on top is thin
+#: or has gaps, each in another place, so that lines that coincide all stay visible.
+LOOKS: dict[str, dict[str, Any]] = {
+    "measured": {"color": BLACK, "linewidth": 2.0},
+    "true": {"color": BLACK, "linewidth": 2.0},
+    "model": {"color": "#bbbbbb", "linewidth": 3.5},
+    "ols": {"color": ORANGE, "linewidth": 1.2},
+    "lmi-sdp": {"color": SKY, "linewidth": 1.0},
+    "penalty": {"color": RED, "linewidth": 0.9, "linestyle": (0, (4, 3))},
+    "MuJoCo": {"color": BLUE, "linewidth": 1.3, "linestyle": (0, (5, 10))},
+    "DART": {"color": ORANGE, "linewidth": 1.3, "linestyle": (5, (5, 10))},
+    "ODE": {"color": GREEN, "linewidth": 1.3, "linestyle": (10, (5, 10))},
+    "Bullet": {"color": PURPLE, "linewidth": 0.6},
+}
+
+
+def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[Any, Any]:
+    """A figure of page width and its axes (rows, columns), with this package's settings."""
+    import matplotlib.pyplot as plt
+
+    plt.rcParams.update(
+        {
+            "font.size": 8,
+            "axes.labelsize": 8,
+            "axes.titlesize": 8,
+            "legend.fontsize": 7.5,
+            "xtick.labelsize": 7,
+            "ytick.labelsize": 7,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.grid": True,
+            "grid.color": "#dddddd",
+            "grid.linewidth": 0.5,
+            "pdf.fonttype": 42,
+            "figure.constrained_layout.use": True,
+        }
+    )
+    figure, axes = plt.subplots(rows, columns, figsize=(WIDTH, height), squeeze=False, **options)
+    return figure, axes
+
+
+def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
+    """Joint number and unit on the left of each row; time below the last row."""
+    for j, unit in enumerate(units):
+        axes[j, 0].set_ylabel(f"joint {j + 1}\n{what} [{pretty(unit)}]")
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    axes[0, 0].figure.align_ylabels(axes[:, 0])
+
+
+def pretty(unit: str) -> str:
+    """N*m and m^2 as one prints them."""
+    return unit.replace("*", " ").replace("^2", "²")
+
+
+def legend_below(figure: Any, axis: Any, extra: Sequence[Any] = ()) -> None:
+    """One legend for the whole figure, under the axes."""
+    handles, labels = axis.get_legend_handles_labels()
+    for other in extra:
+        for handle, label in zip(*other.get_legend_handles_labels(), strict=True):
+            if label not in labels:
+                handles.append(handle)
+                labels.append(label)
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), frameon=False)
+
+
+def title(figure: Any, text: str) -> None:
+    figure.suptitle(text, fontsize=8.5)
