@@ -135,9 +135,7 @@ def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
             return anything  # rods of no thickness, and what torque does not determine
         return 0.02, 0.05
     if name == "data":
-        flat = row["seconds"] in ("1", "2") and not (
-            "prior" in row["method"] or "entropic" in row["method"]
-        )
+        flat = row["seconds"] in ("1", "2") and row["method"] in ("ols", "lmi-sdp-plain", "penalty")
         return anything if flat else (0.02, 0.02)
     return 0.0, 0.0
 

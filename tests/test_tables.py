@@ -28,7 +28,7 @@ from sdp_vs_penalty.tables import DEFAULT_TABLES, build_tables, make_tables
 from sdp_vs_penalty.tables import study as study_module
 from sdp_vs_penalty.tables.data import training_windows
 from sdp_vs_penalty.tables.study import METHODS, Study
-from sdp_vs_penalty.tables.table import Column, Table, escape_latex, number_column, text
+from sdp_vs_penalty.tables.table import Column, Table, escape_latex, number_column, plain_number, text
 
 
 class SmallStudy(Study):
@@ -164,6 +164,10 @@ def test_escaping_and_number_columns() -> None:
     assert escape_latex(r"a_b 5 % & ^ { \x") == (r"a\_b 5 \% \& \textasciicircum{} \{ \textbackslash{}x")
     assert number_column(["-12.345", "1.2e-05", "", "inf"]) == "S[table-format=-2.3e-1]"
     assert number_column(["3", "14"]) == "S[table-format=2.0]"
+    assert plain_number("5.4615e-01") == "0.54615"
+    assert plain_number("-2.991e-05") == "-0.00002991"
+    assert plain_number("3e-10") == "3e-10"
+    assert plain_number("inf") == "inf"
     assert text(-0.0) == "0"
     assert text(float("nan")) == ""
     assert text("-1.0517e-02") == "-1.0517e-02"
@@ -174,7 +178,7 @@ def test_escaping_and_number_columns() -> None:
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is absent")
 def test_latex_compiles(tables: dict[tuple[str, str], Table], tmp_path: Path) -> None:
     body = "\n".join(table.latex() + r"\clearpage" for table in tables.values())
-    packages = r"\documentclass{article}\usepackage{booktabs,siunitx,graphicx}"
+    packages = r"\documentclass{article}\usepackage{array,booktabs,siunitx,graphicx}"
     source = packages + r"\begin{document}" + body + r"\end{document}"
     (tmp_path / "all.tex").write_text(source)
     done = subprocess.run(

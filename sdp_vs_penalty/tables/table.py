@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 #: Text is written as it is (published cells keep their printed digits), None is an empty cell.
 Cell = str | float | int | None
 
+#: LaTeX: powers of ten up to this are written out, text columns longer than this (characters) wrap.
+_LONGEST_POWER, _WRAPPED = 6, 60
 #: Numbers smaller than this are the rounding of a zero in every unit that the tables have.
 _ROUNDING = 1e-12
 _NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
@@ -104,10 +107,13 @@ class Table:
     def latex(self) -> str:
         cells = self.cells()
         numeric = _numeric_columns(cells, len(self.columns))
+        for row in cells:
+            row[:] = [plain_number(c) if n else c for c, n in zip(row, numeric, strict=True)]
         layout = []
         for k, is_number in enumerate(numeric):
-            layout.append(number_column([row[k] for row in cells]) if is_number else "l")
-        header = " & ".join(f"{{{escape_latex(column.name)}}}" for column in self.columns)
+            column = [row[k] for row in cells]
+            layout.append(number_column(column) if is_number else _text_column(column))
+        header = " & ".join(_latex_header(column.name) for column in self.columns)
         body = []
         for row in cells:
             body.append(
@@ -116,7 +122,7 @@ class Table:
         caption = " ".join([self.caption, *self.notes])
         return "\n".join(
             [
-                r"% Needs \usepackage{booktabs,siunitx,graphicx}.",
+                r"% Needs \usepackage{array,booktabs,siunitx,graphicx}.",
                 r"\begin{table*}",
                 r"  \centering",
                 rf"  \caption{{{escape_latex(self.title)}. {escape_latex(caption)}}}",
@@ -175,6 +181,31 @@ def number_column(cells: Sequence[str]) -> str:
         exponent_sign = "-" if match[4] == "-" else exponent_sign
     power = f"e{exponent_sign}{exponent}" if exponent else ""
     return f"S[table-format={sign}{whole or 1}.{decimals}{power}]"
+
+
+def plain_number(cell: str) -> str:
+    """A number without its power of ten where that is readable, all digits kept: 5.46e-01 -> 0.546."""
+    match = _NUMBER.fullmatch(cell)
+    if match is None or match[5] is None or int(match[5]) > _LONGEST_POWER:
+        return cell
+    return f"{Decimal(cell):f}"
+
+
+def _text_column(cells: Sequence[str]) -> str:
+    longest = max((len(cell) for cell in cells), default=0)
+    return (
+        "l"
+        if longest <= _WRAPPED
+        else r">{\raggedright\arraybackslash}p{" + f"{_WRAPPED / 6:.0f}em" + "}"
+    )
+
+
+def _latex_header(name: str) -> str:
+    """The data set on a line of its own, so that columns stay narrow."""
+    for ending in ("_simulated", "_measured"):
+        if name.endswith(ending):
+            return rf"{{\shortstack{{{escape_latex(name.removesuffix(ending))}\\{ending[1:]}}}}}"
+    return f"{{{escape_latex(name)}}}"
 
 
 def escape_latex(plain: str) -> str:
