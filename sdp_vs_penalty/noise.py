@@ -9,12 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Two stretches of motion count as repeated if their positions differ by less than this share.
+#: Two stretches of motion count as repeated if their positions differ by less than this share of
+#: each joint's motion.
 _ALIKE = 0.01
+#: A joint that moves less than this share of the largest motion is compared with that instead.
+_IDLE = 1e-3
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
 
@@ -27,32 +31,50 @@ def repeat_period(t: Array, q: Array) -> float | None:
     span = t[-1] - t[0]
     step = float(np.median(np.diff(t)))
     grid = np.arange(t[0], t[-1], step)
-    x = np.column_stack([np.interp(grid, t, column) for column in q.T])
-    x = x - x.mean(axis=0)
-    size = np.sqrt(np.mean(x**2))
-    if size == 0.0:
+    scale = _scale(q)
+    if scale is None:
         return None
-
-    def difference(lag: int) -> float:
-        return float(np.sqrt(np.mean((x[lag:] - x[:-lag]) ** 2)))
-
+    x = np.column_stack([np.interp(grid, t, column) for column in (q / scale).T])
     lags = np.arange(max(1, int(0.5 / step)), int((span - _SHORTEST) / step))
     if len(lags) < 3:
         return None
-    errors = np.array([difference(int(lag)) for lag in lags])
-    # The first valley below the limit, not its multiples.
-    good = np.flatnonzero(errors < 2.0 * _ALIKE * size)
-    valleys = [k for k in good if 0 < k < len(errors) - 1 and errors[k] <= errors[k - 1 : k + 2].min()]
-    if not valleys:
-        return None
-    k = valleys[0]
-    # The vertex of the parabola through the squared errors: the period between two samples.
-    a, b, c = errors[k - 1] ** 2, errors[k] ** 2, errors[k + 1] ** 2
-    shift = 0.5 * (a - c) / (a - 2.0 * b + c) if a - 2.0 * b + c > 0.0 else 0.0
-    period = float((lags[k] + shift) * step)
-    late = t >= t[0] + period
-    back = np.column_stack([np.interp(t[late] - period, t, column) for column in q.T])
-    return period if np.sqrt(np.mean((q[late] - back) ** 2)) < _ALIKE * size else None
+    errors = _differences(x - x.mean(axis=0), lags)
+    # The first valley that reaches the ground, not its multiples. Between two lags the difference
+    # grows linearly, its square has the vertex of a parabola.
+    squares = errors**2
+    left, middle, right = squares[:-2], squares[1:-1], squares[2:]
+    bend = left - 2.0 * middle + right
+    valley = (middle <= left) & (middle <= right) & (bend > 0.0)
+    shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
+    ground = middle - 0.25 * (left - right) * shift
+    for k in np.flatnonzero(valley & (ground < (2.0 * _ALIKE) ** 2)):
+        period = float((lags[k + 1] + shift[k]) * step)
+        late = t >= t[0] + period
+        back = np.column_stack([np.interp(t[late] - period, t, column) for column in q.T])
+        if _alike(q[late], back, scale):
+            return period
+    return None
+
+
+def _scale(q: Array) -> Array | None:
+    """(n,) size of each joint's motion, so that a small one counts too; None for no motion at all."""
+    size = q.std(axis=0)
+    return np.maximum(size, _IDLE * size.max()) if size.max() > 0.0 else None
+
+
+def _alike(q: Array, other: Array, scale: Array) -> bool:
+    return bool(np.sqrt(np.mean(((q - other) / scale) ** 2)) < _ALIKE)
+
+
+def _differences(x: Array, lags: NDArray[np.int64]) -> Array:
+    """Root mean square of x[k + lag] - x[k] for each lag, by one correlation."""
+    n = len(x)
+    length = scipy.fft.next_fast_len(2 * n)
+    spectrum = scipy.fft.rfft(x, length, axis=0)
+    products = scipy.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1), length)[lags]
+    squares = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
+    total = squares[n - lags] + (squares[n] - squares[lags]) - 2.0 * products
+    return np.asarray(np.sqrt(np.maximum(total, 0.0) / ((n - lags) * x.shape[1])))
 
 
 def noise_floor(runs: Sequence[tuple[Array, Array, Array]]) -> Array | None:
@@ -75,9 +97,9 @@ def noise_floor(runs: Sequence[tuple[Array, Array, Array]]) -> Array | None:
             shared = clock <= t2[-1]
             if clock[shared][-1] - clock[0] < _SHORTEST:
                 continue
-            size = np.sqrt(np.mean((q1 - q1.mean(axis=0)) ** 2))
+            scale = _scale(q1)
             other = np.column_stack([np.interp(clock[shared], t2, c) for c in q2.T])
-            if np.sqrt(np.mean((q1[shared] - other) ** 2)) < _ALIKE * size:
+            if scale is not None and _alike(q1[shared], other, scale):
                 squares.append(_difference(clock[shared], r1[shared], t2, r2))
     if not squares:
         return None
