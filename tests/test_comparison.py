@@ -1,0 +1,125 @@
+"""Measured against modelled: every figure from its definition, one band for all, one JSON form."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from random_robots import sines
+
+from sdp_vs_penalty.comparison import compare, predicted
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimators import identify
+from sdp_vs_penalty.measurements import Measurements, concatenate
+from sdp_vs_penalty.preprocessing import Preprocessing, filtered_torque
+from sdp_vs_penalty.problem import Problem
+
+FIELDS = {"model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz"}
+
+
+def run_of(problem: Problem, seed: int, noise: float = 0.5, base: float = 0.1) -> Measurements:
+    rng = np.random.default_rng(seed)
+    model = problem.model()
+    theta = problem.nominal(model)
+    theta[len(model.rigid_indices) :] = 0.4
+    t = np.arange(0.0, 24.0, 4e-3)
+    motion = sines(np.random.default_rng(7), problem.robot.n, t, base, 5)
+    tau = model.torque(theta, motion)
+    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, (f"r{seed}",))
+
+
+@pytest.fixture(scope="module")
+def estimate(two_link: Problem) -> Estimate:
+    return identify(two_link, run_of(two_link, 0))
+
+
+def test_figures_are_those_of_their_definitions(two_link: Problem, estimate: Estimate) -> None:
+    run = run_of(two_link, 1)
+    (found,) = compare(estimate, run)
+    rows = filtered_torque(run, estimate.model, estimate.preprocessing)
+    model = np.column_stack([c.columns @ estimate.theta[c.indices] for c in rows.columns])
+    error = rows.torque - model
+    np.testing.assert_allclose(found.mse, np.mean(error**2, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(found.rmse, np.sqrt(found.mse), rtol=1e-12)
+    spread = np.mean((rows.torque - rows.torque.mean(axis=0)) ** 2, axis=0)
+    np.testing.assert_allclose(found.r2, 1.0 - found.mse / spread, rtol=1e-12)
+    relative = 100.0 * np.sqrt(np.sum(error**2) / np.sum(rows.torque**2))
+    assert found.relative_error_percent == pytest.approx(relative, rel=1e-12)
+    assert found.band_hz == estimate.preprocessing.torque_cutoff
+    np.testing.assert_allclose(predicted(rows, estimate.theta), model, rtol=1e-12)
+
+
+def test_the_loss_that_was_minimised_is_the_error_that_is_shown(two_link: Problem) -> None:
+    """With all joints weighted alike: certificate.loss = sum of squares over the rows of compare()."""
+    run = run_of(two_link, 0)
+    plain = identify(two_link, run, weighting="none")
+    (found,) = compare(plain, run)
+    rows = len(filtered_torque(run, plain.model, plain.preprocessing).torque)
+    assert rows * found.mse.sum() == pytest.approx(plain.certificate.loss, rel=1e-9)
+
+
+def test_the_floor_and_the_error_agree_where_nothing_is_wrong(
+    two_link: Problem, estimate: Estimate
+) -> None:
+    (found,) = compare(estimate, run_of(two_link, 2))
+    assert found.noise_floor is not None  # the motion repeats after 10 s
+    np.testing.assert_allclose(found.rmse, found.noise_floor, rtol=0.25)
+    both = compare(estimate, concatenate([run_of(two_link, 3), run_of(two_link, 4)]))[0]
+    assert both.noise_floor is not None
+    np.testing.assert_allclose(both.rmse, both.noise_floor, rtol=0.25)
+
+
+def test_models_are_judged_in_one_band(two_link: Problem, estimate: Estimate) -> None:
+    run = run_of(two_link, 1)
+    narrow = identify(two_link, run, "ols", preprocessing=Preprocessing(3.0, 4.0))
+    found = compare({"a": estimate, "b": narrow}, run)
+    assert [c.name for c in found] == ["a", "b"]
+    assert found[0].band_hz == found[1].band_hz == estimate.preprocessing.torque_cutoff
+    asked = compare({"a": estimate, "b": narrow}, run, Preprocessing(6.0, 9.0))
+    assert {c.band_hz for c in asked} == {9.0}
+    # In a list each has a name of its own.
+    assert len({c.name for c in compare([estimate, estimate], run)}) == 2
+
+
+def test_json_has_the_promised_schema(two_link: Problem, estimate: Estimate) -> None:
+    text = json.dumps({"models": [c.to_dict() for c in compare(estimate, run_of(two_link, 1))]})
+    (model,) = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))["models"]
+    assert set(model) == FIELDS
+    assert model["model"] == "lmi-sdp"
+    for field in ("rmse", "mse", "r2", "noise_floor"):
+        assert len(model[field]) == 2
+        assert all(isinstance(x, float) for x in model[field])
+    assert isinstance(model["relative_error_percent"], float)
+    assert isinstance(model["band_hz"], float)
+
+
+def test_what_is_undefined_is_null(two_link: Problem, estimate: Estimate) -> None:
+    run = run_of(two_link, 1)
+    dead = Measurements(run.t, run.q + 0.02 * run.t[:, None], run.tau * [1.0, 0.0])
+    model = compare(estimate, dead)[0].to_dict()
+    assert model["noise_floor"] is None  # the motion drifts: nothing repeats
+    assert model["r2"][1] is None  # a torque channel without variance
+    json.dumps(model, allow_nan=False)
+
+
+def test_a_model_of_another_robot_is_refused(panda: Problem, estimate: Estimate) -> None:
+    with pytest.raises(InputError, match=r"robot with 2 joint.*the measurements have 7"):
+        compare(estimate, Measurements(np.arange(9.0), np.zeros((9, 7)), np.zeros((9, 7))))
+    with pytest.raises(InputError, match="No model"):
+        compare([], Measurements(np.arange(9.0), np.zeros((9, 2)), np.zeros((9, 2))))
+
+
+@pytest.mark.real_data
+def test_the_real_panda_repeats_and_has_a_floor_below_every_error(
+    panda: Problem, panda_run: Measurements
+) -> None:
+    """Its motion repeats after 2 pi / 0.15 pi = 13.33 s; the floor is what no model can beat."""
+    estimate = identify(panda, panda_run.window(0.0, 14.0))
+    (found,) = compare(estimate, panda_run)
+    assert found.noise_floor is not None
+    assert np.all(found.noise_floor < found.rmse)
+    assert np.all(found.noise_floor > 1e-3)
+    assert np.all(found.r2 > 0.85)
+    assert set(found.to_dict()) == FIELDS

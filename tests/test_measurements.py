@@ -1,0 +1,159 @@
+"""Measurements: runs kept apart and in order, files that give back the numbers to the last bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import Measurements, concatenate, load_measurements, save_csv
+
+seeds = st.integers(0, 2**32 - 1)
+quick = settings(max_examples=25, deadline=None, derandomize=True)
+
+
+def random_run(seed: int, n: int = 3, rows: int = 40, name: str = "run") -> Measurements:
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(1e-4, 0.1, rows)) + 10.0 ** rng.uniform(-3, 9)
+    q, dq, tau = rng.normal(size=(3, rows, n)) * 10.0 ** rng.uniform(-8, 8, n)
+    return Measurements(t, q, tau, dq if seed % 2 else None, None, (name,))
+
+
+def assert_same(a: Measurements, b: Measurements) -> None:
+    for name in ("t", "q", "tau", "dq"):
+        x, y = getattr(a, name), getattr(b, name)
+        assert (x is None) == (y is None)
+        if x is not None:
+            np.testing.assert_array_equal(x, y)
+            assert y.dtype == np.float64
+
+
+@quick
+@given(seeds, st.integers(1, 12))
+def test_a_csv_file_gives_back_every_bit(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, n: int
+) -> None:
+    path = tmp_path_factory.mktemp("m") / "run.csv"
+    run = random_run(seed, n)
+    save_csv(run, path)
+    read = load_measurements(path)
+    assert_same(run, read)
+    assert read.data_hash == run.data_hash
+    assert read.names == ("run.csv",)
+
+
+@quick
+@given(seeds)
+def test_both_forms_of_npz_give_back_every_bit(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
+    folder = tmp_path_factory.mktemp("m")
+    run = random_run(seed)
+    whole = {"t": run.t, "q": run.q, "tau": run.tau}
+    whole |= {} if run.dq is None else {"dq": run.dq}
+    np.savez(folder / "whole.npz", **whole)  # type: ignore[arg-type]
+    columns = {"t": run.t}
+    for key, values in whole.items():
+        if key != "t":
+            columns |= {f"{key}{j + 1}": values[:, j] for j in range(run.n)}
+    np.savez(folder / "columns.npz", **columns)  # type: ignore[arg-type]
+    for name in ("whole.npz", "columns.npz"):
+        assert_same(run, load_measurements(folder / name))
+
+
+@quick
+@given(seeds)
+def test_columns_may_come_in_any_order(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    """More than nine joints: q10 comes after q9, not between q1 and q2."""
+    folder = tmp_path_factory.mktemp("m")
+    run = random_run(seed, 11)
+    save_csv(run, folder / "run.csv")
+    lines = (folder / "run.csv").read_text().splitlines()
+    cells = np.array([line.split(",") for line in lines])
+    shuffled = cells[:, np.random.default_rng(seed).permutation(cells.shape[1])]
+    (folder / "shuffled.csv").write_text("\n".join(",".join(row) for row in shuffled))
+    assert_same(run, load_measurements(folder / "shuffled.csv"))
+
+
+def test_runs_stay_apart_and_in_order(tmp_path: Path) -> None:
+    first, second = random_run(1, name="a.csv"), random_run(3, rows=25, name="b.csv")
+    save_csv(first, tmp_path / "a.csv")
+    save_csv(second, tmp_path / "b.csv")
+    both = load_measurements(tmp_path / "a.csv", tmp_path / "b.csv")
+    assert both.names == ("a.csv", "b.csv")
+    for run, original in zip(both.runs(), (first, second), strict=True):
+        assert_same(run, original)
+    assert_same(concatenate([both]), concatenate([first, second]))
+    assert [run.names for run in concatenate([both, first]).runs()] == [
+        ("a.csv",),
+        ("b.csv",),
+        ("a.csv",),
+    ]
+    # Measured velocities are kept only where every run has them.
+    assert concatenate([first, random_run(2)]).dq is None
+
+
+def test_windows_count_from_the_start_of_each_run() -> None:
+    t = np.arange(0.0, 10.0, 0.1)
+    late = Measurements(t + 100.0, t[:, None], t[:, None], None, None, ("late",))
+    early = Measurements(t, t[:, None], t[:, None], None, None, ("early",))
+    both = concatenate([late, early]).window(2.0, 5.0)
+    for run, start in zip(both.runs(), (100.0, 0.0), strict=True):
+        np.testing.assert_allclose(run.t[[0, -1]], [start + 2.0, start + 4.9])
+        np.testing.assert_allclose(run.q[:, 0], run.t - start)
+    left, right = early.window(0.0, 5.0), early.window(5.0, np.inf)
+    joined = concatenate([left, right])
+    assert_same(early, Measurements(joined.t, joined.q, joined.tau))
+
+
+def test_the_hash_is_of_the_numbers_and_of_nothing_else() -> None:
+    run = random_run(5)
+    same = Measurements(run.t.copy(), np.asfortranarray(run.q), run.tau, None, None, ("other",))
+    assert same.data_hash == run.data_hash
+    for name in ("t", "q", "tau"):
+        values = {key: getattr(run, key).copy() for key in ("t", "q", "tau")}
+        values[name].flat[3] = np.nextafter(values[name].flat[3], np.inf)
+        assert Measurements(**values).data_hash != run.data_hash
+    one = concatenate([run, run])
+    assert one.data_hash != run.data_hash
+
+
+def test_robots_of_different_size_do_not_mix(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a has 3, b has 2"):
+        concatenate([random_run(0, 3, name="a"), random_run(0, 2, name="b")])
+    save_csv(random_run(0, 3), tmp_path / "run.csv")
+    with pytest.raises(InputError, match="the file has 3 joint"):
+        load_measurements(tmp_path / "run.csv", joints=7)
+    with pytest.raises(InputError, match="No measurement file"):
+        load_measurements()
+
+
+def test_windows_without_samples_are_refused(tmp_path: Path) -> None:
+    save_csv(random_run(0), tmp_path / "run.csv")
+    with pytest.raises(InputError, match=r"run\.csv: no samples between 1e\+06 s and inf s"):
+        load_measurements(tmp_path / "run.csv", start=1e6)
+
+
+@pytest.mark.real_data
+def test_the_real_pandas_log_is_read(panda_run: Measurements) -> None:
+    assert panda_run.q.shape == panda_run.tau.shape == (20_544, 7)
+    assert panda_run.dq is not None
+    assert np.all(np.diff(panda_run.t) > 0.0)
+    assert 20.9 < panda_run.t[-1] - panda_run.t[0] < 21.2
+    # The logged velocity is that of the logged position: their changes over 0.1 s agree.
+    steps = np.diff(panda_run.t)[:, None]
+    travel = np.cumsum(0.5 * (panda_run.dq[1:] + panda_run.dq[:-1]) * steps, axis=0)
+    by_velocity, by_position = travel[100:] - travel[:-100], panda_run.q[101:] - panda_run.q[1:-100]
+    for j in range(7):
+        assert np.corrcoef(by_velocity[:, j], by_position[:, j])[0, 1] > 0.999
+
+
+@pytest.mark.real_data
+def test_what_was_read_survives_our_own_format(panda_run: Measurements, tmp_path: Path) -> None:
+    part = panda_run.window(5.0, 6.0)
+    save_csv(part, tmp_path / "part.csv")
+    assert_same(load_measurements(tmp_path / "part.csv"), part)
