@@ -115,7 +115,8 @@ def prepare(
     base = np.zeros((rows.n, len(rows.t), 0)) if frozen else model_columns(rows, estimate)
     labels = label_rows(rows)
     columns, target = white_rows(rows, noise, base, residual)
-    search = Search(rows, noise, labels, columns, target, white, seed)
+    known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
+    search = Search(rows, noise, labels, columns, target, white, known, seed)
     return Stage(rows, noise, labels, base, residual, library, white, search, frozen)
 
 
@@ -192,6 +193,10 @@ def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
         found = local_excess(white[:, j], pieces_of(rows, j), tests=n)
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
+    repeats = _repeating(mask, stage)
+    mask &= ~repeats
+    if repeats.any():
+        left = replace(left, remains=True)
     if mask.any():
         without = remainder(fit, rows, noise, mask)
         if without.remains:
@@ -206,6 +211,20 @@ def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
         for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0)
     ]
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
+
+
+def _repeating(mask: NDArray[np.bool_], stage: Stage) -> NDArray[np.bool_]:
+    """Rows (M, n) of windows that come back when the motion does: error of the model, no event."""
+    out = np.zeros_like(mask)
+    starts = np.cumsum([0, *(len(s.t) for s in stage.rows.segments)])
+    wide = np.array([np.convolve(m, np.ones(3), mode="same") > 0 for m in mask.T]).T
+    for repeat in stage.noise.repeats:
+        times = stage.rows.segments[repeat.other].t
+        later = starts[repeat.other] + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
+        both = mask[repeat.rows] & wide[later]
+        out[repeat.rows] |= both
+        out[later] |= both & mask[later]
+    return out
 
 
 def _diagnosis(

@@ -75,7 +75,8 @@ def _search_on(stage: Stage, train: NDArray[np.bool_]) -> Search:
     labels = label_rows(rows)
     columns, target = white_rows(rows, stage.noise, stage.base, stage.residual)
     white = stage.library.whitened(stage.noise, rows)
-    return Search(rows, stage.noise, labels, columns, target, white, stage.search.seed)
+    known, seed = stage.search.known, stage.search.seed
+    return Search(rows, stage.noise, labels, columns, target, white, known, seed)
 
 
 def _ladder(

@@ -83,7 +83,8 @@ class Pick:
 class Search:
     """The ladder's state; one instance a diagnosis (or an outer fold of one).
 
-    base (n M, p) and target (n M,) : white columns of the model and the white residual.
+    base (n M, p) and target (n M,) : white columns of the model and the white residual; known :
+    effects that the model has, by joint.
     """
 
     def __init__(
@@ -94,10 +95,12 @@ class Search:
         base: Array,
         target: Array,
         white: Library,
+        known: frozenset[Key],
         seed: int,
     ) -> None:
         self.rows, self.noise, self.labels, self.seed = rows, noise, labels, seed
         self.basis, self.target, self.white = independent(base), target, white
+        self.known = known
         self.pieces = [pieces_of(rows, j) for j in range(rows.n)]
         self.picks: list[Pick] = []
         n = rows.n
@@ -217,9 +220,11 @@ class Search:
         scores = score_library(fit, scaled)
         taken = {p.hypothesis.effect.text for p in self.picks}
         keys = {p.hypothesis.key for p in self.picks if p.hypothesis.key[0] not in SEVERAL}
+        found = {p.hypothesis.key for p in self.picks} | self.known
         coarse: list[tuple[float, Key, int]] = []
         for key, members in self.by_key.items():
-            if key in keys:
+            refines = self.white.groups[members[0]].effect.refines
+            if key in keys or (refines and not any((name, key[1]) in found for name in refines)):
                 continue
             values = np.zeros(len(members))
             for m, g in enumerate(members):

@@ -18,6 +18,7 @@ class AsymmetricViscousFriction(JointEffect):
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_va"
     units = ("N*m*s/rad", "N*s/m")
+    refines = ("viscous_friction",)
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.abs(motion.dq[:, joint])

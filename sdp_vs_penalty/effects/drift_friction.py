@@ -21,6 +21,7 @@ class DriftFriction(Drift):
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
     symbol = "f_df"
     units = ("N*m", "N")
+    refines = ("coulomb_friction", "viscous_friction")
     forms = 4
     shape_bounds = {"T": (3.0, 3000.0)}
 

@@ -19,6 +19,7 @@ class DriftOffset(Drift):
     reference = "Doebelin, Measurement Systems, ch. 3 (zero drift)"
     symbol = "f_do"
     units = ("N*m", "N")
+    refines = ("torque_offset",)
 
     @classmethod
     def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:

@@ -127,6 +127,8 @@ class Effect(ABC):
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.
     frozen_only: ClassVar[bool] = False
+    #: Effects of which this one is a finer form: it is looked for only where one of them is known.
+    refines: ClassVar[tuple[str, ...]] = ()
     #: Values of each shape constant that a search starts from, and the range that it may refine in
     #: (constants without a range stay on their values).
     shape_grid: ClassVar[Mapping[str, Sequence[float]]] = {}

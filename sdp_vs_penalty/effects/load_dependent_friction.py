@@ -18,6 +18,7 @@ class LoadDependentFriction(JointEffect):
     symbol = "f_l"
     units = ("-", "-")
     lower = 0.0
+    refines = ("coulomb_friction",)
     needs_torque = True
 
     def column(self, motion: Motion, joint: int) -> Array:

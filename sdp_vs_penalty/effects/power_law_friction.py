@@ -17,6 +17,7 @@ class PowerLawFriction(JointEffect):
     reference = "Waiboer, Aarts, Jonker, ECCOMAS Multibody Dynamics 2005"
     symbol = "f_p"
     units = ("N*m*(s/rad)^alpha", "N*(s/m)^alpha")
+    refines = ("viscous_friction", "coulomb_friction")
     shape_defaults = {"alpha": 2.0}
     shape_grid = {"alpha": (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)}
     shape_bounds = {"alpha": (0.15, 4.0)}

@@ -19,6 +19,7 @@ class PreslidingHysteresis(JointEffect):
     symbol = "f_h"
     units = ("N*m", "N")
     lower = 0.0
+    refines = ("coulomb_friction",)
     has_memory = True
     shape_defaults = {"d": 0.003}
     shape_grid = {"d": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}

@@ -19,6 +19,7 @@ class SigmoidFriction(JointEffect):
     symbol = "f_sg"
     units = ("N*m", "N")
     lower = 0.0
+    refines = ("coulomb_friction",)
     shape_defaults = {"v0": 0.1}
     shape_grid = {"v0": (0.02, 0.04, 0.08, 0.16, 0.32)}
     shape_bounds = {"v0": (0.012, 2.0)}

@@ -18,6 +18,7 @@ class StribeckFriction(JointEffect):
     symbol = "f_st"
     units = ("N*m", "N")
     lower = 0.0
+    refines = ("coulomb_friction",)
     shape_defaults = {"vs": 0.1, "delta": 2.0}
     shape_grid = {"vs": (0.02, 0.04, 0.08, 0.16, 0.32), "delta": (1.0, 2.0)}
     shape_bounds = {"vs": (0.012, 1.0)}

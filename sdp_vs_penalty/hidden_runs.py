@@ -1,0 +1,238 @@
+"""Runs with hidden effects: 20 s of a motion that repeats after two thirds, noise as on the real arm.
+
+``simulate --hide`` and ``challenge`` are made from these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.experiment import Experiment, experiment
+from sdp_vs_penalty.hidden_effects import LEVELS, Hidden, World, make_hidden
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.simulation import _quantise
+from sdp_vs_penalty.trajectory import FourierTrajectory, random_trajectory
+
+Array = NDArray[np.float64]
+
+DURATION = 20.0  # s of each run
+PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run
+PAUSE = 30.0  # s between runs
+#: The blends into and out of the motion, which the log leaves out.
+_BLEND = 0.7
+#: Rate [Hz] at which effects are sized.
+_SIZING = 200.0
+
+
+@dataclass(frozen=True)
+class HiddenRuns:
+    """runs : as logged; quiet : the same without torque noise; noise (N, n) : the difference, all
+    runs one below the other; truth : what a scorer may read; hidden : the effects, sized."""
+
+    problem: Problem
+    world: World
+    runs: tuple[Measurements, ...]
+    quiet: tuple[Measurements, ...]
+    hidden: tuple[Hidden, ...]
+    truth: dict[str, Any]
+
+
+def make_world(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> World:
+    """The true robot: the experiment's links, random viscous and Coulomb friction and offsets of the
+    size of friction there; effects named in ``without`` are not among them."""
+    rng = np.random.default_rng([seed, 1])
+    n = problem.robot.n
+    size = 0.02 * np.ones(n) if setup.friction is None else np.abs(setup.friction[:, 0])
+    coulomb, viscous, offset = (
+        size * rng.uniform(0.5, 1.5, n),
+        size * rng.uniform(0.2, 0.8, n),
+        0.2 * size * rng.uniform(-1.0, 1.0, n),
+    )
+    return World(
+        problem.robot,
+        setup.links,
+        0.0 * viscous if "viscous_friction" in without else viscous,
+        0.0 * coulomb if "coulomb_friction" in without else coulomb,
+        0.0 * offset if "torque_offset" in without else offset,
+    )
+
+
+def hidden_runs(
+    problem: Problem,
+    effects: Sequence[tuple[str, Sequence[int]]],
+    level: str | float = "medium",
+    seed: int = 0,
+    count: int = 4,
+    made: Sequence[Hidden] = (),
+) -> HiddenRuns:
+    """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
+
+    effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
+    the whole robot); made : hidden effects of another kind, sized alike. level : of LEVELS, or the
+    root mean square of the hidden torque over the raw noise of the joint that it moves most.
+    """
+    factor = LEVELS[level] if isinstance(level, str) else float(level)
+    setup = experiment(problem)
+    rng = np.random.default_rng([seed, 2])
+    without = [name for name, _ in effects]
+    usual = make_world(problem, setup, seed)
+    world = make_world(problem, setup, seed, without)
+    trajectories = [
+        random_trajectory(
+            problem.robot,
+            10 * seed + k,
+            DURATION + 2.0 * _BLEND,
+            frequency=2.0 * np.pi / PERIOD,
+        )
+        for k in range(count)
+    ]
+    hidden = []
+    for name, joints in effects:
+        for joint in joints or _all_joints(problem, name):
+            one = make_hidden(name, joint, usual, rng)
+            hidden.append(_sized(one, world, trajectories, setup, factor))
+    hidden += [_sized(one, world, trajectories, setup, factor) for one in made]
+    logged, quiet = [], []
+    for k, trajectory in enumerate(trajectories):
+        noisy, silent = _measure(trajectory, world, hidden, setup, seed, k)
+        logged.append(noisy)
+        quiet.append(silent)
+    truth = {
+        "problem": problem.name,
+        "seed": seed,
+        "level": level,
+        "effects": [
+            {
+                "effect": h.effect,
+                "joints": [j + 1 for j in h.joints],
+                "size": h.size,
+                **dict(h.details),
+            }
+            for h in hidden
+        ],
+        "model_effects": [e for e in setup.problem.default_effects if e not in without],
+    }
+    return HiddenRuns(problem, world, tuple(logged), tuple(quiet), tuple(hidden), truth)
+
+
+def _all_joints(problem: Problem, name: str) -> Sequence[int]:
+    from sdp_vs_penalty.effects import effect_types
+
+    kind = effect_types().get(name)
+    if kind is None or kind.whole_robot:
+        return [0]
+    return list(kind(problem.robot).joints)
+
+
+def _motion(trajectory: FourierTrajectory, local: Array, start: float) -> Motion:
+    return Motion(local + start, *trajectory.states(local))
+
+
+def _start(k: int) -> float:
+    return k * (DURATION + 2.0 * _BLEND + PAUSE)
+
+
+def true_torque(
+    world: World, hidden: Sequence[Hidden], trajectory: FourierTrajectory, local: Array, start: float
+) -> Array:
+    """(N, n) what the torque channels carry, noise aside."""
+
+    def at(moment: Array) -> Array:
+        motion = _motion(trajectory, moment, start)
+        out = world.torque(motion)
+        for h in hidden:
+            if h.torque is not None:
+                out = out + h.torque(world, motion, h.size)
+        return out
+
+    torque = at(local)
+    for h in hidden:
+        if h.late is not None:
+            for late in np.unique(h.late[h.late > 0.0]):
+                channels = h.late == late
+                torque[:, channels] = at(local - h.size * late)[:, channels]
+    return torque
+
+
+def encoder_error(world: World, hidden: Sequence[Hidden], motion: Motion) -> Array:
+    """(N, n) what the encoders show beyond the links' true positions."""
+    out = np.zeros_like(motion.q)
+    for h in hidden:
+        if h.encoder is not None:
+            out = out + h.encoder(world, motion, h.size)
+    return out
+
+
+def _effect_torque(world: World, hidden: Hidden, trajectory: FourierTrajectory, start: float) -> Array:
+    """(N, n) the torque that a model without the effect gets wrong, at _SIZING."""
+    local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / _SIZING)
+    change = true_torque(world, [hidden], trajectory, local, start) - true_torque(
+        world, [], trajectory, local, start
+    )
+    if hidden.encoder is not None:
+        motion = _motion(trajectory, local, start)
+        error = encoder_error(world, [hidden], motion)
+        rate = np.gradient(error, local, axis=0)
+        shown = Motion(
+            motion.t,
+            motion.q + error,
+            motion.dq + rate,
+            motion.ddq + np.gradient(rate, local, axis=0),
+        )
+        change += world.rigid(motion) - world.rigid(shown)
+    return change
+
+
+def _sized(
+    hidden: Hidden,
+    world: World,
+    trajectories: Sequence[FourierTrajectory],
+    setup: Experiment,
+    factor: float,
+) -> Hidden:
+    """The effect scaled until its torque has the wanted size; twice, as some are not linear."""
+    for _ in range(2):
+        change = np.concatenate(
+            [_effect_torque(world, hidden, x, _start(k)) for k, x in enumerate(trajectories)]
+        )
+        ratio = float((np.sqrt(np.mean(change**2, axis=0)) / setup.sensor.torque_std).max())
+        if ratio < 1e-9:
+            return hidden
+        hidden = hidden.sized(factor / ratio)
+    return hidden
+
+
+def _measure(
+    trajectory: FourierTrajectory,
+    world: World,
+    hidden: Sequence[Hidden],
+    setup: Experiment,
+    seed: int,
+    k: int,
+) -> tuple[Measurements, Measurements]:
+    """One run as the sensor logs it, with and without torque noise."""
+    sensor, rng = setup.sensor, np.random.default_rng([seed, 3, k])
+    duration = DURATION + 2.0 * _BLEND
+    local = np.arange(int(np.ceil(duration * sensor.rate)) + 1) / sensor.rate
+    motion = _motion(trajectory, local, _start(k))
+    torque = true_torque(world, hidden, trajectory, local, _start(k))
+    position = motion.q + encoder_error(world, hidden, motion)
+    noise = sensor.noise(len(local), rng)
+    log = sensor.log_times(duration, rng)
+    log = log[(log >= _BLEND) & (log < _BLEND + DURATION)]
+    held = np.clip(np.floor(log * sensor.rate + 1e-9).astype(np.intp), 0, len(local) - 1)
+    q = _quantise(position[held], sensor.position_step)
+    clock = log + _start(k)
+    name = f"run{k + 1}"
+    noisy = _quantise((torque + noise)[held], sensor.torque_step)
+    return (
+        Measurements(clock, q, noisy, names=(name,)),
+        Measurements(clock, q, torque[held], names=(name,)),
+    )
