@@ -89,27 +89,33 @@ class Instance:
     def hash(self) -> str:
         """Sixteen hexadecimal digits over every number of the problem, the form it is posed in included.
 
-        Numbers are rounded to 9 digits first: libraries of linear algebra differ in the last ones.
+        Numbers are rounded to six digits first: libraries of linear algebra differ in the last ones.
         """
         digest = hashlib.sha256(f"{self.formulation} {self.name}".encode())
         data = self.data
-        # R itself is fixed only up to the signs and rounding of its rows; R^T R and R^T rho are not.
-        arrays = [
-            np.linalg.norm(data.R, axis=0),
-            data.R.T @ data.rho,
-            np.array([data.tau_squared]),
-            self.task.bound,
-        ]
+        # R is fixed only up to the signs of its rows; the columns' sizes and angles to rho are not.
+        norms = data.column_norms
+        seen = np.where(norms > 0.0, norms, 1.0)
+        size = np.sqrt(data.tau_squared) or 1.0
+        cosines = np.where(norms > 0.0, data.R.T @ data.rho / seen / size, 0.0)
+        digest.update((np.round(cosines, 7) + 0.0).tobytes())
+        arrays = [norms, np.array([data.tau_squared, data.floor]), self.task.bound]
         for c in self.constraints.convex:
             digest.update(f"{c.family} {c.name} {c.cone} {c.indices.tolist()}".encode())
             arrays += [c.constant, c.coefficients]
         if self.objective.entropy is not None:
             arrays.append(self.objective.entropy.nominal)
         for array in arrays:
-            largest = float(np.abs(array).max(initial=0.0)) or 1.0
-            rounded = np.round(array / float(f"{largest:.1e}"), 6) + 0.0
-            digest.update(rounded.tobytes())
+            digest.update(_six_digits(np.asarray(array, float)).tobytes())
         return digest.hexdigest()[:16]
+
+
+def _six_digits(array: Array) -> Array:
+    """Each entry to six digits; what is only rounding beside the largest entry is zero."""
+    size = np.abs(array)
+    kept = size > 1e-12 * size.max(initial=0.0)
+    decade = 10.0 ** np.floor(np.log10(np.where(kept, size, 1.0)))
+    return np.where(kept, np.round(array / decade, 6) * decade, 0.0) + 0.0
 
 
 def in_units(instance: Instance, mass: float, length: float) -> Instance:

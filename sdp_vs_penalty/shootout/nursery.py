@@ -21,7 +21,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -32,11 +32,13 @@ from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
 from sdp_vs_penalty.shootout.judge import Answer, Verdict, judge
 from sdp_vs_penalty.shootout.reference import Reference, reference
+from sdp_vs_penalty.solvers import solver_modules
 
 #: Seconds that the proof of a reference may take.
 REFERENCE_LIMIT = 900.0
 #: Small instances with every cone: QICS compiles its code for each on first use.
 _COMPILES = ("two_link one-step plain", "two_link one-step regulariser")
+_PREPARED: set[str] = set()
 #: Exit codes of a child that ended by itself without an answer.
 _OUT_OF_MEMORY, _RAISED = 3, 4
 
@@ -48,7 +50,6 @@ def main() -> None:
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.dup2(silence, 2)
-    _preload()
     everyone = contestants()
     for line in _lines(sys.stdin.fileno()):
         request = json.loads(line)
@@ -63,25 +64,28 @@ def main() -> None:
         answers.flush()
 
 
-def _preload() -> None:
-    """Import what children would import, and compile what is compiled on first use, once.
+def _prepare_for(name: str) -> None:
+    """Import what a contestant imports, and compile what it compiles on first use, once.
 
     Nothing here may start a thread: a forked child would wait for it for ever.
     """
-    for name in ("cvxpy", "clarabel", "scs", "cvxopt", "sdpap", "qics", "scipy.optimize"):
-        if importlib.util.find_spec(name.split(".")[0]) is not None:
-            importlib.import_module(name)
-    import cvxpy as cp
+    if name in _PREPARED:
+        return
+    _PREPARED.add(name)
+    module = {"sdpa": "sdpap", "log-cholesky": "scipy.optimize"}.get(name, name)
+    if name.startswith("cvxpy") or name in ("copt", "mosek"):
+        import cvxpy as cp
 
-    from sdp_vs_penalty.solvers import absent, solver_modules
-
-    x = cp.Variable(2)
-    matrix = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
-    small = cp.Problem(cp.Minimize(cp.sum_squares(x)), [matrix + matrix.T >> 0, cp.SOC(x[0], x[1:])])
-    small.get_problem_data("SCS")
-    qics = solver_modules()["qics"]
-    if absent(qics) is None:
-        _ = [qics.solve(instance(name).sdp.conic, 1e-4) for name in _COMPILES]
+        x = cp.Variable(2)
+        square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
+        cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
+        cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
+    elif "-" not in module and importlib.util.find_spec(module.split(".")[0]) is not None:
+        importlib.import_module(module)
+    if name == "qics":
+        qics = solver_modules()["qics"]
+        for small in _COMPILES:
+            qics.solve(instance(small).sdp.conic, 1e-4)
 
 
 def _lines(handle: int) -> Any:
@@ -112,7 +116,7 @@ def _reference(request: dict[str, Any]) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
     kind, payload, _ = in_child(
-        lambda: json.dumps(reference(made).to_dict()).encode(), REFERENCE_LIMIT, request["memory"]
+        lambda: json.dumps(reference(made).to_dict()).encode(), REFERENCE_LIMIT, request["memory"], [0]
     )
     if kind != "ended":
         found = Reference("unknown", -np.inf, np.inf, 1.0).to_dict()
@@ -129,10 +133,11 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
     _ = made.sdp if made.sent is not None else None
+    _prepare_for(contestant.name)
     known = Reference(**request["reference"])
     asked = float(request["accuracy"])
     kind, payload, seconds = in_child(
-        lambda: _pack(contestant.solve(made, asked)), request["time_limit"], request["memory"]
+        lambda: _pack(contestant.solve(made, asked)), request["time_limit"], request["memory"], [0]
     )
     if kind == "ended":
         answer = _unpack(payload)
@@ -167,10 +172,13 @@ def _verdict(verdict: Verdict, known: Reference) -> dict[str, Any]:
     return row
 
 
-def in_child(work: Callable[[], bytes], limit: float, memory: float) -> tuple[str, bytes, float]:
+def in_child(
+    work: Callable[[], bytes], limit: float, memory: float, watch: Sequence[int] = ()
+) -> tuple[str, bytes, float]:
     """Fork, work, and return ("ended" | "failed" | "timeout" | "crash", bytes, seconds).
 
-    limit : seconds; memory : GB beyond what the parent already has.
+    limit : seconds; memory : GB beyond what the parent already has; watch : file descriptors at whose
+    end nobody waits for the answer any more: child and parent then end.
     """
     reader, writer = os.pipe()
     start = time.monotonic()
@@ -182,9 +190,7 @@ def in_child(work: Callable[[], bytes], limit: float, memory: float) -> tuple[st
     timed_out = False
     while True:
         left = limit - (time.monotonic() - start)
-        ready = (
-            select.select([reader, sys.stdin.fileno()], [], [], max(left, 0.0))[0] if left > 0 else []
-        )
+        ready = select.select([reader, *watch], [], [], left)[0] if left > 0.0 else []
         if reader in ready:
             chunk = os.read(reader, 1 << 20)
             if not chunk:

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty.cluster import spread
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen
 from sdp_vs_penalty.shootout.instances import GROUPS, Entry, instance, selected
 from sdp_vs_penalty.shootout.results import Results
-from sdp_vs_penalty.shootout.work import Task, everywhere
+from sdp_vs_penalty.shootout.work import Task, perform
 
 ACCURACIES = (1e-4, 1e-6, 1e-8)
 Progress = Callable[[str, int, int], None]
@@ -78,7 +79,7 @@ def run(setup: Shootout, progress: Progress | None = None) -> Outcome:
     machine = f"{platform.node()} {platform.machine()} {platform.system()}"
     done = 0
     say("runs", done, total)
-    for task, rows in everywhere(tasks, setup.scheduler, jobs):
+    for task, rows in spread(perform, tasks, setup.scheduler, jobs, threads=True):
         for row in rows:
             if "error" in row:
                 notes.append(f"{task.problem}, {task.solver}: {row['error']}")
@@ -117,7 +118,9 @@ def _references(
     todo = [n for n, h in current.items() if known.get(n, {}).get("hash") != h]
     tasks = [_task(setup, n, "", (), (), current[n], None) for n in todo]
     say("proving intervals", 0, len(tasks))
-    for done, (task, replies) in enumerate(everywhere(tasks, setup.scheduler, jobs), start=1):
+    for done, (task, replies) in enumerate(
+        spread(perform, tasks, setup.scheduler, jobs, threads=True), start=1
+    ):
         reply = replies[0]
         if "error" in reply:
             raise InputError(f"instance {task.problem!r} cannot be used: {reply['error']}.")

@@ -1,4 +1,4 @@
-"""The runs of the shootout wherever they are done: two threads of this process, or a Dask cluster.
+"""The runs of the shootout as tasks for any worker: a thread of this process, or of a Dask cluster.
 
 Each worker, local or remote, holds a nursery (:mod:`nursery`) and sends it names; numbers are judged
 there. A task is all accuracies of one solver on one problem, from loose to tight: what exceeds the time
@@ -12,11 +12,9 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
-
-from sdp_vs_penalty.errors import InputError
 
 Row = dict[str, Any]
 
@@ -131,40 +129,3 @@ def _runs(task: Task) -> Iterator[Row]:
         if row["class"] == "timeout":
             stopped = settings
         yield {"settings": settings, "accuracy": accuracy, **row}
-
-
-def everywhere(
-    tasks: Iterable[Task], scheduler: str | None = None, jobs: int = 2
-) -> Iterator[tuple[Task, list[Row]]]:
-    """Results as they come, in any order; scheduler : a Dask scheduler's address, None: this machine."""
-    if scheduler is None:
-        from joblib import Parallel, delayed
-
-        # Threads: each only waits for its nursery, which is the process that works.
-        parallel = Parallel(
-            n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1
-        )
-        yield from parallel(delayed(perform)(task) for task in tasks)
-        return
-    with connected(scheduler) as client:
-        from distributed import as_completed
-
-        futures = client.map(perform, list(tasks), pure=False, retries=5)
-        for _, result in as_completed(futures, with_results=True):
-            yield result
-
-
-def connected(scheduler: str) -> Any:
-    """A Dask client; InputError where Dask is not installed or nobody answers at the address."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(
-            "--scheduler needs Dask: install the extra, pip install 'sdp-vs-penalty[cluster]'."
-        ) from None
-    try:
-        return Client(scheduler, timeout=10)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(
-            f"--scheduler {scheduler}: no Dask scheduler answers there ({error})."
-        ) from error

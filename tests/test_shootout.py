@@ -1,0 +1,325 @@
+"""The shootout's judgement: instances, proofs, classes; wrong answers are planted and must be found."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.shootout import hostile, log_cholesky, regular, summary
+from sdp_vs_penalty.shootout.contestants import chosen, contestants
+from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
+from sdp_vs_penalty.shootout.judge import CLASSES, Answer, Verdict, judge, relative_violation
+from sdp_vs_penalty.shootout.nursery import _pack, _unpack, in_child
+from sdp_vs_penalty.shootout.reference import Reference, reference
+from sdp_vs_penalty.solvers import verified
+
+CONTESTANTS = contestants()
+SMALL = ("two_link one-step gyration", "two_link two-step gyration", "chain of 2 links")
+
+
+@pytest.fixture(scope="module")
+def two_link() -> Instance:
+    return instance("two_link one-step gyration")
+
+
+@pytest.fixture(scope="module")
+def proved(two_link: Instance) -> Reference:
+    return reference(two_link)
+
+
+@pytest.fixture(scope="module")
+def best(two_link: Instance) -> Answer:
+    return CONTESTANTS["lmi-sdp"].solve(two_link, 1e-8)
+
+
+def test_instances_are_deterministic_and_differ() -> None:
+    names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
+    first = {n: instance(n).hash for n in names}
+    instance.cache_clear()
+    regular._simulated_task.cache_clear()
+    assert {n: instance(n).hash for n in names[::3]} == {n: first[n] for n in names[::3]}
+    assert len(set(first.values())) == len(first)
+
+
+def test_the_hash_sees_every_number(two_link: Instance) -> None:
+    data = two_link.data
+    rho = data.rho.copy()
+    rho[0] *= 1.0 + 1e-3
+    other = hostile._with_data(two_link, replace(data, rho=rho))
+    tighter = hostile._with_constraints(
+        two_link,
+        tuple(
+            replace(c, constant=c.constant * 0.99) if c.family == "total mass" else c
+            for c in two_link.constraints.convex
+        ),
+    )
+    posed = replace(two_link, formulation="gram")
+    assert len({i.hash for i in (two_link, other, tighter, posed)}) == 4
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_the_interval_is_narrow_and_proved(name: str) -> None:
+    found = reference(instance(name))
+    assert found.verdict == "feasible"
+    assert 0.0 <= found.gap <= 1e-8
+
+
+@pytest.mark.parametrize("mass", [1e-3, 1e3])
+def test_units_change_numbers_only(two_link: Instance, mass: float) -> None:
+    length = mass
+    other = in_units(two_link, mass, length)
+    torque = 1.0 / (mass * length**2)
+    theta = two_link.interior
+    assert theta is not None
+    factor = other.task.bound / two_link.task.bound
+    assert other.objective.value(theta * factor) == pytest.approx(
+        torque**2 * two_link.objective.value(theta), rel=1e-9
+    )
+    for ours, theirs in zip(two_link.constraints.convex, other.constraints.convex, strict=True):
+        assert np.sign(ours.margin(theta)) == np.sign(theirs.margin(theta * factor))
+    outside = theta.copy()
+    outside[4] *= -3.0
+    inside = np.asarray(theta)
+    ratio = [
+        relative_violation(i.constraints.convex, x, y, i.task.bound)
+        for i, x, y in ((two_link, outside, inside), (other, outside * factor, inside * factor))
+    ]
+    assert ratio[0] > 0.1
+    assert ratio[1] == pytest.approx(ratio[0], rel=1e-6)
+    ours, theirs = reference(two_link), reference(other)
+    assert theirs.lower / torque**2 == pytest.approx(ours.lower, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["hostile infeasible 1e-3", "hostile infeasible 1e-6"])
+def test_infeasible_instances_are_proved_infeasible(name: str) -> None:
+    made = instance(name)
+    assert made.interior is None
+    known = reference(made)
+    assert known.verdict == "infeasible"
+    nothing = np.zeros(len(made.task.bound))
+    says = Answer(nothing, "infeasible", "", 1, 0.0, 0.0)
+    assert judge(made, known, says, 1e-6).kind == "right"
+    assert judge(made, known, replace(says, claims="optimal"), 1e-6).kind == "silently_wrong"
+    assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
+
+
+def test_the_default_path_is_right(two_link: Instance, proved: Reference, best: Answer) -> None:
+    verdict = judge(two_link, proved, best, 1e-8)
+    assert verdict.kind == "right"
+    assert verdict.gap <= 1e-8
+    assert proved.lower <= verdict.upper
+
+
+def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, best: Answer) -> None:
+    inside = two_link.interior
+    assert inside is not None
+    optimal = replace(best, claims="optimal", multipliers=None)
+    suboptimal = replace(optimal, theta=best.theta + 1e-3 * (inside - best.theta))
+    outside = replace(optimal, theta=best.theta + 0.2 * (best.theta - inside))
+    nan = replace(optimal, theta=np.full_like(best.theta, np.nan))
+    for wrong in (suboptimal, outside, nan, replace(best, claims="infeasible")):
+        verdict = judge(two_link, proved, wrong, 1e-8)
+        assert verdict.kind == "silently_wrong"
+        assert verdict.remark
+    # The same points are no lie where the solver admits them, or was asked for less.
+    assert judge(two_link, proved, replace(suboptimal, claims="inaccurate"), 1e-8).kind == "inaccurate"
+    assert judge(two_link, proved, replace(suboptimal, claims="failed"), 1e-8).kind == "failed"
+    assert judge(two_link, proved, suboptimal, 0.5).kind == "right"
+
+
+def test_lying_multipliers_never_raise_the_lower_bound_above_the_optimum(
+    two_link: Instance, proved: Reference, best: Answer
+) -> None:
+    rng = np.random.default_rng(0)
+    assert best.multipliers is not None
+    for factor in (1.0, 10.0, 1e6):
+        lies = [factor * (m + rng.normal(size=m.shape)) for m in best.multipliers]
+        verdict = judge(two_link, proved, replace(best, multipliers=lies), 1e-8)
+        assert verdict.own_lower <= proved.upper
+        assert verdict.kind == "right"
+
+
+def test_what_our_interval_cannot_decide_is_not_called_wrong(
+    two_link: Instance, proved: Reference, best: Answer
+) -> None:
+    wide = replace(proved, lower=0.0)
+    verdict = judge(two_link, wide, replace(best, multipliers=None), 1e-8)
+    assert verdict.kind == "inaccurate"
+    assert "interval" in verdict.remark
+
+
+@pytest.mark.parametrize("name", list(CONTESTANTS))
+@pytest.mark.parametrize("problem", SMALL)
+def test_every_contestant_on_every_small_instance(
+    name: str, problem: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_cholesky, "_RESTARTS", 1)
+    contestant = CONTESTANTS[name]
+    if contestant.absent:
+        pytest.skip(contestant.absent)
+    made = instance(problem)
+    assert contestant.applies(made) is None
+    if name == "cvxpy" and problem.startswith("chain"):
+        pytest.skip("100 000 iterations of SCS; the shootout shows how they end")
+    answer = contestant.solve(made, 1e-6)
+    verdict = judge(made, reference(made), answer, 1e-6)
+    assert verdict.kind in CLASSES
+    assert answer.status
+    # Whatever is claimed, our bounds hold: no answer is better than the proved optimum.
+    assert verdict.upper >= verdict.lower * (1.0 - 1e-12)
+    if name in ("lmi-sdp", "clarabel", "penalty", "csdp", "sdpa"):
+        assert verdict.kind == "right"
+
+
+@pytest.mark.parametrize("name", ["two_link one-step gyration", "chain of 2 links"])
+def test_log_cholesky_variables_and_gradients(name: str) -> None:
+    made = instance(name)
+    assert made.interior is not None
+    links, rest = log_cholesky._split(made.constraints.convex)
+    chart = log_cholesky._Chart(links, made.task.bound, made.interior)
+    rows = log_cholesky._Rows(rest, made.interior)
+    x = chart.variables(made.interior)
+    np.testing.assert_allclose(chart.theta(x), made.interior, rtol=1e-9, atol=1e-12)
+    x = x + 0.1 * np.random.default_rng(0).normal(size=len(x))
+    # Whatever the variables are, every link is consistent.
+    assert all(link.margin(chart.theta(x)) > 0.0 for link in links)
+    gradient = chart.pull(x, made.objective.gradient(chart.theta(x)))
+    jacobian = chart.pull_rows(x, rows.jacobian(chart.theta(x)))
+    for k in range(0, len(x), 3):
+        step = np.zeros(len(x))
+        step[k] = 1e-6
+        up, down = chart.theta(x + step), chart.theta(x - step)
+        slope = (made.objective.value(up) - made.objective.value(down)) / 2e-6
+        assert slope == pytest.approx(gradient[k], rel=1e-4, abs=1e-5 * np.abs(gradient).max())
+        slopes = (rows.values(up) - rows.values(down)) / 2e-6
+        np.testing.assert_allclose(slopes, jacobian[:, k], rtol=1e-4, atol=1e-6)
+
+
+def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None:
+    known = reference(two_link)
+    for formulation in ("residual", "gram", "rows"):
+        posed = replace(two_link, formulation=formulation)
+        answer = CONTESTANTS["clarabel"].solve(posed, 1e-9)
+        verdict = judge(posed, known, answer, 1e-3)
+        assert verdict.kind == "right"
+        assert verdict.own_lower >= 0.99 * known.lower
+    single = replace(two_link, formulation="gram in float32")
+    difference = abs(single.sdp.conic.P - replace(two_link, formulation="gram").sdp.conic.P).max()
+    assert difference > 0.0
+
+
+def test_answers_survive_the_pipe(best: Answer) -> None:
+    again = _unpack(_pack(best))
+    np.testing.assert_array_equal(again.theta, best.theta)
+    assert again.multipliers is not None
+    assert best.multipliers is not None
+    for a, b in zip(again.multipliers, best.multipliers, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert (again.claims, again.status, again.iterations) == (best.claims, best.status, best.iterations)
+    assert _unpack(_pack(replace(best, multipliers=None))).multipliers is None
+
+
+def _sleep() -> bytes:
+    time.sleep(30)
+    return b""
+
+
+def _die() -> bytes:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return b""
+
+
+def _eat() -> bytes:
+    return bytes(np.ones(int(1e10)).astype(np.uint8))
+
+
+def _raise() -> bytes:
+    raise ValueError("the matrix is odd")
+
+
+def test_a_run_ends_in_its_own_process() -> None:
+    assert in_child(lambda: b"x" * 200_000, 20.0, 1.0)[:2] == ("ended", b"x" * 200_000)
+    kind, _, seconds = in_child(_sleep, 0.3, 1.0)
+    assert kind == "timeout"
+    assert seconds < 5.0
+    assert in_child(_die, 20.0, 1.0)[:2] == ("crash", b"ended by signal 9")
+    assert in_child(_eat, 20.0, 1.0)[:2] == ("crash", b"asked for more than 1 GB")
+    kind, words, _ = in_child(_raise, 20.0, 1.0)
+    assert (kind, words) == ("failed", b"ValueError: the matrix is odd")
+
+
+def test_names_that_do_not_exist_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match=r"'gurobi' is unknown; there are: clarabel"):
+        chosen(["gurobi"])
+    with pytest.raises(InputError, match=r"groups panda, two_link"):
+        selected(["pandas"])
+    absent = [c.name for c in CONTESTANTS.values() if c.absent]
+    if absent:
+        with pytest.raises(InputError, match=f"solver {absent[0]} cannot be used here"):
+            chosen([absent[0]])
+    with pytest.raises(InputError, match="instance 'x' is unknown"):
+        instance("x")
+
+
+def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    def row(
+        problem: str, solver: str, kind: str, seconds: float, gap: float = 1e-9
+    ) -> dict[str, object]:
+        claimed = "failed" if kind == "failed" else "optimal"
+        return {
+            "problem": problem, "group": "g", "hash": "h", "solver": solver, "settings": "1e-06",
+            "accuracy": 1e-6, "claimed": claimed, "class": kind, "gap": gap, "seconds": seconds,
+            "version": "1", "machine": "m",
+        }  # fmt: skip
+
+    rows = [
+        row("a", "good", "right", 0.1), row("b", "good", "right", 0.4),
+        row("a", "fast", "right", 0.05), row("b", "fast", "failed", 0.01),
+        row("a", "liar", "silently_wrong", 0.01, 0.3), row("b", "liar", "silently_wrong", 0.01, 0.2),
+    ]  # fmt: skip
+    table = {r["solver"]: r for r in summary.summary_rows(rows, 10.0)}
+    assert table["good"]["success_percent"] == 100.0
+    assert table["fast"]["success_percent"] == 50.0
+    assert table["liar"]["silently_wrong"] == 2
+    assert table["liar"]["worst_certified_gap"] == 0.3
+    expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
+    assert table["good"]["mean_seconds"] == pytest.approx(expected)
+    first, second, third = summary.sentences(rows, 10.0)
+    assert "good at 1e-06: 2 of 2 runs" in first
+    assert "good at 1e-06" in second
+    assert "liar" in third
+    assert "2 of 2 runs" in third
+    profile = summary.profile(rows)
+    np.testing.assert_allclose(profile["good"][0], [1.0, 2.0])
+    np.testing.assert_allclose(profile["good"][1], [0.5, 1.0])
+    np.testing.assert_allclose(profile["fast"][0], [1.0])
+    assert len(profile["liar"][0]) == 0
+    paths = summary.write_summary(tmp_path, rows, 10.0, {"mosek": "no licence"}, [("a", "x", "no cone")])
+    text = paths[0].read_text()
+    assert "**WRONG** 3e-01" in text
+    assert "mosek: no licence" in text
+    assert r"silently wrong & " in paths[1].read_text()
+    assert (tmp_path / "profile.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.real_data
+def test_measured_instances_are_proved() -> None:
+    made = instance("panda measured 14 s one-step gyration")
+    known = reference(made)
+    assert known.verdict == "feasible"
+    assert known.gap <= 1e-8
+    verdict = judge(made, known, CONTESTANTS["lmi-sdp"].solve(made, 1e-8), 1e-8)
+    assert verdict.kind == "right"
+    assert isinstance(verdict, Verdict)
+
+
+def test_the_interior_point_is_feasible_beyond_doubt(two_link: Instance) -> None:
+    assert two_link.interior is not None
+    assert verified.certainly_feasible(two_link.constraints.convex, two_link.interior)

@@ -1,0 +1,183 @@
+"""Runs of the shootout: resuming, torn files, killed processes and workers; nothing is lost."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import cluster
+from sdp_vs_penalty.cluster import compress_files
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.experiment import experiment
+from sdp_vs_penalty.measurements import concatenate, save_csv
+from sdp_vs_penalty.problem import load_problem
+from sdp_vs_penalty.regression import compress
+from sdp_vs_penalty.shootout import runner
+from sdp_vs_penalty.shootout.results import COLUMNS, Results, key
+from sdp_vs_penalty.shootout.runner import Shootout
+
+PROBLEM = "two_link one-step gyration"
+TWO = f"{PROBLEM},two_link one-step plain"
+
+
+def setup(out: Path, **changes: object) -> Shootout:
+    chosen: dict[str, object] = {
+        "solvers": ["clarabel", "lmi-sdp"],
+        "problems": [PROBLEM],
+        "accuracies": (1e-4, 1e-6),
+        "jobs": 1,
+    }
+    return Shootout(out, **{**chosen, **changes})  # type: ignore[arg-type]
+
+
+def test_runs_resume_and_a_torn_row_is_dropped(tmp_path: Path) -> None:
+    out = tmp_path / "shootout"
+    first = runner.run(setup(out))
+    rows = first.results.rows
+    assert {(r["solver"], r["settings"]) for r in rows} == {
+        ("clarabel", "1e-04"), ("clarabel", "1e-06"), ("lmi-sdp", "default"),
+    }  # fmt: skip
+    assert {r["class"] for r in rows} == {"right"}
+    with (out / "runs.csv").open(newline="") as file:
+        assert [r["class"] for r in csv.DictReader(file)] == ["right"] * 3
+    before = (out / "runs.csv").read_text()
+
+    again = runner.run(setup(out))
+    assert (out / "runs.csv").read_text() == before
+    assert len(again.results.rows) == 3
+
+    # A process that died while writing leaves half a row: only that one is done again.
+    lines = before.splitlines(keepends=True)
+    (out / "runs.csv").write_text("".join(lines[:-1]) + lines[-1][: len(lines[-1]) // 2])
+    resumed = runner.run(setup(out))
+    assert any("torn" in note for note in resumed.notes)
+    assert resumed.results.keys == first.results.keys
+    kept = {line for line in (out / "runs.csv").read_text().splitlines()}
+    assert {line.rstrip("\n") for line in lines[:-1]} <= kept
+
+    more = runner.run(setup(out, solvers=["clarabel"], accuracies=(1e-5,)))
+    assert len(more.results.rows) == 4
+
+
+def test_runs_of_an_instance_that_changed_are_done_again(tmp_path: Path) -> None:
+    runner.run(setup(tmp_path / "s", solvers=["clarabel"], accuracies=(1e-4,)))
+    path = tmp_path / "s" / "runs.csv"
+    digest = Results(tmp_path / "s").rows[0]["hash"]
+    path.write_text(path.read_text().replace(digest, "0" * 16))
+    outcome = runner.run(setup(tmp_path / "s", solvers=["clarabel"], accuracies=(1e-4,)))
+    assert any("changed" in note for note in outcome.notes)
+    assert [r["hash"] for r in outcome.results.rows] == [digest]
+
+
+def test_folders_that_hold_something_else_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "table_III.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="holds other files"):
+        Results(tmp_path)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "runs.csv").write_text("run,result\n1,2\n")
+    with pytest.raises(InputError, match="something else"):
+        Results(other)
+    (other / "runs.csv").write_text(",".join(COLUMNS) + "\na,b\n" + "," * (len(COLUMNS) - 1) + "\n")
+    with pytest.raises(InputError, match="row 2 has 2 cells"):
+        Results(other)
+
+
+def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path: Path) -> None:
+    outcome = runner.run(setup(tmp_path / "s", solvers=["log-cholesky"], time_limit=1e-3))
+    kinds = {r["settings"]: (r["class"], r["remark"]) for r in outcome.results.rows}
+    assert kinds["1e-04"][0] == kinds["1e-06"][0] == "timeout"
+    assert "not run" in kinds["1e-06"][1]
+
+
+@pytest.mark.parametrize("accuracies", [(), (0.0,), (2.0,)])
+def test_senseless_settings_are_refused(tmp_path: Path, accuracies: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="--accuracy"):
+        setup(tmp_path, accuracies=accuracies)
+
+
+def test_killed_in_the_middle_and_resumed(tmp_path: Path) -> None:
+    out = tmp_path / "s"
+    command = [
+        sys.executable, "-c", "from sdp_vs_penalty.cli import main; main()", "shootout", "--solvers",
+        "clarabel,scs,penalty", "--problems", TWO, "--jobs", "1", "--out", str(out),
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    path = out / "runs.csv"
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not (path.exists() and path.read_text().count("\n") > 3):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = Results(out).rows
+    assert 0 < len(done) < 18
+    assert subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode == 0
+    rows = Results(out).rows
+    assert len(rows) == len({key(r) for r in rows}) == 18  # problems x solvers x accuracies
+    # What was done before the kill was not done again.
+    times = {key(r): r["seconds"] for r in rows}
+    assert all(times[key(r)] == r["seconds"] for r in done)
+    for name in ("summary.md", "summary.tex", "summary.csv"):
+        assert (out / name).stat().st_size > 0
+
+
+def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    quiet = {"silence_logs": 50, "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as local:
+        workers = [w.pid for w in local.workers.values()]
+        killed: list[int] = []
+
+        def watch(what: str, done: int, total: int) -> None:
+            # After the first finished run one worker dies, with whatever it is doing.
+            if done >= 1 and "proving" not in what and what != "runs" and not killed:
+                killed.append(workers[0])
+                os.kill(workers[0], signal.SIGKILL)
+
+        outcome = runner.run(
+            setup(
+                tmp_path / "s",
+                solvers=["clarabel", "scs", "cvxopt", "penalty"],
+                problems=["two_link one-step plain", PROBLEM],
+                scheduler=local.scheduler_address,
+            ),
+            watch,
+        )
+    assert killed
+    assert not outcome.notes
+    assert len({key(r) for r in outcome.results.rows}) == len(outcome.results.rows) == 16
+    assert {r["class"] for r in outcome.results.rows} == {"right"}
+
+
+def test_nobody_at_the_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        runner.run(setup(tmp_path / "s", scheduler="tcp://127.0.0.1:9"))
+
+
+def test_files_compressed_by_workers_merge_to_one_pass(tmp_path: Path) -> None:
+    problem = load_problem("two_link")
+    run = experiment(problem).training_run(seed=1)
+    half = 0.5 * float(run.t[-1] - run.t[0])
+    parts = [run.window(0.0, half), run.window(half, np.inf)]
+    files = []
+    for k, part in enumerate(parts):
+        files.append(tmp_path / f"run{k}.csv")
+        save_csv(part, files[-1])
+    found = compress_files("two_link", files, jobs=2).least_squares()
+    both = concatenate(parts)
+    whole = compress(both, problem.model(), problem.preprocessing.resolve(both)).least_squares()
+    assert found.rows == whole.rows
+    np.testing.assert_allclose(found.R.T @ found.R, whole.R.T @ whole.R, rtol=1e-6, atol=1e-6)
+    assert found.tau_squared == pytest.approx(whole.tau_squared, rel=1e-9)
+    with pytest.raises(InputError, match="no files"):
+        compress_files("two_link", [])
