@@ -23,7 +23,7 @@ from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.preprocessing import Preprocessing, filtered_rows
+from sdp_vs_penalty.preprocessing import Preprocessing, filtered_rows, rows_per_sample
 
 Array = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ class Regression:
     joints: int
     blocks: tuple[TimeBlock, ...]
     factors: tuple[Factor, ...]
-    #: Rows per independent sample: filtered rows are decimated to this multiple of their bandwidth.
+    #: Rows per independent sample: filtered rows are decimated to a multiple of their bandwidth.
     oversampling: float = 2.0
 
     @property
@@ -227,6 +227,7 @@ def compress(
     settings = settings.resolve(measurements)
     blocks: list[TimeBlock] = []
     factors: list[Factor] = []
+    samples = 0.0
     for index, run in enumerate(measurements.runs()):
         if progress is not None:
             progress(run.names[0])
@@ -234,7 +235,9 @@ def compress(
         count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
         edges = np.linspace(start, stop, count + 1)
         growing: dict[tuple[int, int], Factor] = {}
+        repeated = rows_per_sample(run, settings)
         for rows in filtered_rows(run, model, settings):
+            samples += len(rows.torque) / repeated
             owner = np.clip(np.searchsorted(edges, rows.motion.t, side="right") - 1, 0, count - 1)
             for b in np.unique(owner):
                 mine = owner == b
@@ -253,7 +256,10 @@ def compress(
             for joint in range(model.robot.n):
                 factors.append(replace(growing[b, joint], block=len(blocks)))
             blocks.append(TimeBlock(index, float(edges[b]), float(edges[b + 1])))
-    return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors))
+    rows_of_a_joint = sum(f.rows for f in factors if f.joint == 0)
+    return Regression(
+        model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows_of_a_joint / samples
+    )
 
 
 def base_parameters(

@@ -1,0 +1,249 @@
+"""Contracts that every estimator in the registry keeps, whoever writes it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_robots import sines
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.effects.effect import Parameter
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import certify
+from sdp_vs_penalty.estimators import (
+    estimator_types,
+    identify,
+    joint_weights,
+    make_estimator,
+    make_task,
+)
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import Factor, Regression, compress
+
+NAMES = list(estimator_types())
+MEASURED = [name for name in NAMES if not estimator_types()[name].needs_black_box]
+EVERY = pytest.mark.parametrize("method", NAMES)
+EVERY_MEASURED = pytest.mark.parametrize("method", MEASURED)
+#: Methods that promise an answer inside the convex constraints.
+CONSTRAINED = [n for n in MEASURED if n.startswith("lmi-sdp") or n in ("penalty", "penalty-two-step")]
+
+
+def quick(method: str) -> Estimator:
+    """The method with settings that make it fast: fewer runs, the same steps."""
+    estimator = make_estimator(method)
+    names = {f.name for f in dataclasses.fields(estimator)}  # type: ignore[arg-type]
+    small = {"runs": 2, "evaluations": 300, "starts": 2}
+    return replace(estimator, **{k: v for k, v in small.items() if k in names})  # type: ignore[type-var]
+
+
+def toy_run(problem: Problem, noise: float, seed: int = 0, seconds: float = 10.0) -> Measurements:
+    model = problem.model()
+    theta = problem.nominal(model)
+    theta[len(model.rigid_indices) :] = 0.4
+    motion = sines(np.random.default_rng(5), problem.robot.n, np.arange(0.0, seconds, 4e-3), 0.1, 5)
+    tau = model.torque(theta, motion)
+    return Measurements(
+        motion.t, motion.q, tau + noise * np.random.default_rng(seed).normal(size=tau.shape)
+    )
+
+
+@pytest.fixture(scope="module")
+def task(two_link: Problem) -> Task:
+    run = toy_run(two_link, 3.0)
+    model = two_link.model()
+    return make_task(two_link, model, compress(run, model, two_link.preprocessing.resolve(run)), seed=4)
+
+
+@pytest.fixture(scope="module")
+def fits(task: Task) -> dict[str, Fit]:
+    return {name: quick(name).fit(task) for name in NAMES}
+
+
+@EVERY
+def test_the_class_is_a_frozen_record_of_its_settings(method: str) -> None:
+    kind = estimator_types()[method]
+    assert kind.name == method
+    assert len(kind.description) > 15
+    assert "\n" not in kind.description
+    assert (kind.__doc__ or "").strip()
+    estimator = make_estimator(method)
+    assert dataclasses.is_dataclass(estimator)
+    settings = dataclasses.asdict(estimator)
+    assert json.loads(json.dumps(settings, allow_nan=False)).keys() == settings.keys()
+    assert kind(**settings) == estimator
+    for name in settings:
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(estimator, name, settings[name])
+
+
+@EVERY
+def test_a_fit_is_finite_and_says_what_it_minimised(
+    method: str, task: Task, fits: dict[str, Fit]
+) -> None:
+    fit = fits[method]
+    assert fit.theta.shape == task.bound.shape
+    assert np.all(np.isfinite(fit.theta))
+    assert np.isfinite(fit.objective.value(fit.theta))
+    assert fit.objective.gradient(fit.theta).shape == fit.theta.shape
+    json.dumps(fit.details, allow_nan=False)
+    imposed = {c.family for c in fit.constraints.convex}
+    assert {"pseudo-inertia", "mass", "sign"} <= imposed, "the certificate must see every family"
+    assert {c.family for c in fit.constraints.nonconvex} >= {
+        c.family for c in task.constraints.nonconvex
+    }
+
+
+@EVERY
+def test_no_method_beats_least_squares(method: str, task: Task, fits: dict[str, Fit]) -> None:
+    assert task.data.loss(fits[method].theta) >= task.data.loss(task.ols) * (1 - 1e-9)
+
+
+@EVERY
+def test_the_task_is_left_as_it_was(method: str, two_link: Problem) -> None:
+    run = toy_run(two_link, 3.0)
+    model = two_link.model()
+    task = make_task(two_link, model, compress(run, model, two_link.preprocessing.resolve(run)))
+    before = [task.data.R.copy(), task.data.rho.copy(), task.nominal.copy(), task.bound.copy()]
+    quick(method).fit(task)
+    after = [task.data.R, task.data.rho, task.nominal, task.bound]
+    for a, b in zip(before, after, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@EVERY
+def test_the_seed_decides_everything(method: str, task: Task, fits: dict[str, Fit]) -> None:
+    np.testing.assert_array_equal(quick(method).fit(task).theta, fits[method].theta)
+
+
+@pytest.mark.parametrize("method", CONSTRAINED)
+def test_promised_constraints_hold_by_an_independent_check(
+    method: str, task: Task, fits: dict[str, Fit]
+) -> None:
+    theta, certificate = certify(task, fits[method])
+    links = theta[task.links]
+    assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(links)) >= -1e-10)
+    masses = links[:, 0]
+    assert np.all((masses >= task.box[:, 0, 0] - 1e-9) & (masses <= task.box[:, 0, 1] + 1e-9))
+    h, low, high = links[:, 1:4], task.box[:, 1:4, 0], task.box[:, 1:4, 1]
+    with np.errstate(invalid="ignore"):
+        assert not np.any(h < low * masses[:, None] - 1e-8)
+        assert not np.any(h > high * masses[:, None] + 1e-8)
+    assert certificate.violations["pseudo-inertia"] <= 1e-10
+
+
+@pytest.mark.parametrize("method", CONSTRAINED)
+def test_no_constrained_method_goes_below_the_certified_optimum(
+    method: str, task: Task, fits: dict[str, Fit]
+) -> None:
+    """The plain SDP is a relaxation of every other: its proven lower bound holds for all."""
+    _, plain = certify(task, LmiSdpPlain().fit(task))
+    assert plain.lower is not None
+    theta, _ = certify(task, fits[method])
+    assert task.data.loss(theta) >= plain.lower * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("method", ["lmi-sdp", "penalty"])
+def test_both_methods_meet_where_both_are_given_the_same(
+    method: str, task: Task, two_link: Problem
+) -> None:
+    """SDP against penalty: within 0.1 % of the loss; bounds only the penalty takes cost the rest."""
+    convex = replace(task, constraints=replace(task.constraints, nonconvex=()))
+    free = replace(convex, box=np.where(np.arange(10)[:, None] >= 4, [-np.inf, np.inf], task.box))
+    _, certificate = certify(free, make_estimator(method).fit(free))
+    _, sdp = certify(free, make_estimator("lmi-sdp").fit(free))
+    assert certificate.loss == pytest.approx(sdp.loss, rel=1e-3)
+    assert certificate.violations["minimum thickness"] < 1e-9
+
+
+@EVERY_MEASURED
+def test_noise_free_torque_is_reproduced_by_all_that_can(method: str, two_link: Problem) -> None:
+    """penalty-paper excepted: two runs of annealing need not arrive."""
+    if method.startswith("penalty-paper"):
+        pytest.skip("a stochastic search with a budget promises nothing")
+    run = toy_run(two_link, 0.0)
+    estimate = identify(two_link, run, quick(method))
+    motion = sines(np.random.default_rng(8), 2, np.arange(0.0, 5.0, 0.01), 0.13, 5)
+    truth = two_link.nominal(two_link.model())
+    truth[20:] = 0.4
+    torque = two_link.model().torque(truth, motion)
+    error = np.linalg.norm(estimate.torque(motion) - torque) / np.linalg.norm(torque)
+    assert error < (1e-6 if method.startswith(("ols", "lmi")) else 1e-4)
+
+
+@EVERY_MEASURED
+def test_identify_reports_progress_and_keeps_provenance(method: str, two_link: Problem) -> None:
+    said: list[str] = []
+    run = toy_run(two_link, 1.0)
+    estimate = identify(two_link, run, quick(method), seed=3, progress=said.append)
+    assert said
+    assert all(said)
+    assert estimate.method == method
+    assert estimate.provenance["seed"] == 3
+    assert estimate.provenance["data_hash"] == run.data_hash
+    assert estimate.certificate.loss > 0.0
+    json.dumps(estimate.to_dict(), allow_nan=False)
+
+
+def test_unknown_names_are_refused_with_those_that_exist(two_link: Problem) -> None:
+    run = toy_run(two_link, 1.0)
+    with pytest.raises(InputError, match=r"'magic' is unknown; there are: .*lmi-sdp.*penalty"):
+        identify(two_link, run, "magic")
+    with pytest.raises(InputError, match="weighting 'x' is unknown"):
+        identify(two_link, run, "ols", weighting="x")
+
+
+def test_the_wrong_robot_is_refused(panda: Problem, two_link: Problem) -> None:
+    with pytest.raises(InputError, match=r"2 joint.*panda has 7"):
+        identify(panda, toy_run(two_link, 1.0))
+
+
+# --- joint weights and task -------------------------------------------------------------------------
+
+
+def one_column(sigmas: list[float], rows: int = 50) -> Regression:
+    """Joint j measures 3 theta_0 with residuals of standard deviation sigmas[j]."""
+    factors = []
+    for joint, sigma in enumerate(sigmas):
+        triangle = np.array([[3.0 * np.sqrt(rows), 3.0 * np.sqrt(rows)], [0.0, sigma * np.sqrt(rows)]])
+        factors.append(Factor(joint, 0, np.array([0]), triangle, rows))
+    return Regression((Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors))
+
+
+def test_weights_make_the_residuals_of_all_joints_equal() -> None:
+    sigmas = [0.1, 1.0, 5.0]
+    regression = one_column(sigmas)
+    weights = joint_weights(regression, np.array([1.0]))
+    np.testing.assert_allclose(weights * sigmas, (weights * sigmas)[0], rtol=1e-9)
+    # Their scale keeps the meaning of the loss: the sum of squares over all joints stays.
+    assert np.sum((weights * sigmas) ** 2) == pytest.approx(np.sum(np.square(sigmas)))
+
+
+def test_rounding_does_not_decide_the_weights_of_exact_data() -> None:
+    weights = joint_weights(one_column([0.0, 1e-17, 1e-12]), np.array([1.0]))
+    np.testing.assert_allclose(weights, 1.0, rtol=1e-6)
+    silent = one_column([0.0])
+    silent = replace(silent, factors=(replace(silent.factors[0], triangle=np.zeros((2, 2))),))
+    np.testing.assert_array_equal(joint_weights(silent, np.array([1.0])), [1.0])
+
+
+def test_ols_is_the_minimiser_nearest_to_the_nominal_robot(task: Task) -> None:
+    gradient = task.data.gradient(task.ols)
+    scale = np.where(task.data.column_norms > 0.0, task.data.column_norms, 1.0)
+    assert np.abs(gradient / scale).max() < 1e-6 * np.sqrt(task.data.tau_squared)
+    unseen = task.data.column_norms == 0.0
+    assert unseen.any()
+    np.testing.assert_allclose(task.ols[unseen], task.nominal[unseen], atol=1e-9)
+
+
+def test_base_parameters_carry_friction_along(task: Task) -> None:
+    assert task.base.shape == (8 + 6, 26)
+    rebuilt = task.data.R @ np.linalg.pinv(task.base) @ task.base
+    np.testing.assert_allclose(rebuilt, task.data.R, atol=1e-8 * np.abs(task.data.R).max())
+    assert task.base_distance.loss(task.ols) == pytest.approx(0.0, abs=1e-12)
