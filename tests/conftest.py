@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+# Before NumPy is loaded: several workers, each with threads for small matrices, only hinder each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 
 from sdp_vs_penalty.measurements import Measurements, load_measurements
@@ -16,6 +19,11 @@ def real_data_folder() -> Path | None:
     named = os.environ.get("SDP_VS_PENALTY_DATA")
     folder = Path(named) if named else Path(__file__).parents[2] / "shared" / "data"
     return folder if folder.is_dir() else None
+
+
+# An installed package cannot know where this checkout is.
+if (found := real_data_folder()) is not None:
+    os.environ.setdefault("SDP_VS_PENALTY_DATA", str(found))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
