@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 import traceback
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__, cli_files, cli_paper, cli_shootout
+from sdp_vs_penalty import __version__, cli_diagnosis, cli_files, cli_paper, cli_shootout
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -139,7 +140,13 @@ def identify(
     start, stop = _window(window)
     with console.progress("reading the measurements") as progress:
         answers = load_answers(data, joints=robot.robot.n)
-        given = answers or load_measurements(*data, joints=robot.robot.n, start=start, stop=stop)
+        names = [joint.name for joint in robot.robot.joints]
+        given = answers or load_measurements(
+            *data, joints=robot.robot.n, start=start, stop=stop, names=names
+        )
+        if isinstance(given, Measurements):
+            progress("checking the measurements")
+            cli_files.warn(robot, given)
         begin = time.perf_counter()
         estimate = run_identification(
             robot, given, estimator, effects=effects, seed=seed, progress=progress
@@ -194,6 +201,7 @@ class Kind(StrEnum):
     methods = "methods"
     solvers = "solvers"
     datasets = "datasets"
+    engines = "engines"
 
 
 @app.command("list")
@@ -298,9 +306,15 @@ def expand_many(arguments: Sequence[str]) -> list[str]:
     return out
 
 
+cli_diagnosis.register(app)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: exit code 0, 2 for what the user can mend, 130 after Ctrl-C."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # Matrices here have a hundred columns: threads of the linear algebra cost more than they bring,
+    # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)
         if code == 130:  # what typer makes of Ctrl-C

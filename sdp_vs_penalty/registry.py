@@ -9,7 +9,7 @@ Listing = tuple[tuple[str, ...], Rows]
 
 
 def listing(kind: str) -> Listing:
-    """Headings and rows of problems, effects, methods, solvers or datasets; names come first."""
+    """Headings and rows of one kind of thing that can be chosen; names come first."""
     return _KINDS[kind]()
 
 
@@ -56,10 +56,21 @@ def _datasets() -> Listing:
     return ("name", "problem", "licence", "what it is"), rows
 
 
+def _engines() -> Listing:
+    from sdp_vs_penalty.engines import engine_types
+
+    rows: Rows = [
+        (name, kind.version() or "absent", kind.install, kind.formulation)
+        for name, kind in engine_types().items()
+    ]
+    return ("name", "version here", "installed by", "formulation"), rows
+
+
 _KINDS: dict[str, Callable[[], Listing]] = {
     "problems": _problems,
     "effects": _effects,
     "methods": _methods,
     "solvers": _solvers,
     "datasets": _datasets,
+    "engines": _engines,
 }
