@@ -218,4 +218,5 @@ def _log_cholesky() -> Contestant:
         return str(scipy.__version__)
 
     words = "log-Cholesky parametrisation and SLSQP (no SDP solver)"
-    return Contestant("log-cholesky", words, log_cholesky.solve, lambda _: None, version_of_scipy)
+    solve, applies = log_cholesky.solve, lambda _: None
+    return Contestant("log-cholesky", words, solve, applies, version_of_scipy, None, False, 1e-6)

@@ -22,7 +22,7 @@ from sdp_vs_penalty.shootout.judge import Answer
 
 Array = NDArray[np.float64]
 
-_RESTARTS = 5
+_RESTARTS = 3
 _LOWER = np.tril_indices(4)
 _DIAGONAL = _LOWER[0] == _LOWER[1]
 
@@ -67,7 +67,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
             jac=slope,
             method="SLSQP",
             constraints=demands,
-            options={"maxiter": 500, "ftol": 1e-2 * accuracy},
+            options={"maxiter": 300, "ftol": 1e-2 * accuracy},
         )
         steps += int(result.nit)
         message, success = str(result.message), bool(result.success)

@@ -76,7 +76,7 @@ def run(setup: Shootout, progress: Progress | None = None) -> Outcome:
     total = sum(len(task.accuracies) for task in tasks)
     groups = {e.name: e.group for e in entries}
     versions = {c.name: c.version() for c in contestants}
-    machine = f"{platform.node()} {platform.machine()} {platform.system()}"
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     done = 0
     say("runs", done, total)
     for task, rows in spread(perform, tasks, setup.scheduler, jobs, threads=True):
