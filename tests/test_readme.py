@@ -25,6 +25,7 @@ COMMANDS = [
     for line in text.splitlines()
     if line.startswith("sdp-vs-penalty ")
 ]
+TESTED_ELSEWHERE = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "convert"}
 ARM = """<robot name="my_arm">
   <link name="base"/><link name="column"/><link name="slider"/><link name="tool"/>
   <joint name="turn" type="continuous"><parent link="base"/><child link="column"/>
@@ -62,6 +63,11 @@ def test_constraints_pin_exact_versions_and_name_no_host() -> None:
     assert not re.search(r"://|--", "\n".join(lines))
 
 
+def test_every_verb_is_shown() -> None:
+    verbs = set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    assert {shlex.split(line)[1] for line in COMMANDS} >= verbs
+
+
 @pytest.mark.parametrize("line", COMMANDS)
 def test_commands_parse(line: str) -> None:
     """The command's own parser accepts every word, without running it."""
@@ -84,11 +90,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory, panda: Problem) -> Path:
 def test_commands_run_in_order(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All but those that take long (tables, figures) or need the network (fetch), tested elsewhere."""
+    """All but those that take long or need the network or another program's file."""
     monkeypatch.chdir(folder)
     for line in COMMANDS:
         words = shlex.split(line)[1:]
-        if words[0] in ("tables", "figures", "fetch"):
+        if words[0] in TESTED_ELSEWHERE:
             continue
         with pytest.raises(SystemExit) as stop:
             main(words)
@@ -106,3 +112,11 @@ def test_the_python_runs(
     runpy.run_path("example.py")
     assert "Certificate(" in capsys.readouterr().out
     assert (folder / "model.json").exists()
+
+
+def test_tables_equal_the_generated_ones() -> None:
+    tool = runpy.run_path(str(ROOT / "tools" / "update_readme.py"))
+    assert tool["with_results"](README, tool["headline"]()) == README
+    assert tool["with_results"](README, tool["headline"]() + "\nchanged") != README
+    for picture in re.findall(r"\]\((results/[^)]*)\)", README):
+        assert (ROOT / picture).is_file()
