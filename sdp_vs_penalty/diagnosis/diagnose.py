@@ -29,6 +29,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.noise import repeat_period
+from sdp_vs_penalty.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 
@@ -72,10 +73,17 @@ def diagnose(
     rows = diagnosis_rows(measurements, estimate, settings)
     stage = prepare(rows, estimate, frozen, seed, progress)
     progress("searching for what is missing")
-    picks = stage.search.run()
-    fit = stage.search.fit()
-    left, events = _remaining(fit, stage)
+    stage.search.run()
     progress("held-out errors")
+    return conclude(estimate, stage, test, settings)
+
+
+def conclude(
+    estimate: Estimate, stage: Stage, test: Measurements | None, settings: Preprocessing
+) -> Diagnosis:
+    """Verdict, findings and held-out errors of a search that has run."""
+    left, events = _remaining(stage.search.fit(), stage)
+    picks = stage.search.picks
     held_out = held_out_errors(estimate, stage, picks, test, settings)
     return _diagnosis(estimate, stage, picks, left, events, held_out)
 
@@ -190,7 +198,7 @@ def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
     left = remainder(fit, rows, noise)
     mask = np.zeros((M, n), bool)
     for j in range(n):
-        found = local_excess(white[:, j], pieces_of(rows, j), tests=n)
+        found = local_excess(white[:, j], pieces_of(rows, j), n, float(noise.degrees[j]))
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
     repeats = _repeating(mask, stage)

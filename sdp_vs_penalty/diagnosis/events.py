@@ -37,10 +37,11 @@ class Event:
         return {"joint": self.joint + 1, "t_start": self.t_start, "t_end": self.t_end}
 
 
-def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int) -> Mask:
+def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float) -> Mask:
     """(M,) rows inside windows whose energy noise of unit variance does not reach by chance.
 
-    pieces : index arrays of uninterrupted rows; tests : how many such series are searched in all.
+    pieces : index arrays of uninterrupted rows; tests : how many such series are searched in all;
+    degrees : of freedom behind the estimate of that unit variance.
     """
     mask = np.zeros(len(white), bool)
     count = max(sum(len(p) for p in pieces), 1) * len(_LENGTHS) * tests
@@ -49,7 +50,7 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int) -
         for length in _LENGTHS:
             if length > len(piece):
                 continue
-            limit = stats.chi2.isf(FALSE_EVENT / count, length)
+            limit = length * stats.f.isf(FALSE_EVENT / count, length, degrees)
             hits = np.flatnonzero(energy[length:] - energy[:-length] > limit)
             for first in hits:
                 mask[piece[first : first + length]] = True

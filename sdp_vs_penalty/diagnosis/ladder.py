@@ -263,17 +263,21 @@ class Search:
         What a free shape costs is in ``averaged``, the evidence averaged over the grid.
         """
         columns = self.white.columns(group).reshape(len(fit.residual), -1)
-        start = self._hypothesis(fit, key, group.effect, columns)
+        start = self.hypothesis(fit, key, group.effect, columns)
         best = self.tuned(fit, start)
         return replace(best, evidence=averaged + best.evidence - start.evidence)
 
-    def tuned(self, fit: Fit, start: Hypothesis) -> Hypothesis:
-        """The hypothesis with every continuous shape constant refined in turn."""
+    def tuned(self, fit: Fit, start: Hypothesis, fixed: frozenset[str] = frozenset()) -> Hypothesis:
+        """The hypothesis with every continuous shape constant refined in turn, but the fixed ones."""
         best = start
         for name in start.effect.shape_bounds:
-            if name in start.effect.shape and not (name == "T" and start.effect.shape["form"] % 2):
+            if (
+                name not in fixed
+                and name in start.effect.shape
+                and not (name == "T" and start.effect.shape["form"] % 2)
+            ):
                 best = self._refine_one(fit, best, name)
-        return self._hypothesis(fit, best.key, best.effect, best.columns)
+        return self.hypothesis(fit, best.key, best.effect, best.columns)
 
     def _refine_one(self, fit: Fit, start: Hypothesis, name: str) -> Hypothesis:
         low, high = start.effect.shape_bounds[name]
@@ -312,7 +316,7 @@ class Search:
         )
         return Hypothesis(key, effect, chi2, beta, 0.0, columns)
 
-    def _hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
+    def hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
         found = self._solve(fit, key, effect, columns)
         partialled = fit.partialled(fit.scaled(columns))
         return replace(found, evidence=self._evidence(fit, partialled, found.beta))
@@ -359,7 +363,7 @@ class Search:
             fit = self.fit(without=k, base=base)
             pick = self.picks[k]
             h = pick.hypothesis
-            chosen, rivals = self._hypothesis(fit, h.key, h.effect, h.columns), pick.rivals
+            chosen, rivals = self.hypothesis(fit, h.key, h.effect, h.columns), pick.rivals
             if k < len(self.picks) - 1 and len(np.intersect1d(newest, self._joints(fit, h))):
                 chosen, rivals = self._again(fit, scaled, k)
             gain = float(self.block_gains(fit, scaled, chosen).sum())
@@ -376,7 +380,7 @@ class Search:
         contenders = self.contenders(fit, scaled)
         self.picks = kept
         old = kept[k].hypothesis
-        own = self.tuned(fit, self._hypothesis(fit, old.key, old.effect, old.columns))
+        own = self.tuned(fit, self.hypothesis(fit, old.key, old.effect, old.columns))
         same = next((h for h in contenders if h.key == old.key), None)
         if same is not None:
             own = same if same.chi2 > own.chi2 else replace(own, evidence=same.evidence)

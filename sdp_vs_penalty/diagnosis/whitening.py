@@ -28,6 +28,8 @@ ORDER = 4
 _ALIKE = 0.01
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
+#: Independent values that a median of squares is worth, a value: its efficiency.
+_MEDIAN_WORTH = 0.37
 #: Events are rare: what fills more than this share of the differences is noise of another kind.
 _MOST_EVENTS = 0.15
 
@@ -179,7 +181,7 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
             trial = Noise(floor, ar, sigma, degrees, "repetition", suspect)
             white = trial.whiten(rest, j, pieces)
             white /= max(robust_scale(white[white != 0.0]), 1e-12)
-            good = ~local_excess(white, pieces, tests=n)
+            good = ~local_excess(white, pieces, n, _MEDIAN_WORTH * len(x))
             if good.mean() < 1.0 - _MOST_EVENTS:
                 good[:] = True  # noise that is not stationary, rather than an event
         rank = np.linalg.matrix_rank(drift[good])

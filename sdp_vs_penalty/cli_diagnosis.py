@@ -1,0 +1,211 @@
+"""The verbs around missing effects: diagnose, add, simulate, challenge."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sdp_vs_penalty.errors import InputError
+
+Data = Annotated[
+    list[Path],
+    typer.Option(
+        "--data", metavar="RUN.csv ...", help="Runs: .csv, .npz, or a folder of the authors' log."
+    ),
+]
+Test = Annotated[
+    Path | None, typer.Option("--test", metavar="TEST.csv", help="A run for the held-out error only.")
+]
+Window = Annotated[
+    str | None,
+    typer.Option(metavar="START:STOP", help="Part of each data run to use, in seconds from its start."),
+]
+TestWindow = Annotated[
+    str | None, typer.Option(metavar="START:STOP", help="Part of the test run to use, likewise.")
+]
+Frozen = Annotated[
+    bool, typer.Option("--frozen", help="Keep the model's parameters: the only way to see a payload.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Put the four verbs on the command line."""
+    for verb in (diagnose, add, simulate, challenge):
+        app.command()(verb)
+
+
+def diagnose(
+    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify.")],
+    data: Data,
+    test: Test = None,
+    frozen: Frozen = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="findings.json", help="Write the findings there.")
+    ] = None,
+    window: Window = None,
+    test_window: TestWindow = None,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Name the physical effects that a model misses.
+
+    Example: [cyan]sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.cli import _window
+    from sdp_vs_penalty.diagnosis import diagnose as run
+    from sdp_vs_penalty.diagnosis import printing
+    from sdp_vs_penalty.estimate import load_estimate
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.measurements import load_measurements
+
+    estimate = load_estimate(model)
+    start, stop = _window(window)
+    first, last = _window(test_window)
+    with console.progress("reading the measurements") as progress:
+        measurements = load_measurements(*data, start=start, stop=stop)
+        held_out = None if test is None else load_measurements(test, start=first, stop=last)
+        result = run(estimate, measurements, held_out, frozen=frozen, seed=seed, progress=progress)
+    printing.diagnosis(result, estimate.robot.torque_units)
+    if json_file is not None:
+        write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
+        console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+
+
+def add(
+    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify or add.")],
+    effect: Annotated[
+        str,
+        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Several: separated by commas."),
+    ],
+    data: Data,
+    out: Annotated[Path, typer.Option(metavar="model2.json", help="File to write the model to.")],
+    test: Test = None,
+    frozen: Frozen = False,
+    problem: Annotated[
+        str | None, typer.Option(help="Whose bounds hold; default: the model's own problem.")
+    ] = None,
+    window: Window = None,
+    test_window: TestWindow = None,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Add an effect to a model and identify it again, under all constraints.
+
+    Example: [cyan]sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.cli import _window
+    from sdp_vs_penalty.comparison import compare
+    from sdp_vs_penalty.diagnosis import add as run
+    from sdp_vs_penalty.diagnosis import printing
+    from sdp_vs_penalty.estimate import load_estimate
+    from sdp_vs_penalty.measurements import load_measurements
+    from sdp_vs_penalty.problem import load_problem
+
+    estimate = load_estimate(model)
+    start, stop = _window(window)
+    first, last = _window(test_window)
+    bounds = None if problem is None else load_problem(problem)
+    with console.progress("reading the measurements") as progress:
+        measurements = load_measurements(*data, start=start, stop=stop)
+        judge = measurements
+        if test is not None:
+            judge = load_measurements(test, start=first, stop=last)
+        bigger = run(
+            estimate,
+            effect,
+            measurements,
+            problem=bounds,
+            frozen=frozen,
+            seed=seed,
+            progress=progress,
+        )
+        bigger.save(out)
+        before, after = compare({"before": estimate, "after": bigger}, judge)
+    for e in bigger.model.effects[len(estimate.model.effects) :]:
+        console.out.print(f"added: {e.text}", markup=False)
+    what = "the training data" if test is None else str(test)
+    printing.before_after(before.rmse, after.rmse, after.noise_floor, estimate.robot.torque_units, what)
+    console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+
+
+def simulate(
+    problem: Annotated[str, typer.Argument(help="A built-in name, a folder, or a URDF file.")],
+    hide: Annotated[
+        list[str],
+        typer.Option("--hide", metavar="EFFECT[:joints]", help="The effect to hide; repeatable."),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for run1..3.csv, test.csv, truth.json.")
+    ],
+    level: Annotated[
+        str, typer.Option(help="strong, medium, weak, or the RMS over the raw noise.")
+    ] = "strong",
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Simulate runs in which an effect is hidden; truth.json says which.
+
+    Example: [cyan]sdp-vs-penalty simulate panda --hide stribeck_friction:3 --seed 7 --out DIR[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.effects import parse_effects
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.hidden_effects import LEVELS
+    from sdp_vs_penalty.hidden_runs import hidden_runs
+    from sdp_vs_penalty.measurements import save_csv
+    from sdp_vs_penalty.problem import load_problem
+
+    robot = load_problem(problem)
+    size: str | float = level
+    if level not in LEVELS:
+        try:
+            size = float(level)
+        except ValueError:
+            size = -1.0
+        if not 0.0 < float(size) < 1e6:
+            raise InputError(f"--level {level!r}: strong, medium, weak or a positive number is needed.")
+    effects = []
+    for effect in parse_effects(hide, robot.robot):
+        effects.append((effect.name, list(effect.asked_joints or ())))
+    made = hidden_runs(robot, effects, size, seed)
+    for name, run in zip(("run1", "run2", "run3", "test"), made.runs, strict=True):
+        save_csv(run, out / f"{name}.csv")
+    write_text(out / "truth.json", json.dumps(made.truth, indent=1) + "\n")
+    console.out.print(f"written: {out}/run1.csv run2.csv run3.csv test.csv truth.json", markup=False)
+    usual = ",".join(made.truth["model_effects"])
+    console.out.print(
+        f"next: sdp-vs-penalty identify {problem} --data {out}/run1.csv {out}/run2.csv {out}/run3.csv "
+        f"--effects {usual} --out model.json",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def challenge(
+    cases: Annotated[int, typer.Option(min=1, help="Cases of each class.")] = 20,
+    seed: Seed = 0,
+    problem: Annotated[str, typer.Option(help="The robot to simulate.")] = "panda",
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for challenge.*.")] = Path("results"),
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
+    only: Annotated[str | None, typer.Option(metavar="a,b", help="Only these classes.")] = None,
+    debug: Debug = False,
+) -> None:
+    """Score diagnose on simulated measurements with hidden effects.
+
+    Example: [cyan]sdp-vs-penalty challenge --cases 20 --seed 0[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.challenge import run_challenge
+
+    classes = None if only is None else only.split(",")
+    with console.progress("challenge") as progress:
+        written = run_challenge(problem, cases, seed, out, jobs, classes, progress)
+    for path in written:
+        print(path)
