@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from sdp_vs_penalty.check import Report
+    from sdp_vs_penalty.measurements import Measurements
+    from sdp_vs_penalty.problem import Problem
     from sdp_vs_penalty.urdf_check import LinkCheck
 
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
@@ -17,8 +20,171 @@ Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an e
 
 def register(app: typer.Typer) -> None:
     """Add this file's verbs to the command line."""
+    app.command("check")(check_runs)
+    app.command("convert")(convert_run)
     app.command("export")(export_model)
     app.command("check-urdf")(check_urdf_file)
+
+
+def check_runs(
+    data: Annotated[list[Path], typer.Argument(metavar="RUN.csv ...", help="The runs to check.")],
+    problem: Annotated[
+        str, typer.Option(help="A built-in name, a folder with a problem.toml, or a URDF file.")
+    ],
+    gravity: Annotated[
+        str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, m/s^2.")
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="out.json", help="Write the findings to this file.")
+    ] = None,
+    fix: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="fixed.csv",
+            help="Write a mended copy (a folder for several runs); data stay as they are.",
+        ),
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
+
+    Exit code 1 where to identify would be meaningless.
+    Example: [cyan]sdp-vs-penalty check run.csv --problem panda --fix mended.csv[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.check import check
+    from sdp_vs_penalty.errors import InputError
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.formats import save
+    from sdp_vs_penalty.measurements import read_run
+    from sdp_vs_penalty.problem import load_problem
+
+    robot = load_problem(problem, None if gravity is None else _vector("--gravity", gravity))
+    if fix is not None and len(data) > 1 and fix.suffix:
+        raise InputError(f"--fix {fix}: {len(data)} runs are given: name a folder for their copies.")
+    if fix is not None and any(path.resolve() == fix.resolve() for path in data):
+        raise InputError(f"--fix {fix}: this is the file that is checked: choose another name.")
+    reports = []
+    with console.progress("checking") as progress:
+        for path in data:
+            progress(path.name)
+            run = read_run(path, robot.robot.n, [j.name for j in robot.robot.joints])
+            reports += check(robot, run)
+    if json_file is not None:
+        content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
+        write_text(json_file, json.dumps(content, indent=1) + "\n")
+    for path, report in zip(data, reports, strict=True):
+        _show(report)
+        if fix is not None:
+            target = fix if len(data) == 1 else fix / f"{path.stem}.csv"
+            save(report.mended, target)
+            console.out.print(f"written: {target}", markup=False, soft_wrap=True)
+    if any(report.meaningless for report in reports):
+        raise typer.Exit(1)
+
+
+def warn(problem: Problem, measurements: Measurements) -> None:
+    """Before an identification: on stderr, in a line each, what would make it meaningless or worse."""
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.check import check
+
+    for report in check(problem, measurements, thorough=False):
+        for f in report.problems:
+            text = f"{f.severity}: {report.run}: {f.what} (`sdp-vs-penalty check` says more)"
+            console.err.print(text, markup=False, soft_wrap=True)
+
+
+def _show(report: Report) -> None:
+    from rich.markup import escape
+
+    from sdp_vs_penalty.console import out
+
+    colours = {"error": "red", "warning": "yellow", "note": "dim"}
+    if report.unexplained is None:
+        verdict = "nothing to identify from"
+    else:
+        verdict = (
+            f"the arm's dynamics leave {100.0 * report.unexplained**0.5:.2g} % of the torque unexplained"
+        )
+    out.print(f"[bold]{escape(report.run)}[/bold]: {len(report.problems)} problem(s); {verdict}")
+    for f in report.findings:
+        word = f"[{colours[f.severity]}]{f.severity}[/]"
+        out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
+        fixed = " (--fix does it)" if f.repair is not None else ""
+        for text in (f.what, f"How sure: {f.certainty}.", f"What to do: {f.remedy}{fixed}."):
+            out.print(f"    {escape(text)}", soft_wrap=True)
+
+
+def convert_run(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN", help=".csv .npz .parquet .mat .mcap .bag, or a ROS 2 bag's folder."
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="out.csv|.npz|.parquet|.mat", help="File to write; its suffix is the format."
+        ),
+    ],
+    problem: Annotated[
+        str | None, typer.Option(help="The robot whose joint names choose the joints of a ROS bag.")
+    ] = None,
+    joints: Annotated[
+        str | None, typer.Option(metavar="a,b,c", help="Joint names of a ROS bag, in the order wanted.")
+    ] = None,
+    topic: Annotated[
+        str | None, typer.Option(help="Of a ROS bag with several JointState topics.")
+    ] = None,
+    rename: Annotated[
+        str | None,
+        typer.Option(
+            metavar="t=time,q=qm", help="Which column or variable is t, q, dq, tau (or q1, q2 ...)."
+        ),
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
+
+    Example: [cyan]sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv[/cyan]
+    """
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.formats import save
+    from sdp_vs_penalty.measurements import read_run
+    from sdp_vs_penalty.problem import load_problem
+
+    names = joints.split(",") if joints else None
+    if problem is not None and names is None:
+        names = [joint.name for joint in load_problem(problem).robot.joints]
+    run = read_run(source, None, names, topic, _pairs("--rename", rename))
+    save(run, out)
+    velocity = "" if run.dq is None else ", velocities"
+    text = f"written: {out} ({len(run.t)} samples of {run.n} joint(s){velocity})"
+    console.out.print(text, markup=False, soft_wrap=True)
+
+
+def _vector(option: str, text: str) -> list[float]:
+    from sdp_vs_penalty.errors import InputError
+
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 3:
+        raise InputError(f"{option} {text!r}: 3 numbers separated by commas are needed.")
+    return values
+
+
+def _pairs(option: str, text: str | None) -> dict[str, str] | None:
+    from sdp_vs_penalty.errors import InputError
+
+    if text is None:
+        return None
+    pairs = [word.partition("=") for word in text.split(",")]
+    if not all(key and equals and value for key, equals, value in pairs):
+        raise InputError(f"{option} {text!r}: write OURS=THEIRS separated by commas, like t=time,q=qm.")
+    return {key.strip(): value.strip() for key, _, value in pairs}
 
 
 def export_model(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import re
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,30 +97,23 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
 
 
 def load_measurements(
-    *paths: str | Path, joints: int | None = None, start: float = 0.0, stop: float = np.inf
+    *paths: str | Path,
+    joints: int | None = None,
+    start: float = 0.0,
+    stop: float = np.inf,
+    names: Sequence[str] | None = None,
 ) -> Measurements:
-    """Read runs from .csv or .npz files, or folders in the authors' Panda format.
+    """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the authors' Panda format.
 
-    joints : the number of joints expected; start, stop : the window of each run to keep [s].
+    joints : the number of joints expected; start, stop : the window of each run to keep [s];
+    names : of the robot's joints, for formats that name theirs (ROS).
     Raises InputError naming file, row and column for whatever cannot be used.
     """
     if not paths:
         raise InputError("No measurement file is given: name at least one RUN.csv.")
     parts = []
     for path in map(Path, paths):
-        if path.is_dir():
-            part = _read_panda_folder(path)
-        elif not path.exists():
-            raise InputError(f"{path}: no such file.")
-        elif path.suffix == ".npz":
-            part = _read_npz(path)
-        else:
-            part = _read_csv(path)
-        if joints is not None and part.n != joints:
-            raise InputError(
-                f"{path}: the file has {part.n} joint(s), the robot has {joints}: "
-                "choose the problem that belongs to this file."
-            )
+        part = read_run(path, joints, names)
         _check(path, part)
         parts.append(part)
     whole = concatenate(parts)
@@ -130,6 +123,54 @@ def load_measurements(
             if len(run.t) < 2:
                 raise InputError(f"{run.names[0]}: no samples between {start:g} s and {stop:g} s.")
     return whole
+
+
+def read_run(
+    path: str | Path,
+    joints: int | None = None,
+    names: Sequence[str] | None = None,
+    topic: str | None = None,
+    rename: Mapping[str, str] | None = None,
+) -> Measurements:
+    """One file as it is: columns and shapes are checked, clock and numbers are not.
+
+    names, topic, rename : see :class:`sdp_vs_penalty.formats.Choice`.
+    """
+    from sdp_vs_penalty import formats
+
+    path = Path(path)
+    foreign = formats.reader_of(path) if path.exists() else None
+    if foreign is not None:
+        part = foreign(path, formats.Choice(names, topic, rename))
+    elif not path.exists():
+        raise InputError(f"{path}: no such file.")
+    elif topic is not None:
+        raise InputError(f"{path}: only ROS bags and MCAP files have topics.")
+    elif path.is_dir():
+        part = _read_panda_folder(path)
+    elif rename:
+        arrays = numeric_arrays(path) if path.suffix == ".npz" else _csv_columns(path)
+        part = formats.from_columns(path, arrays, rename)
+    elif path.suffix == ".npz":
+        part = _read_npz(path)
+    else:
+        part = _read_csv(path)
+    if joints is not None and part.n != joints:
+        raise InputError(
+            f"{path}: the file has {part.n} joint(s), the robot has {joints}: "
+            "choose the problem that belongs to this file."
+        )
+    return part
+
+
+def _csv_columns(path: Path) -> dict[str, Array]:
+    """All columns of a CSV file with a header of any names."""
+    lines = _lines(path)
+    header = [name.strip() for name in lines[0].split(",")]
+    if len(set(header)) != len(header):
+        raise InputError(f"{path}: row 1 names a column twice.")
+    rows = _numbers(path, lines[1:], len(header))
+    return {name: rows[:, k] for k, name in enumerate(header)}
 
 
 def save_csv(measurements: Measurements, path: str | Path) -> None:

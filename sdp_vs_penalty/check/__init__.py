@@ -1,0 +1,149 @@
+"""Are these measurements any good? Findings with what, where, how sure and what to do.
+
+:func:`check` is the verb. Checks run in the order in which their findings have to be mended (clock,
+units, signs and order, gravity, delay), each on data in which what was found before is mended, so
+that one mistake is reported once and does not hide the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sdp_vs_penalty.check import clock, dynamics, events, excitation, scale, signals
+from sdp_vs_penalty.check.finding import Finding
+from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import Preprocessing, _moving_joints, low_passed
+from sdp_vs_penalty.problem import Problem
+
+__all__ = ["Finding", "Report", "check"]
+
+#: Rows that the dynamics are judged on: enough for any arm, few enough to answer at once.
+_ROWS = 2000
+#: Band in which one-off events are looked for, in cut-offs of the states.
+_WIDER = 3.0
+
+
+@dataclass(frozen=True)
+class Report:
+    """findings : of one run, the gravest first; mended : the run with every safe repair made;
+    unexplained : share of the torques' energy that the arm's dynamics leave over, after mending.
+    """
+
+    run: str
+    findings: tuple[Finding, ...]
+    mended: Measurements
+    unexplained: float | None
+
+    @property
+    def meaningless(self) -> bool:
+        """Whether to identify from these data as they are would mean nothing."""
+        return any(f.severity == "error" for f in self.findings)
+
+    @property
+    def problems(self) -> tuple[Finding, ...]:
+        """Errors and warnings, without notes."""
+        return tuple(f for f in self.findings if f.severity != "note")
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "run": self.run,
+            "meaningless": self.meaningless,
+            "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained,
+            "findings": [f.to_dict() for f in self.findings],
+        }
+
+
+def check(
+    problem: Problem,
+    measurements: Measurements,
+    preprocessing: Preprocessing | None = None,
+    *,
+    thorough: bool = True,
+) -> list[Report]:
+    """One report a run. The measurements need not be usable: clock and numbers are checked as well.
+
+    thorough : also look for one-off events and at the excitation; without, only for what would make
+        an identification wrong (what `identify` does by itself).
+    Raises InputError where robot and measurements differ in their number of joints.
+    """
+    if measurements.n != problem.robot.n:
+        raise InputError(
+            f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "
+            f"{problem.robot.n}: choose the problem that belongs to the file."
+        )
+    settings = preprocessing or problem.preprocessing
+    return [_check_run(problem, run, settings, thorough) for run in measurements.runs()]
+
+
+def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:
+    work = _Work(problem, run, settings)
+    work.mend(clock.find(run))
+    unexplained = None
+    try:
+        unexplained = work.check_content(thorough)
+    except InputError as error:
+        sentence = str(error)
+        sure = "certain: the filters cannot be filled"
+        work.found.append(
+            Finding("too little data", "error", "the run", sentence, sure, "record a longer motion")
+        )
+    order = ("error", "warning", "note")
+    findings = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))
+    return Report(run.names[0], findings, work.run, unexplained)
+
+
+class _Work:
+    """One run on its way through the checks: mended as far as it has come."""
+
+    def __init__(self, problem: Problem, run: Measurements, settings: Preprocessing) -> None:
+        self.problem = problem
+        self.run = run
+        self.settings = settings
+        self.found: list[Finding] = []
+        self._physics: dict[tuple[int, Preprocessing, int], Physics] = {}
+
+    def mend(self, findings: Iterable[Finding]) -> None:
+        for finding in findings:
+            self.found.append(finding)
+            if finding.repair is not None:
+                self.run = finding.repair(self.run)
+
+    def physics(self, settings: Preprocessing) -> Physics:
+        """The test's data of the run as it is now; made again only after something was mended."""
+        key = (id(self.run), settings, id(self.problem))
+        if key not in self._physics:
+            motion, tau, rate = low_passed(self.run, settings, _ROWS)
+            model = self.problem.model()
+            made = Physics(model, motion, tau, rate, self.problem.nominal(model))
+            self._physics = {key: made}
+        return self._physics[key]
+
+    def check_content(self, thorough: bool) -> float | None:
+        """Everything behind the clock; returns what stays unexplained, None where nothing moves."""
+        if len(self.run.t) < 10:
+            raise InputError(f"{self.run.names[0]}: only {len(self.run.t)} row(s) are usable.")
+        moving = _moving_joints(self.run)
+        if not moving.any():
+            self.mend(signals.no_motion(self.run))
+            return None
+        settings = self.settings.resolve(self.run)
+        before = len(self.found)
+        self.mend(dynamics.find(self.physics(settings), moving))
+        for finding in self.found[before:]:
+            if finding.gravity is not None:
+                self.problem = self.problem.with_gravity(finding.gravity)
+        self.mend(signals.find(self.run, self.problem.robot, settings))
+        physics = self.physics(settings)
+        self.mend(scale.find(self.run, physics, self.problem))
+        self.mend(events.delay(self.run, physics))
+        if not thorough:
+            return physics.unexplained
+        # A knock is faster than the motion: looked for in a wider band.
+        wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
+        self.mend(excitation.find(self.problem, physics, moving))
+        self.mend(events.knock(self.physics(wider)))
+        return physics.unexplained

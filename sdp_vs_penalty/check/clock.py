@@ -1,0 +1,249 @@
+"""The clock column: numbers that are not there, repeats, steps back, steps forward, gaps, jitter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check.finding import Array, Finding
+from sdp_vs_penalty.measurements import Measurements
+
+#: A time step above this many medians is no jitter any more.
+_LONG = 5.0
+#: Stamps jitter for no reason if q is this many times rougher over them than over the row number.
+_ROUGHER = 3.0
+_ENOUGH = 50  # samples
+
+
+def find(run: Measurements) -> Iterator[Finding]:
+    """Problems of the clock and of missing numbers, in the order in which they must be mended."""
+    gaps = _missing(run)
+    if gaps is not None:
+        yield gaps
+        run = _rows(run, _finite(run))
+    if len(run.t) < 3:
+        return
+    for step in (_backwards, _repeats, _clock_step, _gap, _jitter):
+        finding = step(run)
+        if finding is not None:
+            yield finding
+            if finding.repair is not None:
+                run = finding.repair(run)
+
+
+def _finite(run: Measurements) -> NDArray[np.bool_]:
+    parts = [run.t[:, None], run.q, run.tau, *([] if run.dq is None else [run.dq])]
+    return np.all(np.isfinite(np.column_stack(parts)), axis=1)
+
+
+def _rows(run: Measurements, keep: NDArray[np.bool_]) -> Measurements:
+    dq = None if run.dq is None else run.dq[keep]
+    return replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=dq)
+
+
+def _row(index: int) -> int:
+    """Row number in the file: the header is row 1."""
+    return int(index) + 2
+
+
+def _missing(run: Measurements) -> Finding | None:
+    bad = np.flatnonzero(~_finite(run))
+    if not len(bad):
+        return None
+    return Finding(
+        "missing numbers",
+        "error",
+        f"row {_row(bad[0])}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        f"{len(bad)} row(s) hold something that is not a finite number.",
+        "certain: read from the file",
+        "leave those rows out",
+        lambda r: _rows(r, _finite(r)),
+        {"rows": [_row(k) for k in bad[:100]]},
+    )
+
+
+def _backwards(run: Measurements) -> Finding | None:
+    """Rows whose time lies before that of an earlier row."""
+    steps = np.diff(run.t)
+    bad = np.flatnonzero(steps < 0.0)
+    if not len(bad):
+        return None
+    typical = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    continuous = all(_continues(run, int(k)) for k in bad)
+    if continuous and typical > 0.0:
+        what = (
+            f"the clock is set back {len(bad)} time(s), by up to {-steps[bad].min():.3g} s, while the "
+            "motion goes on without a break."
+        )
+        remedy = "let time run on at the usual step there"
+    else:
+        what = f"time runs backwards {len(bad)} time(s), and the rows there do not continue the motion."
+        remedy = "leave out the rows that lie before one that was there already"
+    return Finding(
+        "time runs backwards",
+        "error",
+        f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        what,
+        "certain: read from the file",
+        remedy,
+        _run_on if continuous else _only_forward,
+        {"rows": [_row(k + 1) for k in bad[:100]], "largest_s": float(-steps[bad].min())},
+    )
+
+
+def _only_forward(run: Measurements) -> Measurements:
+    latest = np.maximum.accumulate(run.t)
+    keep = np.concatenate([[True], run.t[1:] > latest[:-1]])
+    return _rows(run, keep)
+
+
+def _run_on(run: Measurements) -> Measurements:
+    """Steps back replaced by the median step."""
+    steps = np.diff(run.t)
+    steps = np.where(steps < 0.0, np.median(steps[steps > 0.0]), steps)
+    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def _repeats(run: Measurements) -> Finding | None:
+    bad = np.flatnonzero(np.diff(run.t) == 0.0)
+    if not len(bad):
+        return None
+    same = all(np.array_equal(run.q[k], run.q[k + 1]) for k in bad)
+    kind = "are copies of the row before" if same else "differ from the row before with the same time"
+    return Finding(
+        "repeated time",
+        "error",
+        f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        f"{len(bad)} row(s) repeat a time; their values {kind}.",
+        "certain: read from the file",
+        "keep the first of each",
+        lambda r: _rows(r, np.concatenate([[True], np.diff(r.t) != 0.0])),
+        {"rows": [_row(k + 1) for k in bad[:100]]},
+    )
+
+
+def _continues(run: Measurements, k: int) -> bool:
+    """Whether q moves from row k to k + 1 as in one ordinary step of time, not as in none or many."""
+    around = slice(max(k - 5, 0), k + 7)
+    moves = np.abs(np.diff(run.q[around], axis=0))
+    here = np.abs(run.q[k + 1] - run.q[k])
+    usual = np.median(moves, axis=0)
+    return bool(np.all(here <= 5.0 * usual + 1e-3 * np.ptp(run.q, axis=0)))
+
+
+def _long_steps(run: Measurements) -> tuple[NDArray[np.intp], float]:
+    steps = np.diff(run.t)
+    typical = float(np.median(steps))
+    return np.flatnonzero(steps > max(_LONG * typical, 0.02)), typical
+
+
+def _speed(run: Measurements, k: int, width: int = 20) -> Array:
+    """(n,) speed around row k without the step itself."""
+    before, after = max(k - width, 0), min(k + 1 + width, len(run.t) - 1)
+    parts = []
+    for a, b in ((before, k), (k + 1, after)):
+        if run.t[b] > run.t[a]:
+            parts.append((run.q[b] - run.q[a]) / (run.t[b] - run.t[a]))
+    return np.asarray(np.mean(parts, axis=0) if parts else np.zeros(run.n), float)
+
+
+def _expected_travel(run: Measurements, k: int) -> tuple[float, float]:
+    """Travel in a long step: found, and expected if time really passed, in shares of the range."""
+    size = np.maximum(np.ptp(run.q, axis=0), 1e-12)
+    here = (run.q[k + 1] - run.q[k]) / size
+    expected = _speed(run, k) * (run.t[k + 1] - run.t[k]) / size
+    return float(np.linalg.norm(here)), float(np.linalg.norm(expected))
+
+
+def _clock_step(run: Measurements) -> Finding | None:
+    """The clock jumps ahead, the arm does not: stamps are wrong, no sample is missing."""
+    long, typical = _long_steps(run)
+    jumps = []
+    for k in long:
+        here, expected = _expected_travel(run, int(k))
+        ordinary = expected * typical / (run.t[k + 1] - run.t[k])
+        if expected > 10.0 * ordinary and expected > 1e-3 and here < 0.2 * expected:
+            jumps.append(int(k))
+    if not jumps:
+        return None
+    steps = np.diff(run.t)[jumps]
+
+    def repair(given: Measurements) -> Measurements:
+        new = np.diff(given.t)
+        new[jumps] = typical
+        return replace(given, t=given.t[0] + np.concatenate([[0.0], np.cumsum(new)]))
+
+    return Finding(
+        "clock step",
+        "warning",
+        f"row {_row(jumps[0] + 1)} (t = {run.t[jumps[0]]:.4g} s)"
+        + (f" and {len(jumps) - 1} more" if len(jumps) > 1 else ""),
+        f"the clock jumps ahead by up to {steps.max():.3g} s while the arm, in motion, stays where it "
+        "was: the clock was set, no sample is missing.",
+        "likely: the distance travelled is that of one ordinary step",
+        "let time run on at the usual step there",
+        repair,
+        {"rows": [_row(k + 1) for k in jumps], "seconds": steps.tolist()},
+    )
+
+
+def _gap(run: Measurements) -> Finding | None:
+    long, typical = _long_steps(run)
+    if not len(long):
+        return None
+    steps = np.diff(run.t)[long]
+    return Finding(
+        "gap in time",
+        "warning",
+        f"row {_row(long[0] + 1)} (t = {run.t[long[0]]:.4g} s)"
+        + (f" and {len(long) - 1} more" if len(long) > 1 else ""),
+        f"{len(long)} gap(s) of up to {steps.max():.3g} s (the usual step is {typical:.3g} s); in all "
+        f"{steps.sum():.3g} s are missing.",
+        "certain: read from the file",
+        "nothing has to be done: the run is split there, and filters lose a second on either side",
+        None,
+        {"rows": [_row(k + 1) for k in long[:100]], "seconds": steps[:100].tolist()},
+    )
+
+
+def _jitter(run: Measurements) -> Finding | None:
+    """Stamps that jitter although the samples were taken evenly: q is smoother over the row number."""
+    steps = np.diff(run.t)
+    typical = float(np.median(steps))
+    even = np.all(np.stack([steps[1:], steps[:-1]]) < _LONG * typical, axis=0)
+    spread = float(np.std(steps[steps < _LONG * typical])) / typical
+    moving = np.ptp(run.q, axis=0) > 0.0
+    if spread < 0.02 or not moving.any() or np.count_nonzero(even) < _ENOUGH:
+        return None
+    share = (steps[:-1] / (run.t[2:] - run.t[:-2]))[:, None]
+    over_time = run.q[1:-1] - (run.q[:-2] * (1.0 - share) + run.q[2:] * share)
+    over_rows = run.q[1:-1] - 0.5 * (run.q[:-2] + run.q[2:])
+    rough_time, rough_rows = (np.sqrt(np.mean(x[even] ** 2, axis=0)) for x in (over_time, over_rows))
+    ratio = float(np.median((rough_time / np.maximum(rough_rows, 1e-300))[moving]))
+    if ratio < _ROUGHER:
+        return None
+    return Finding(
+        "jittered time stamps",
+        "warning",
+        "column t",
+        f"the time steps vary by {100.0 * spread:.0f} %, yet the positions run {ratio:.0f} times "
+        "smoother over the row number than over these times: the samples are even, the stamps are not.",
+        "likely: a motion that jittered itself would be smoother over its own times",
+        f"give the rows even times, {typical:.6g} s apart",
+        _even_times,
+        {"jitter_percent": 100.0 * spread, "roughness_ratio": ratio},
+    )
+
+
+def _even_times(run: Measurements) -> Measurements:
+    """Evenly spread stamps between the long steps."""
+    t = run.t.copy()
+    steps = np.diff(t)
+    ends = np.flatnonzero(steps > _LONG * np.median(steps)) + 1
+    for part in np.split(np.arange(len(t)), ends):
+        if len(part) > 1:
+            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
+    return replace(run, t=t)

@@ -1,0 +1,83 @@
+"""What this motion cannot show, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import uncertainty
+from sdp_vs_penalty.check.finding import Finding, joints_text
+from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import Factor, Regression, TimeBlock, triangular
+
+_BLOCKS = 20
+#: Up to this share of unseen base parameters is what an ordinary motion of a good arm leaves.
+_FEW = 0.1
+#: Names written out before "and so many more".
+_NAMED = 8
+
+
+def find(problem: Problem, physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Finding]:
+    """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
+    known = uncertainty.of_regression(problem, physics.model, regression_of(physics), draws=100)
+    count = uncertainty.counts(known.base)
+    total = len(known.base)
+    dark = [i.name.split(" ")[0] for i in known.base if i.verdict == uncertainty.NOT_SEEN]
+    figures = {"base_parameters": total, **count, "names": dark}
+    if not dark:
+        yield Finding(
+            "excitation",
+            "note",
+            "the motion",
+            f"of {total} base parameters {count['identifiable']} are identifiable and {count['weakly']} "
+            "weakly; none stays in the dark.",
+            "likely: by a block bootstrap of this run",
+            "nothing has to be done",
+            None,
+            figures,
+        )
+        return
+    by_joint: dict[int, list[str]] = {}
+    joint_of = {p.name: p.joint for p in physics.model.parameters}
+    for name in dark:
+        by_joint.setdefault(joint_of[name], []).append(name)
+    travel = np.ptp(physics.motion.q, axis=0)
+    units = physics.model.robot.position_units
+    texts = []
+    for joint, names in sorted(by_joint.items()):
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        what = f"{', '.join(names[:_NAMED])}{more}"
+        moves = f" (it moves over {travel[joint - 1]:.2g} {units[joint - 1]})" if joint else ""
+        texts.append(f"of joint {joint}{moves}: {what}" if joint else f"of the robot: {what}")
+    joints = sorted(j - 1 for j in by_joint if j)
+    yield Finding(
+        "poor excitation",
+        "warning" if len(dark) > _FEW * total else "note",
+        joints_text(joints) if joints else "the robot",
+        f"{len(dark)} of {total} base parameters cannot be seen in this motion, {'; '.join(texts)}.",
+        "likely: by a block bootstrap of this run",
+        "move these joints farther and faster and not in step with each other, or add runs that do",
+        None,
+        figures,
+    )
+
+
+def regression_of(physics: Physics) -> Regression:
+    """The rows of the test, compressed."""
+    t = physics.motion.t
+    edges = np.linspace(0, len(t), min(_BLOCKS, max(len(t) // 10, 1)) + 1).astype(int).tolist()
+    blocks, factors = [], []
+    for b, (start, stop) in enumerate(pairwise(edges)):
+        rows = slice(start, stop)
+        for j, columns in enumerate(physics.columns):
+            used = np.flatnonzero(np.any(columns != 0.0, axis=0))
+            stack = np.column_stack([columns[rows][:, used], physics.channels[rows, j]])
+            factors.append(Factor(j, b, used, triangular([stack]), stop - start))
+        blocks.append(TimeBlock(0, float(t[start]), float(t[stop - 1])))
+    return Regression(
+        physics.model.parameters, physics.n, tuple(blocks), tuple(factors), oversampling=OVERSAMPLING
+    )

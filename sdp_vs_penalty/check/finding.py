@@ -1,0 +1,59 @@
+"""What the data check says: one finding a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.measurements import Measurements
+
+Array = NDArray[np.float64]
+
+#: Repairs one run; the finding's ``remedy`` says in words what it does.
+Repair = Callable[[Measurements], Measurements]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """kind : what is wrong, in two or three words; where : joints, channels, rows or instants.
+
+    severity : "error" (identification would be meaningless), "warning" (it would be worse than it
+        need be) or "note" (a fact worth knowing).
+    what, remedy : one sentence each. certainty : "certain", "likely" or "possible", and why.
+    repair : where mending is safe, how; figures : the numbers behind it.
+    gravity : where gravity points instead [m/s^2], for a finding about it.
+    """
+
+    kind: str
+    severity: str
+    where: str
+    what: str
+    certainty: str
+    remedy: str
+    repair: Repair | None = None
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    gravity: tuple[float, float, float] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            "severity": self.severity,
+            "where": self.where,
+            "what": self.what,
+            "certainty": self.certainty,
+            "remedy": self.remedy,
+            "can_fix": self.repair is not None,
+            "figures": dict(self.figures),
+        }
+
+
+def joints_text(joints: Any) -> str:
+    """ "joint 4", "joints 2 and 5", "joints 1, 2 and 3" from indices that count from 0."""
+    numbers = [str(int(j) + 1) for j in joints]
+    if len(numbers) == 1:
+        return f"joint {numbers[0]}"
+    return f"joints {', '.join(numbers[:-1])} and {numbers[-1]}"

@@ -1,0 +1,289 @@
+"""Does the arm's own dynamics explain the torque as it was recorded, or better otherwise?
+
+A few hundred rows of a run are enough to tell a flipped sign from a right one. Rigid body, friction
+and offset make up columns Y_j of joint j's torque at the low-passed motion; the torque channels of
+the file are C. Every hypothesis says which columns and which channel belong together, and is
+judged by the share of the torque's energy that is left over,
+
+    E = min over theta of sum_j |Y_j theta - s_j C_k(j)|^2 / |C_k(j)|^2 / n,
+
+all joints sharing one theta: that couples them, so that E knows a channel's sign and place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment, minimize
+
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.robot import Robot
+
+Array = NDArray[np.float64]
+
+#: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
+_RIDGE = 1e-9
+#: Filtered rows that repeat each other count once: rows per independent sample.
+OVERSAMPLING = 4.0
+
+
+@dataclass(frozen=True)
+class Physics:
+    """One run's low-passed motion and torque channels (M, n), and the model that should explain them.
+
+    rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm.
+    """
+
+    model: Model
+    motion: Motion
+    channels: Array
+    rate: Array
+    nominal: Array
+
+    @property
+    def n(self) -> int:
+        return self.model.robot.n
+
+    @cached_property
+    def energy(self) -> Array:
+        """(n,) mean square of each channel, at least a trace of the largest."""
+        energy = np.mean(self.channels**2, axis=0)
+        return np.maximum(energy, 1e-12 * max(float(energy.max(initial=0.0)), 1e-300))
+
+    @cached_property
+    def columns(self) -> list[Array]:
+        """Per joint the columns (M, p) of all parameters, zero where they do not act on it."""
+        return wide_columns(self.model, self.motion)
+
+    def part(self, rows: slice | NDArray[np.intp]) -> Physics:
+        """The same on some of the rows."""
+        m = self.motion
+        motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
+        return replace(self, motion=motion, channels=self.channels[rows], rate=self.rate[rows])
+
+    def with_motion(self, scale: Array, order: NDArray[np.intp]) -> Physics:
+        """The hypothesis that joint j's position is scale_j times the file's channel order_j."""
+        m = self.motion
+        q, dq, ddq = (scale * x[:, order] for x in (m.q, m.dq, m.ddq))
+        return replace(self, motion=Motion(m.t, q, dq, ddq))
+
+    def with_channels(self, scale: Array, order: NDArray[np.intp]) -> Physics:
+        """The hypothesis that joint j's torque is scale_j times the file's channel order_j."""
+        channels, rate = (scale * x[:, order] for x in (self.channels, self.rate))
+        return replace(self, channels=channels, rate=rate)
+
+    def with_gravity(self, gravity: Sequence[float]) -> Physics:
+        """The hypothesis that gravity is this vector in the base frame."""
+        return replace(self, model=_with_gravity(self.model, gravity))
+
+    def agreement_with_weight(self) -> float:
+        """Correlation, over all joints, of the torque with that of the nominal arm at rest."""
+        rest = np.zeros_like(self.motion.q)
+        still = wide_columns(self.model, Motion(self.motion.t, self.motion.q, rest, rest))
+        weight = np.column_stack([columns @ self.nominal for columns in still])
+        size = float(np.linalg.norm(weight) * np.linalg.norm(self.channels))
+        return float(np.sum(weight * self.channels)) / size if size > 0.0 else 0.0
+
+    def with_delay(self, seconds: float) -> Physics:
+        """The hypothesis that the torques were logged so much later than the positions."""
+        t = self.motion.t
+        keep = (t + seconds >= t[0]) & (t + seconds <= t[-1])
+        rows = np.flatnonzero(keep)
+        channels, rate = (
+            np.column_stack([np.interp(t[rows] + seconds, t, x) for x in values.T])
+            for values in (self.channels, self.rate)
+        )
+        return replace(self.part(rows), channels=channels, rate=rate)
+
+    @cached_property
+    def alone(self) -> Array:
+        """(n, n) share of channel k left over by joint j's columns alone, theta free for each pair."""
+        out = np.ones((self.n, self.n))
+        for j, columns in enumerate(self.columns):
+            gram, cross = columns.T @ columns, columns.T @ self.channels
+            explained = np.sum(cross * solve(gram, cross), axis=0)
+            out[j] = 1.0 - explained / (len(columns) * self.energy)
+        return np.clip(out, 1e-12, 1.0)
+
+    @cached_property
+    def form(self) -> Array:
+        """(n, n) matrix Q with E = s^T Q s for gains (or signs) s of the channels."""
+        weights = 1.0 / (len(self.channels) * self.energy * self.n)
+        gram = sum(w * c.T @ c for w, c in zip(weights, self.columns, strict=True))
+        cross = np.column_stack(
+            [w * c.T @ y for w, c, y in zip(weights, self.columns, self.channels.T, strict=True)]
+        )
+        return np.asarray(np.eye(self.n) / self.n - cross.T @ solve(gram, cross), float)
+
+    @property
+    def unexplained(self) -> float:
+        """E of the data as they are."""
+        return max(float(self.form.sum()), 1e-12)
+
+    def unexplained_of(self, joints: NDArray[np.bool_]) -> float:
+        """The same of some joints only."""
+        chosen = joints.astype(float)
+        return max(float(chosen @ self.form @ chosen) * self.n / max(float(chosen.sum()), 1.0), 1e-12)
+
+    @cached_property
+    def dissipation(self) -> tuple[Array, Array]:
+        """Mean power [W] that each joint's friction takes out of the motion, and its standard deviation.
+
+        From each joint fitted alone. Friction never drives: a power well below zero is a flipped sign.
+        """
+        friction = [
+            k for k, p in enumerate(self.model.parameters) if "friction" in p.effect and p.lower == 0.0
+        ]
+        power, deviation = np.zeros(self.n), np.full(self.n, np.inf)
+        for j, columns in enumerate(self.columns):
+            own = [k for k in friction if np.any(columns[:, k])]
+            if not own:
+                continue
+            gram, y = columns.T @ columns, self.channels[:, j]
+            # d power / d theta: what a unit of each coefficient dissipates in the mean.
+            slope = np.zeros(columns.shape[1])
+            slope[own] = columns[:, own].T @ self.motion.dq[:, j] / len(y)
+            influence = solve(gram, slope[:, None])[:, 0]
+            theta = solve(gram, (columns.T @ y)[:, None])[:, 0]
+            residual = y - columns @ theta
+            samples = max(len(y) / OVERSAMPLING, 1.0)
+            variance = float(residual @ residual) / len(y) * OVERSAMPLING
+            power[j] = slope @ theta
+            # A floor of what model error does, beside the noise: one part in a thousand of the power.
+            floor = 1e-3 * np.sqrt(np.mean(y**2) * np.mean(self.motion.dq[:, j] ** 2) / samples)
+            deviation[j] = np.hypot(np.sqrt(max(variance * float(slope @ influence), 0.0)), floor)
+        return power, deviation
+
+    @cached_property
+    def inertia(self) -> Array:
+        """(n,) significance z_j: with signs s of the channels, s^T z standard deviations above zero is
+
+        the mean of ddq^T M(q) ddq of the fitted arm. Inertia is positive: far below zero means that
+        all signs are turned.
+        """
+        weights = 1.0 / (len(self.channels) * self.energy * self.n)
+        rest = np.zeros_like(self.motion.q)
+        weightless = _with_gravity(self.model, (0.0, 0.0, 0.0))
+        m = self.motion
+        pushed = wide_columns(weightless, Motion(m.t, m.q, rest, m.ddq))
+        rigid = np.zeros(len(self.model.parameters))
+        rigid[self.model.rigid_indices] = 1.0
+        gram = sum(w * c.T @ c for w, c in zip(weights, self.columns, strict=True))
+        slope = rigid * sum(c.T @ a for c, a in zip(pushed, m.ddq.T, strict=True)) / len(m.t)
+        influence = solve(np.asarray(gram, float), slope[:, None])[:, 0]
+        power = np.array(
+            [
+                influence @ (w * c.T @ y)
+                for w, c, y in zip(weights, self.columns, self.channels.T, strict=True)
+            ]
+        )
+        variance = self.unexplained / (len(self.channels) * self.n) * OVERSAMPLING
+        deviation = np.sqrt(max(variance * float(slope @ influence), 1e-300))
+        return np.asarray(power / deviation, float)
+
+    def best_signs(self) -> tuple[Array, float]:
+        """The signs (n,) of the channels that the coupling between joints prefers, and their E.
+
+        Each set of signs has an opposite with the same E; the sum of the dissipated powers chooses.
+        """
+        n = self.n
+        if n <= 12:
+            signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=n - 1)])
+        else:  # one joint at a time
+            signs = np.vstack([np.ones(n), 1.0 - 2.0 * np.eye(n)])
+        loss = np.einsum("ka,ab,kb->k", signs, self.form, signs)
+        best = int(np.argmin(loss))
+        return signs[best], max(float(loss[best]), 1e-12)
+
+    def best_order(self) -> NDArray[np.intp]:
+        """For each joint the channel that its columns alone explain best, all channels given out."""
+        _, order = linear_sum_assignment(np.log(self.alone))
+        return np.asarray(order, np.intp)
+
+
+@dataclass(frozen=True)
+class FreeGravity:
+    """The same test with the direction of gravity free: columns are linear in the vector g."""
+
+    physics: Physics
+
+    @cached_property
+    def _gram(self) -> tuple[Array, Array]:
+        """Gram matrix and cross products of [Y at g = 0, dY/dgx, dY/dgy, dY/dgz], joints weighted."""
+        physics = self.physics
+        robot = physics.model.robot
+        fixed = wide_columns(_with_gravity(physics.model, (0.0, 0.0, 0.0)), physics.motion)
+        parts = [fixed]
+        for axis in range(3):
+            unit = np.eye(3)[axis]
+            pulled = wide_columns(_with_gravity(physics.model, tuple(unit)), physics.motion)
+            parts.append([a - b for a, b in zip(pulled, fixed, strict=True)])
+        p = fixed[0].shape[1]
+        gram, cross = np.zeros((4 * p, 4 * p)), np.zeros(4 * p)
+        weights = 1.0 / (len(physics.channels) * physics.energy * robot.n)
+        for j in range(robot.n):
+            stack = np.hstack([part[j] for part in parts])
+            gram += weights[j] * stack.T @ stack
+            cross += weights[j] * stack.T @ physics.channels[:, j]
+        return gram, cross
+
+    def unexplained(self, gravity: Array) -> float:
+        """E with this gravity vector [m/s^2]."""
+        gram, cross = self._gram
+        p = len(cross) // 4
+        mix = np.vstack([np.eye(p), *(g * np.eye(p) for g in gravity)])
+        b = mix.T @ cross
+        return max(1.0 - float(b @ solve(mix.T @ gram @ mix, b[:, None])[:, 0]), 1e-12)
+
+    def best(self) -> tuple[Array, float]:
+        """The direction of gravity (unit vector) that explains the torque best, and its E."""
+        size = np.linalg.norm(self.physics.model.robot.gravity)
+        grid = [np.array(d, float) for d in product((-1, 0, 1), repeat=3) if any(d)]
+        grid = [d / np.linalg.norm(d) for d in grid]
+        start = min(grid, key=lambda d: self.unexplained(size * d))
+        across = np.linalg.svd(start[None, :])[2][1:]
+
+        def direction(x: Array) -> Array:
+            d = start + x @ across
+            return np.asarray(d / np.linalg.norm(d), float)
+
+        found = minimize(
+            lambda x: np.log(self.unexplained(size * direction(x))), np.zeros(2), method="Nelder-Mead",
+            options={"xatol": 1e-3, "fatol": 1e-4, "initial_simplex": [[0, 0], [0.2, 0], [0, 0.2]]},
+        )  # fmt: skip
+        return direction(found.x), float(np.exp(found.fun))
+
+
+def wide_columns(model: Model, motion: Motion) -> list[Array]:
+    """Per joint (M, p) the columns of all parameters."""
+    out = []
+    for block in model.columns(motion):
+        wide = np.zeros((len(motion.t), len(model.parameters)))
+        wide[:, block.indices] = block.columns
+        out.append(wide)
+    return out
+
+
+def _with_gravity(model: Model, gravity: Sequence[float]) -> Model:
+    x, y, z = (float(g) for g in gravity)
+    robot: Robot = replace(model.robot, gravity=(x, y, z))
+    return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
+
+
+def solve(gram: Array, right: Array) -> Array:
+    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there."""
+    norms = np.sqrt(np.diagonal(gram))
+    seen = norms > 1e-9 * norms.max(initial=0.0)
+    out = np.zeros_like(right)
+    if seen.any():
+        scale = norms[seen]
+        unit = gram[np.ix_(seen, seen)] / np.outer(scale, scale)
+        unit[np.diag_indices_from(unit)] += _RIDGE
+        out[seen] = np.linalg.solve(unit, right[seen] / scale[:, None]) / scale[:, None]
+    return out

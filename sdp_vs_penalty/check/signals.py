@@ -1,0 +1,255 @@
+"""Channels one by one: saturation, quantisation, stand-still, sample rate, measured velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check.finding import Array, Finding, Repair, joints_text
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import (
+    Preprocessing,
+    _highest_harmonic,
+    _Movement,
+    _moving_joints,
+    low_passed,
+)
+from sdp_vs_penalty.robot import Robot
+
+#: Noise of quantisation above this share of the signal is worth a warning.
+_COARSE = 0.05
+#: A clipped channel stays at its extreme this many times longer than it is constant anywhere else.
+_STUCK = 3.0
+_SHORTEST_CLIP = 10  # samples
+
+
+def find(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Finding]:
+    """Problems of single channels; ``settings`` resolved."""
+    yield from _stand_still(run, settings)
+    yield from velocity(run, robot, settings)
+    yield from _saturation(run, robot)
+    yield from _quantisation(run, robot, settings)
+    yield from _sample_rate(run, settings)
+
+
+def no_motion(run: Measurements) -> Iterator[Finding]:
+    """For a run in which no joint moves."""
+    yield Finding(
+        "no motion",
+        "error",
+        "all joints",
+        "no joint moves: nothing but friction at rest and weight in one pose is in these data.",
+        "certain: the positions change by noise only",
+        "record a motion of all joints",
+    )
+
+
+def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
+    idle = ~_moving_joints(run)
+    if idle.any():
+        yield Finding(
+            "idle joints",
+            "warning",
+            joints_text(np.flatnonzero(idle)),
+            f"{joints_text(np.flatnonzero(idle))} never move(s): friction and inertia about that axis "
+            "cannot be seen, and the torque sensor there shows stiction.",
+            "certain: the positions change by noise only",
+            "move every joint, or add a run that does",
+            None,
+            {"joints": (np.flatnonzero(idle) + 1).tolist()},
+        )
+    at_rest = 1.0 - float(_Movement(run, settings.standstill).moves.mean())
+    if at_rest > 0.01:
+        seconds = at_rest * (run.t[-1] - run.t[0])
+        most = at_rest > 0.5
+        yield Finding(
+            "stand-still",
+            "warning" if most else "note",
+            f"{100.0 * at_rest:.0f} % of the run",
+            f"the arm stands still for {seconds:.3g} s in all; these rows are not used.",
+            "certain: no joint moves for half a second",
+            "cut them off, or record a longer motion" if most else "nothing has to be done",
+            None,
+            {"share": at_rest, "seconds": seconds},
+        )
+
+
+def _longest(flags: NDArray[np.bool_]) -> tuple[int, int]:
+    """Length and start of the longest run of True."""
+    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not len(starts):
+        return 0, 0
+    k = int(np.argmax(ends - starts))
+    return int(ends[k] - starts[k]), int(starts[k])
+
+
+def _saturation(run: Measurements, robot: Robot) -> Iterator[Finding]:
+    """A torque that stays exactly at its largest value while it is never constant elsewhere."""
+    for j, tau in enumerate(run.tau.T):
+        if np.ptp(tau) == 0.0:
+            yield Finding(
+                "dead channel",
+                "error",
+                f"tau{j + 1}",
+                f"tau{j + 1} is {tau[0]:g} {robot.torque_units[j]} in every row.",
+                "certain: read from the file",
+                "find out why the logger wrote a constant",
+                None,
+                {"joint": j + 1, "value": float(tau[0])},
+            )
+            continue
+        inner = (tau > tau.min()) & (tau < tau.max())
+        elsewhere, _ = _longest((np.diff(tau) == 0.0) & inner[1:])
+        needed = max(_STUCK * (elsewhere + 1), _SHORTEST_CLIP)
+        for side, limit in (("largest", tau.max()), ("smallest", tau.min())):
+            length, start = _longest(tau == limit)
+            if length < needed:
+                continue
+            count = int(np.sum(tau == limit))
+            yield Finding(
+                "saturation",
+                "warning",
+                f"tau{j + 1}, rows {start + 2} to {start + 1 + length}"
+                + (f" and {count - length} more rows" if count > length else ""),
+                f"tau{j + 1} is stuck at its {side} value, {limit:.6g} {robot.torque_units[j]}, for up "
+                f"to {length} samples on end ({count} in all): the channel is clipped.",
+                f"likely: elsewhere it is never constant for more than {elsewhere + 1} samples",
+                "record again with a larger range, or slower; cut those rows out until then",
+                None,
+                {"joint": j + 1, "limit": float(limit), "samples": count},
+            )
+
+
+def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Finding]:
+    """Noise from rounding, in the band that identification uses, beside the signal itself."""
+    assert settings.state_cutoff is not None
+    cutoff, dt = settings.state_cutoff, float(np.median(np.diff(run.t)))
+    motion, tau, _ = low_passed(run, settings, 500)
+    for name, values, signal in (("q", run.q, motion.ddq), ("tau", run.tau, tau)):
+        for j in np.flatnonzero(_moving_joints(run)):
+            step = lattice_step(values[:, j])
+            size = float(np.std(signal[:, j]))
+            if step == 0.0 or size == 0.0:
+                continue
+            # Rounding errors renew themselves when the level changes; of their power the part
+            # below the cut-off stays, and a second derivative weighs it with (2 pi f)^4.
+            changes = max(int(np.count_nonzero(np.diff(values[:, j]))), 1)
+            lasts = dt * len(run.t) / changes
+            noise = step / np.sqrt(12.0) * np.sqrt(min(1.0, 2.0 * cutoff * lasts))
+            if name == "q":
+                noise *= (2.0 * np.pi * cutoff) ** 2 / np.sqrt(5.0)
+            share = noise / size
+            if share < _COARSE:
+                continue
+            unit = robot.position_units[j] if name == "q" else robot.torque_units[j]
+            seen = "acceleration" if name == "q" else "torque"
+            yield Finding(
+                "quantisation",
+                "warning",
+                f"{name}{j + 1}",
+                f"{name}{j + 1} comes in steps of {step:.3g} {unit}, which makes noise of about "
+                f"{100.0 * share:.0f} % of the {seen} below {cutoff:.3g} Hz.",
+                "likely: the steps are read from the file, the noise is estimated",
+                "log more digits, or move faster; a lower cut-off helps a little",
+                None,
+                {"joint": int(j) + 1, "step": step, "noise_share": share},
+            )
+
+
+def lattice_step(values: Array) -> float:
+    """The smallest step between different values of a channel, rounding errors of the file apart."""
+    levels = np.unique(values)
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * (levels[-1] - levels[0])]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def _sample_rate(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
+    """Whether the motion's fastest part is sampled often enough to be differentiated twice."""
+    rate = 1.0 / float(np.median(np.diff(run.t)))
+    highest = _highest_harmonic(run)
+    # The filter may reach a tenth of the rate; below three times the motion's band it bends it.
+    if rate >= 30.0 * highest:
+        return
+    yield Finding(
+        "low sample rate",
+        "warning",
+        "column t",
+        f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples a second are too few to "
+        f"differentiate it twice: {30.0 * highest:.0f} Hz are needed.",
+        "certain: from the spectrum of the positions",
+        "log faster, or move slower",
+        None,
+        {"rate_hz": rate, "highest_hz": highest},
+    )
+
+
+#: Names of constant ratios of a velocity channel to the derivative of its position.
+_RATIOS = {
+    180.0 / np.pi: "degrees per second",
+    30.0 / np.pi: "revolutions per minute",
+    -1.0: "the other direction",
+}
+
+
+def velocity(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Finding]:
+    """Measured velocities beside the derivative of the positions; identification uses the latter."""
+    if run.dq is None:
+        return
+    motion, measured, _ = low_passed(replace(run, tau=run.dq), settings, 500)
+    moves = _moving_joints(run)
+    wrong: dict[str, list[int]] = {}
+    factors = np.ones(run.n)
+    for j in np.flatnonzero(moves):
+        own, other = motion.dq[:, j], measured[:, j]
+        ratio = float(own @ other / (own @ own))
+        left = float(np.linalg.norm(other - ratio * own) / max(float(np.linalg.norm(other)), 1e-300))
+        if left > 0.3:
+            wrong.setdefault("something else than the velocity of that joint", []).append(int(j))
+            continue
+        if abs(ratio - 1.0) < 0.1:
+            continue
+        for known, name in _RATIOS.items():
+            if abs(ratio / known - 1.0) < 0.1:
+                wrong.setdefault(name, []).append(int(j))
+                factors[j] = 1.0 / known
+                break
+        else:
+            wrong.setdefault(f"{ratio:.4g} times the velocity of the joint (a gear?)", []).append(int(j))
+            factors[j] = 1.0 / ratio
+    for name, joints in wrong.items():
+        scale = np.ones(run.n)
+        scale[joints] = factors[joints]
+        mendable = bool(np.all(scale[joints] != 1.0))
+        yield Finding(
+            "velocity channel",
+            "warning",
+            ", ".join(f"dq{j + 1}" for j in joints),
+            f"the velocity of {joints_text(joints)} is {name}, measured by the derivative of the "
+            "position.",
+            "certain: both were compared over the whole run"
+            if mendable
+            else "likely: they do not agree",
+            "rescale the channel"
+            if mendable
+            else "delete the dq columns; identification differentiates q",
+            _rescaled_velocity(scale) if mendable else _without_velocity,
+            {"joints": [j + 1 for j in joints], "factors": scale[joints].tolist()},
+        )
+
+
+def _rescaled_velocity(scale: Array) -> Repair:
+    return lambda run: replace(run, dq=None if run.dq is None else run.dq * scale)
+
+
+def _without_velocity(run: Measurements) -> Measurements:
+    return replace(run, dq=None)
+
+
+def angle_scale(robot: Robot) -> Array:
+    """(n,) what degrees have to be multiplied by: pi / 180 for revolute joints, 1 for prismatic ones."""
+    return np.array([np.pi / 180.0 if j.kind == "revolute" else 1.0 for j in robot.joints])

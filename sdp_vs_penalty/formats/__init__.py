@@ -1,0 +1,141 @@
+"""Measurements in other programs' files: one module a family, looked up by the file's suffix.
+
+Readers return a run as it is in the file (clock and numbers are checked afterwards, or mended by
+the data check); names of joints, where a format has them, choose the columns and their order.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.measurements import Measurements
+
+Array = NDArray[np.float64]
+
+#: Numbers of one file above which it is refused: 4 GiB of doubles.
+LARGEST = 2**29
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What of a file to take.
+
+    joints : names of the robot's joints in order, for formats that name theirs; topic : of a bag with
+    several; rename : {our name: the file's name} of columns or variables, for tables.
+    """
+
+    joints: Sequence[str] | None = None
+    topic: str | None = None
+    rename: Mapping[str, str] | None = None
+
+
+def reader_of(path: Path) -> Callable[[Path, Choice], Measurements] | None:
+    """The reader for a file or folder of a foreign format; None for our own (CSV, NPZ, Panda logs)."""
+    if path.suffix == ".mat":
+        from sdp_vs_penalty.formats.matlab import read
+    elif path.suffix in (".parquet", ".pq"):
+        from sdp_vs_penalty.formats.parquet import read
+    elif path.suffix in (".mcap", ".db3", ".bag") or (path / "metadata.yaml").is_file():
+        from sdp_vs_penalty.formats.bag import read
+    else:
+        return None
+    return read
+
+
+def save(measurements: Measurements, path: str | Path) -> None:
+    """Write one run in the format of the suffix: .csv, .npz, .parquet or .mat, whole or not at all."""
+    from sdp_vs_penalty.measurements import save_csv
+
+    path = Path(path)
+    if path.suffix == ".csv":
+        save_csv(measurements, path)
+    elif path.suffix == ".npz":
+        from sdp_vs_penalty.formats.table import write_npz
+
+        write_npz(measurements, path)
+    elif path.suffix == ".mat":
+        from sdp_vs_penalty.formats.matlab import write
+
+        write(measurements, path)
+    elif path.suffix in (".parquet", ".pq"):
+        from sdp_vs_penalty.formats.parquet import write
+
+        write(measurements, path)
+    else:
+        raise InputError(f"{path}: the suffix chooses the format: .csv, .npz, .parquet or .mat.")
+
+
+def from_columns(
+    path: Path, columns: Mapping[str, Array], rename: Mapping[str, str] | None
+) -> Measurements:
+    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau; others are ignored.
+
+    Raises InputError where t, q or tau is not there, or lengths differ.
+    """
+    names = dict(rename or {})
+    for ours, theirs in names.items():
+        if theirs not in columns:
+            known = ", ".join(sorted(columns)) or "none"
+            raise InputError(f"{path}: there is no {theirs!r} to take as {ours} (there are: {known}).")
+    named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
+
+    if "t" not in named:
+        known = ", ".join(sorted(columns)) or "none"
+        raise InputError(f"{path}: no variable t (there are: {known}); name it with --rename t=NAME.")
+    t = np.ravel(named["t"])
+    blocks = {}
+    for group in ("q", "dq", "tau"):
+        block = _block(named, group)
+        if block is None:
+            if group == "dq":
+                continue
+            known = ", ".join(sorted(columns))
+            raise InputError(
+                f"{path}: neither {group} nor {group}1 is there (there are: {known}); name them with "
+                f"--rename {group}=NAME."
+            )
+        if block.shape[0] != len(t) and block.ndim == 2 and block.shape[1] == len(t):
+            block = block.T
+        if block.shape[0] != len(t):
+            raise InputError(f"{path}: {group} has {block.shape[0]} rows, t has {len(t)}.")
+        blocks[group] = np.ascontiguousarray(block)
+    widths = {group: block.shape[1] for group, block in blocks.items()}
+    if len(set(widths.values())) != 1:
+        raise InputError(
+            f"{path}: the groups have different numbers of joints: "
+            + ", ".join(f"{group} {width}" for group, width in widths.items())
+            + "."
+        )
+    return Measurements(t, blocks["q"], blocks["tau"], blocks.get("dq"), None, (path.name,))
+
+
+def _block(named: Mapping[str, Array], group: str) -> Array | None:
+    if group in named:
+        block = np.asarray(named[group], float)
+        return block[:, None] if block.ndim == 1 else block
+    numbers = sorted(
+        int(m[1]) for name in named if (m := re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name))
+    )
+    if not numbers or numbers != list(range(1, len(numbers) + 1)):
+        return None
+    columns = [np.ravel(named[f"{group}{k}"]) for k in numbers]
+    if len({len(c) for c in columns}) != 1:
+        return None
+    return np.column_stack(columns)
+
+
+def columns_of(measurements: Measurements) -> dict[str, Array]:
+    """The columns of a run by the names of RUN.csv."""
+    m = measurements
+    out = {"t": m.t}
+    for name, block in (("q", m.q), ("dq", m.dq), ("tau", m.tau)):
+        if block is not None:
+            out |= {f"{name}{j + 1}": block[:, j] for j in range(m.n)}
+    return out

@@ -1,0 +1,111 @@
+"""ROS 2 bags and MCAP files (and ROS 1 bags) with sensor_msgs/JointState (extra [formats])."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formats import LARGEST, Choice
+from sdp_vs_penalty.measurements import Measurements
+
+_TYPE = "sensor_msgs/msg/JointState"
+
+
+def read(path: Path, choice: Choice) -> Measurements:
+    """Joints by name: those of the robot, else those of the first message, in its order.
+
+    Messages that lack one of the joints (a gripper's, on the same topic) are left out. Time is the
+    header's stamp, in seconds of its day, or the recorder's where stamps are zero.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise InputError(
+            "ROS bags and MCAP files need the extra [formats]: pip install 'sdp-vs-penalty[formats]'."
+        ) from error
+    try:
+        _stay_inside(path)
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            return _read(path, reader, choice)
+    except InputError:
+        raise
+    except Exception as error:  # storage, schema and decoding each fail in ways of their own
+        what = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{path}: not a readable ROS bag or MCAP file ({what[:200]}).") from error
+
+
+def _stay_inside(path: Path) -> None:
+    """A bag's metadata names its files; they have to lie in its folder."""
+    if not path.is_dir():
+        return
+    from ruamel.yaml import YAML
+
+    data = YAML(typ="safe").load((path / "metadata.yaml").read_text())
+    for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
+        if Path(name).name != name:
+            raise InputError(f"{path / 'metadata.yaml'}: {name!r} is not a file of this folder.")
+
+
+def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
+    connections = [c for c in reader.connections if c.msgtype == _TYPE]
+    topics = sorted({c.topic for c in connections})
+    if choice.topic is not None:
+        connections = [c for c in connections if c.topic == choice.topic]
+    if not connections or (choice.topic is None and len(topics) > 1):
+        found = ", ".join(topics) or "none"
+        wanted = f"topic {choice.topic!r}" if choice.topic else "one topic"
+        raise InputError(
+            f"{path}: {wanted} with {_TYPE} is needed, choose it with --topic (there are: {found})."
+        )
+    names = list(choice.joints) if choice.joints else None
+    rows: list[list[float]] = []
+    stamps: list[int] = []
+    recorded: list[int] = []
+    others: set[str] = set()
+    for connection, recorder_time, raw in reader.messages(connections=connections):
+        message = reader.deserialize(raw, connection.msgtype)
+        own = [str(name) for name in message.name]
+        if names is None:
+            names = own
+        if not set(names) <= set(own):
+            others |= set(own)
+            continue
+        rows.append(_row(path, message, [own.index(name) for name in names], names))
+        stamps.append(int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec))
+        recorded.append(int(recorder_time))
+        if len(rows) * len(names) * 3 > LARGEST:
+            raise InputError(f"{path}: too many messages: split it into several runs.")
+    if not rows or names is None:
+        raise InputError(
+            f"{path}: no message has all joints {', '.join(names or ['(none)'])} (there are: "
+            f"{', '.join(sorted(others)) or 'none'}): name the joints as the bag does."
+        )
+    table = np.array(rows).reshape(len(rows), 3, len(names))
+    clock = np.array(stamps if any(stamps) else recorded, dtype=np.int64)
+    day = 86_400 * 10**9
+    # Whole nanoseconds are taken apart before they become floating-point numbers of seconds.
+    t = (clock - clock[0]) / 1e9 + float(clock[0] % day) / 1e9
+    dq = table[:, 1] if np.all(np.isfinite(table[:, 1])) else None
+    return Measurements(t, table[:, 0], table[:, 2], dq, None, (path.name,))
+
+
+def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> list[float]:
+    """Positions, velocities (NaN where there are none) and efforts of the wanted joints."""
+    out: list[float] = []
+    for field, needed in (("position", True), ("velocity", False), ("effort", True)):
+        values = getattr(message, field)
+        if len(values) == len(message.name):
+            out += [float(values[k]) for k in at]
+        elif needed:
+            raise InputError(
+                f"{path}: a message has {len(values)} value(s) of {field} for {len(message.name)} "
+                "joints; identification needs position and effort of every joint."
+            )
+        else:
+            out += [float("nan")] * len(names)
+    return out

@@ -1,0 +1,460 @@
+"""Data spoiled in many ways, each named; silence on clean data, measured and simulated."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import cli
+from sdp_vs_penalty.check import Report, check
+from sdp_vs_penalty.check.physics import FreeGravity, Physics
+from sdp_vs_penalty.datasets import _emps_runs, _ur10e_runs
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.experiment import experiment
+from sdp_vs_penalty.measurements import Measurements, load_measurements, read_run, save_csv
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.preprocessing import low_passed
+from sdp_vs_penalty.problem import Problem, load_problem
+
+Spoil = Callable[[Measurements], Measurements]
+
+
+@pytest.fixture(scope="module")
+def simulated() -> tuple[Problem, Measurements]:
+    """The Panda's exciting trajectory, simulated with the real arm's noise, jitter and quantisation."""
+    problem = load_problem("panda")
+    return problem, experiment(problem).training_run(0)
+
+
+@pytest.fixture(scope="module")
+def unspoiled(simulated: tuple[Problem, Measurements]) -> float:
+    """What the clean run leaves unexplained."""
+    left = check(*simulated)[0].unexplained
+    assert left is not None
+    return left
+
+
+def rows(run: Measurements, keep: np.ndarray) -> Measurements:
+    dq = None if run.dq is None else run.dq[keep]
+    return Measurements(run.t[keep], run.q[keep], run.tau[keep], dq, None, run.names)
+
+
+def with_velocity(run: Measurements) -> Measurements:
+    return replace(run, dq=np.gradient(run.q, run.t, axis=0))
+
+
+def flipped(*joints: int) -> Spoil:
+    def spoil(run: Measurements) -> Measurements:
+        signs = np.ones(run.n)
+        signs[[j - 1 for j in joints]] = -1.0
+        return replace(run, tau=run.tau * signs)
+
+    return spoil
+
+
+def exchanged(a: int, b: int) -> Spoil:
+    def spoil(run: Measurements) -> Measurements:
+        order = np.arange(run.n)
+        order[[a - 1, b - 1]] = [b - 1, a - 1]
+        return replace(run, tau=run.tau[:, order])
+
+    return spoil
+
+
+def q_turned(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[:, 3] *= -1.0
+    return replace(run, q=q, dq=None)
+
+
+def delayed(run: Measurements) -> Measurements:
+    late = [np.interp(run.t - 0.06, run.t, x) for x in run.tau.T]
+    return replace(run, tau=np.column_stack(late))
+
+
+def shifted_clock(seconds: float) -> Spoil:
+    def spoil(run: Measurements) -> Measurements:
+        t = run.t.copy()
+        t[len(t) // 2 :] += seconds
+        return replace(run, t=t)
+
+    return spoil
+
+
+def gap(run: Measurements) -> Measurements:
+    middle = len(run.t) // 2
+    return rows(run, np.delete(np.arange(len(run.t)), slice(middle, middle + 800)))
+
+
+def repeated(run: Measurements) -> Measurements:
+    return rows(run, np.sort(np.concatenate([np.arange(len(run.t)), [500, 4000]])))
+
+
+def holed(run: Measurements) -> Measurements:
+    tau = run.tau.copy()
+    tau[[70, 900], 2] = np.nan
+    return replace(run, tau=tau)
+
+
+def clipped(run: Measurements) -> Measurements:
+    tau = run.tau.copy()
+    tau[:, 1] = np.clip(tau[:, 1], -0.6 * np.abs(tau[:, 1]).max(), None)
+    return replace(run, tau=tau)
+
+
+def coarse(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[:, 2] = np.round(q[:, 2] / 0.01) * 0.01
+    return replace(run, q=q)
+
+
+def knocked(run: Measurements) -> Measurements:
+    bump = np.exp(-0.5 * ((run.t - run.t[0] - 12.0) / 0.05) ** 2)
+    return replace(run, tau=run.tau + bump[:, None] * 0.7 * run.tau.std(axis=0))
+
+
+def still(run: Measurements) -> Measurements:
+    noise = np.random.default_rng(0).normal(size=run.q.shape) * 1e-6
+    return replace(run, q=run.q[0] + noise)
+
+
+def idle_joint(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[:, 6] = q[0, 6] + np.random.default_rng(0).normal(size=len(q)) * 1e-6
+    return replace(run, q=q)
+
+
+def sparse(run: Measurements) -> Measurements:
+    return rows(run, np.arange(0, len(run.t), 250))
+
+
+def unrelated(run: Measurements) -> Measurements:
+    return replace(run, tau=np.random.default_rng(1).normal(size=run.tau.shape).cumsum(axis=0) / 50.0)
+
+
+def dead(run: Measurements) -> Measurements:
+    tau = run.tau.copy()
+    tau[:, 4] = 0.25
+    return replace(run, tau=tau)
+
+
+DRIVE = np.array([12.0, 14.0, 11.0, 13.0, 9.0, 10.0, 12.0])  # N m per A
+
+#: name : (how the data are spoiled, the kind of the finding, what it must name, its severity)
+SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
+    "positions in degrees": (
+        lambda r: replace(r, q=np.degrees(r.q)),
+        "positions in degrees",
+        "degrees",
+        "error",
+    ),
+    "velocities in rpm": (
+        lambda r: replace(with_velocity(r), dq=with_velocity(r).dq * 30.0 / np.pi),
+        "velocity channel",
+        "revolutions per minute",
+        "warning",
+    ),
+    "torque in mN m": (lambda r: replace(r, tau=1e3 * r.tau), "torque unit", "mN m", "error"),
+    "motor current": (
+        lambda r: replace(r, tau=r.tau / DRIVE / 2.0),
+        "torque channel kind",
+        "current",
+        "error",
+    ),
+    "sign of torque 4": (flipped(4), "torque sign", "joint 4", "error"),
+    "sign of torque 7": (flipped(7), "torque sign", "joint 7", "error"),
+    "signs of torques 2 and 5": (flipped(2, 5), "torque sign", "joints 2 and 5", "error"),
+    "all signs": (flipped(1, 2, 3, 4, 5, 6, 7), "torque sign", "every joint", "error"),
+    "torques 2 and 4 exchanged": (exchanged(2, 4), "torque order", "joints 2 and 4", "error"),
+    "torques 5 and 6 exchanged": (exchanged(5, 6), "torque order", "joints 5 and 6", "error"),
+    "sign of position 4": (q_turned, "position sign", "joint 4", "error"),
+    "torque delayed by 60 ms": (delayed, "delay", "later", "warning"),
+    "clock set ahead": (shifted_clock(1.5), "clock step", "jumps ahead by up to 1.5", "warning"),
+    "clock set back": (shifted_clock(-1.5), "time runs backwards", "set back", "error"),
+    "missing samples": (gap, "gap in time", "0.8", "warning"),
+    "rows twice": (repeated, "repeated time", "copies", "error"),
+    "not a number": (holed, "missing numbers", "2 row(s)", "error"),
+    "saturation": (clipped, "saturation", "tau2", "warning"),
+    "quantisation": (coarse, "quantisation", "q3", "warning"),
+    "a knock": (knocked, "one-off event", "t = 12", "warning"),
+    "no motion": (still, "no motion", "no joint moves", "error"),
+    "an idle joint": (idle_joint, "idle joints", "joint 7", "warning"),
+    "few samples": (sparse, "low sample rate", "too few", "warning"),
+    "another arm's torque": (unrelated, "torque not explained", "nothing to do", "error"),
+    "a dead channel": (dead, "dead channel", "tau5 is 0.25", "error"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_what_is_wrong_is_named(name: str, simulated: tuple[Problem, Measurements]) -> None:
+    problem, run = simulated
+    spoil, kind, words, severity = SPOILED[name]
+    report = check(problem, spoil(run))[0]
+    found = {f.kind: f for f in report.problems}
+    assert kind in found, [f.kind for f in report.problems]
+    finding = found[kind]
+    assert words in finding.what, finding.what
+    assert finding.severity == severity
+    assert finding.certainty.split(":")[0] in ("certain", "likely", "possible")
+    assert finding.remedy
+    assert report.meaningless == (severity == "error")
+    # No other gross mistake is invented beside it.
+    gross = {"torque sign", "torque order", "gravity direction", "position sign", "positions in degrees"}
+    assert {f.kind for f in report.problems} & gross <= {kind}
+
+
+MENDABLE = (
+    "positions in degrees",
+    "torque in mN m",
+    "sign of torque 4",
+    "all signs",
+    "torques 2 and 4 exchanged",
+    "sign of position 4",
+    "torque delayed by 60 ms",
+    "clock set ahead",
+    "clock set back",
+    "rows twice",
+    "not a number",
+)
+
+
+@pytest.mark.parametrize("name", MENDABLE)
+def test_what_is_mended_is_clean(
+    name: str, simulated: tuple[Problem, Measurements], unspoiled: float
+) -> None:
+    """The mended copy has no problem left, and explains itself as well as the data before."""
+    problem, run = simulated
+    mended = check(problem, SPOILED[name][0](run))[0].mended
+    again = check(problem, mended)[0]
+    assert not again.problems, [f.what for f in again.problems]
+    assert again.unexplained is not None
+    assert again.unexplained < 1.2 * unspoiled
+
+
+@pytest.mark.parametrize(
+    ("gravity", "words"),
+    [
+        ((9.81, 0.0, 0.0), "sideways"),
+        ((0.0, 0.0, 9.81), "ceiling"),
+        ((0.0, -9.81 * 0.5, -9.81 * 3**0.5 / 2), "30 degrees"),
+    ],
+)
+def test_gravity_is_found(
+    gravity: tuple[float, float, float], words: str, simulated: tuple[Problem, Measurements]
+) -> None:
+    """The arm stood upright; believing otherwise is found, with the angle and the vector to use."""
+    problem, run = simulated
+    finding = next(
+        f for f in check(problem.with_gravity(gravity), run)[0].problems if f.gravity is not None
+    )
+    assert finding.kind == "gravity direction"
+    assert words in finding.what
+    assert finding.gravity == pytest.approx((0.0, 0.0, -9.81), abs=0.02)
+    assert "--gravity 0,0,-9.81" in finding.remedy
+
+
+def test_two_mistakes_at_once(simulated: tuple[Problem, Measurements]) -> None:
+    problem, run = simulated
+    spoiled = flipped(3)(replace(run, q=np.degrees(run.q)))
+    report = check(problem, spoiled)[0]
+    assert [f.kind for f in report.problems] == ["positions in degrees", "torque sign"]
+    assert "joint 3" in report.problems[1].what
+
+
+def test_silence_on_simulated_data() -> None:
+    for name in ("panda", "two_link", "ur10e"):
+        problem = load_problem(name)
+        setup = experiment(problem)
+        for run in (setup.training_run(1), *setup.validation_runs(2)[:2]):
+            assert not check(problem, run)[0].problems, (name, run.names)
+
+
+def ur10e_runs(folder: Path) -> dict[str, Measurements]:
+    return _ur10e_runs(folder / "ur10e", lambda _: None)
+
+
+@pytest.mark.real_data
+def test_silence_on_the_real_panda_and_how_long_it_takes(
+    panda: Problem, panda_run: Measurements
+) -> None:
+    begin = time.process_time()
+    report = check(panda, panda_run)[0]
+    assert time.process_time() - begin < 3.0
+    assert not report.problems
+    assert report.unexplained is not None
+    assert report.unexplained < 0.02
+
+
+@pytest.mark.real_data
+def test_silence_on_real_ur10e_and_emps(data_folder: Path) -> None:
+    runs = [("ur10e", run) for run in ur10e_runs(data_folder).values()]
+    runs += [("emps", run) for run in _emps_runs(data_folder / "emps", lambda _: None).values()]
+    for name, run in runs:
+        report = check(load_problem(name), run)[0]
+        if "joint_" in run.names[0]:  # one joint moves alone: that, and nothing else, is a problem
+            assert {f.kind for f in report.problems} == {"idle joints", "poor excitation"}
+        else:
+            assert not report.problems, (run.names, [f.what for f in report.problems])
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("joint", range(1, 8))
+def test_a_flipped_sign_is_named_on_the_real_panda(
+    joint: int, panda: Problem, panda_run: Measurements
+) -> None:
+    report = check(panda, flipped(joint)(panda_run))[0]
+    assert [(f.kind, f.where) for f in report.problems] == [("torque sign", f"joint {joint}")]
+
+
+@pytest.mark.real_data
+def test_mistakes_are_named_on_the_real_ur10e(data_folder: Path) -> None:
+    """Motor-side torques full of friction: signs, order, currents, ceiling mounting."""
+    problem = load_problem("ur10e")
+    run = ur10e_runs(data_folder)["ur-20_02_19_15harm50sec"]
+    for joint in (1, 5):
+        report = check(problem, flipped(joint)(run))[0]
+        assert [(f.kind, f.where) for f in report.problems] == [("torque sign", f"joint {joint}")]
+    report = check(problem, exchanged(4, 5)(run))[0]
+    assert [(f.kind, f.where) for f in report.problems] == [("torque order", "joints 4 and 5")]
+    report = check(problem, replace(run, tau=run.tau / 9.5))[0]
+    assert [f.kind for f in report.problems] == ["torque channel kind"]
+    report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
+    assert [f.kind for f in report.problems] == ["gravity direction"]
+    assert "ceiling" in report.problems[0].what
+
+
+@pytest.mark.real_data
+def test_the_force_of_the_real_emps_turned(data_folder: Path) -> None:
+    run = _emps_runs(data_folder / "emps", lambda _: None)["tracking"]
+    report = check(load_problem("emps"), replace(run, tau=-run.tau))[0]
+    assert [(f.kind, f.where) for f in report.problems] == [("torque sign", "joint 1")]
+
+
+def physics_of(problem: Problem, run: Measurements, effects: str | None = None) -> Physics:
+    model = problem.model(effects)
+    motion, tau, rate = low_passed(run, problem.preprocessing.resolve(run), 300)
+    return Physics(model, motion, tau, rate, problem.nominal(model))
+
+
+def test_the_form_is_least_squares(two_link: Problem) -> None:
+    """s^T Q s against a least-squares solution of the stacked rows with those signs."""
+    run = experiment(two_link).training_run(0)
+    physics = physics_of(two_link, run)
+    rng = np.random.default_rng(0)
+    for gains in (np.ones(2), np.array([1.0, -1.0]), rng.normal(size=2)):
+        weights = 1.0 / np.sqrt(len(physics.channels) * physics.energy * 2)
+        stack = np.vstack([w * c for w, c in zip(weights, physics.columns, strict=True)])
+        torque = np.concatenate(
+            [w * g * y for w, g, y in zip(weights, gains, physics.channels.T, strict=True)]
+        )
+        left = torque - stack @ np.linalg.lstsq(stack, torque, rcond=1e-9)[0]
+        assert gains @ physics.form @ gains == pytest.approx(float(left @ left), rel=1e-3, abs=1e-9)
+
+
+def test_free_gravity_is_the_model_with_that_gravity(two_link: Problem) -> None:
+    physics = physics_of(two_link, experiment(two_link).training_run(0))
+    vector = np.array([3.0, -2.0, 7.0])
+    rebuilt = physics.with_gravity(vector.tolist())
+    assert FreeGravity(physics).unexplained(vector) == pytest.approx(rebuilt.unexplained, rel=1e-6)
+
+
+def test_other_effects_and_no_gravity(two_link: Problem) -> None:
+    """A weightless arm without friction: nothing to divide by, nothing to say about gravity."""
+    problem = two_link.with_gravity((0.0, 0.0, 0.0))
+    setup = experiment(problem)
+    report = check(problem, setup.training_run(0))[0]
+    assert not [f for f in report.problems if f.kind == "gravity direction"]
+    model = Model(problem.robot, parse_effects("rigid_body", problem.robot))
+    assert np.all(np.isinf(physics_of(problem, setup.training_run(0), "rigid_body").dissipation[1]))
+    assert len(model.parameters) == 20
+
+
+@pytest.mark.parametrize("samples", [1, 2, 5, 40])
+def test_short_runs_are_findings(samples: int, simulated: tuple[Problem, Measurements]) -> None:
+    problem, run = simulated
+    report = check(problem, rows(run, np.arange(5000, 5000 + samples)))[0]
+    assert report.meaningless
+    assert {f.kind for f in report.problems} <= {"too little data", "no motion"}
+
+
+def test_wrong_number_of_joints(two_link: Problem, simulated: tuple[Problem, Measurements]) -> None:
+    with pytest.raises(InputError, match="7 joint"):
+        check(two_link, simulated[1])
+
+
+def run_cli(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as code:
+        cli.main([str(a) for a in arguments])
+    assert isinstance(code.value.code, int)
+    return code.value.code
+
+
+def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit codes, the JSON file, and a mended copy that is clean; the original stays as it was."""
+    good, bad, mended = tmp_path / "good.csv", tmp_path / "bad.csv", tmp_path / "mended.csv"
+    run = experiment(two_link).training_run(0)
+    save_csv(run, good)
+    save_csv(flipped(2)(run), bad)
+    before = bad.read_bytes()
+    assert run_cli("check", good, "--problem", "two_link") == 0
+    out = tmp_path / "out.json"
+    assert run_cli("check", bad, "--problem", "two_link", "--json", out, "--fix", mended) == 1
+    shown = capsys.readouterr().out
+    for words in ("joint 2", "How sure: ", "What to do: turn the sign of tau2 (--fix does it)"):
+        assert words in shown
+    report = json.loads(out.read_text())["runs"][0]
+    assert report["meaningless"] is True
+    assert report["findings"][0]["kind"] == "torque sign"
+    assert report["findings"][0]["figures"]["joints"] == [2]
+    assert bad.read_bytes() == before
+    assert load_measurements(mended).tau == pytest.approx(run.tau, abs=0)
+    assert run_cli("check", mended, "--problem", "two_link") == 0
+    assert run_cli("check", bad, "--problem", "two_link", "--fix", bad) == 2
+    assert run_cli("check", good, bad, "--problem", "two_link", "--fix", tmp_path / "all") == 1
+    assert sorted(p.name for p in (tmp_path / "all").iterdir()) == ["bad.csv", "good.csv"]
+
+
+def test_a_file_that_identify_refuses_can_be_mended(tmp_path: Path, two_link: Problem) -> None:
+    path, mended = tmp_path / "bad.csv", tmp_path / "mended.csv"
+    save_csv(holed_two(repeated(experiment(two_link).training_run(0))), path)
+    with pytest.raises(InputError):
+        load_measurements(path)
+    assert read_run(path).n == 2
+    assert run_cli("check", path, "--problem", "two_link", "--fix", mended) == 1
+    assert load_measurements(mended).n == 2
+
+
+def holed_two(run: Measurements) -> Measurements:
+    q = run.q.copy()
+    q[11, 1] = np.inf
+    return replace(run, q=q)
+
+
+def test_identify_warns_by_itself(
+    tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad, good = tmp_path / "bad.csv", tmp_path / "good.csv"
+    run = experiment(two_link).training_run(0)
+    save_csv(flipped(2)(run), bad)
+    save_csv(run, good)
+    for path in (good, bad):
+        model = tmp_path / "model.json"
+        assert run_cli("identify", "two_link", "--data", path, "--method", "ols", "--out", model) == 0
+        said = capsys.readouterr().err
+        assert ("torque of joint 2 has the wrong sign" in said) == (path == bad)
+
+
+def test_report_orders_by_gravity(simulated: tuple[Problem, Measurements]) -> None:
+    problem, run = simulated
+    report: Report = check(problem, flipped(3)(knocked(run)))[0]
+    assert [f.severity for f in report.findings] == sorted(
+        (f.severity for f in report.findings), key=("error", "warning", "note").index
+    )
+    assert report.to_dict()["findings"][0]["can_fix"] is True
