@@ -226,7 +226,8 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
     others = np.setdiff1d(np.arange(len(nominal)), task.model.rigid_indices)
     for k in others:
         lower = task.model.parameters[k].lower
-        nominal[k] = 0.0 if np.isinf(lower) else lower + 1e-2
+        # A share of its bound: strictly inside in any system of units.
+        nominal[k] = 0.0 if np.isinf(lower) else lower + 1e-6 * task.bound[k]
     if constraints.margin(nominal) > 0.0:
         return nominal
     problem = largest_margin(constraints.convex, nominal, task.bound)
