@@ -26,11 +26,14 @@ from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.extremes import Slice
 
 Array = NDArray[np.float64]
 
 #: Inner approximations in a row, each about the last one's centres of mass.
 _INNER_ROUNDS = 3
+#: Rounds of tightening the cells before the first cut, and of the iteration for each of their ends.
+_TIGHTENINGS, _RATIO_ROUNDS = 2, 8
 #: Weight of the pull towards the best point found, as a share of the tolerated gap.
 _PULL = 0.1
 #: A cell is cut no nearer than this share of its width to its ends.
@@ -129,6 +132,12 @@ class _Search:
             self._push(heap, allowed, name, self._whole())
         if not heap and not self.finished:
             raise InputError("No piece of the feasible set has an interior: relax a bound.")
+        if self._gap(min((piece.lower for piece in heap), default=np.inf)) > self.tolerance:
+            self.task.progress("tightening the cells")
+            roots, heap = heap, []
+            for piece in roots:
+                cells = self._tightened(sets[piece.choice], piece.cells)
+                self._push(heap, sets[piece.choice], piece.choice, cells, piece.lower)
         while heap and self._gap(heap[0].lower) > self.tolerance and self.solved < limit:
             piece = heapq.heappop(heap)
             self.task.progress(f"{self.solved} pieces, gap {self._gap(piece.lower):.1e}")
@@ -172,6 +181,55 @@ class _Search:
             return np.inf
         scale = max(self.task.data.loss(theta), 1e-12 * self.task.data.tau_squared)
         return float((upper - lower) / scale)
+
+    def _tightened(self, allowed: ConstraintSet, cells: Array) -> Array:
+        """Cells that still hold every centre of mass with a loss below the best one found.
+
+        The least c = h / m over a convex set by Dinkelbach's iteration (Management Science 1967): with
+        theta the minimiser of h - t m, the next t is h / m there, until the minimum is zero; its
+        certified lower bound makes t one. Optimality-based bound tightening of global optimisation.
+        """
+        data = self.task.data
+        room = np.sqrt(max(self.best[0] - data.floor**2, 0.0) * (1.0 + 1e-6))
+        rows = np.vstack([np.zeros(data.R.shape[1]), data.R]).T
+        offset = np.concatenate([[room], -data.rho])
+        everything = np.arange(data.R.shape[1])
+        below = build.second_order("loss", "best found", everything, rows, offset)
+        for _ in range(_TIGHTENINGS):
+            within = allowed.plus([*self._outer(cells), below])
+            none = np.zeros((0, data.R.shape[1]))
+            try:
+                feasible = Slice.of(within, none, self.best[1], self.task.bound)
+            except InputError:  # no interior: nothing is known to be cut off
+                return cells
+            self.solved += 2 * data.R.shape[1]
+            for link, indices in enumerate(self.task.links):
+                for axis in range(3):
+                    cells = cells.copy()
+                    for side, sign in ((0, 1.0), (1, -1.0)):
+                        end = self._least_ratio(feasible, indices, axis, sign)
+                        cells[link, axis, side] = sign * max(end, sign * cells[link, axis, side])
+        return cells
+
+    def _least_ratio(self, feasible: Slice, indices: NDArray[np.intp], axis: int, sign: float) -> float:
+        """A certified lower bound of sign h_axis / m over a slice."""
+        slope = np.zeros(len(feasible.interior))
+        slope[indices[0]] = 1.0
+        lightest = feasible.minimum(slope).bound
+        if lightest <= 0.0:
+            return -np.inf
+        theta, best = feasible.interior, -np.inf
+        for _ in range(_RATIO_ROUNDS):
+            t = sign * theta[indices[1 + axis]] / theta[indices[0]]
+            slope[indices[0]], slope[indices[1 + axis]] = -t, sign
+            found = feasible.minimum(slope)
+            self.solved += 1
+            # h - t m >= bound and m >= lightest: h / m >= t + bound / m.
+            best = max(best, t + min(found.bound, 0.0) / lightest)
+            if found.value > -1e-6 * lightest:
+                break
+            theta = found.theta
+        return best
 
     def _push(
         self,
