@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 Cell = str | float | int | None
 
 #: LaTeX: powers of ten up to this are written out, text columns longer than this (characters) wrap.
-_LONGEST_POWER, _WRAPPED = 6, 60
+_LONGEST_POWER, _WRAPPED = 6, 80
 #: Numbers smaller than this are the rounding of a zero in every unit that the tables have.
-_ROUNDING = 1e-12
+_ROUNDING = 1e-9
 _NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -193,11 +193,7 @@ def plain_number(cell: str) -> str:
 
 def _text_column(cells: Sequence[str]) -> str:
     longest = max((len(cell) for cell in cells), default=0)
-    return (
-        "l"
-        if longest <= _WRAPPED
-        else r">{\raggedright\arraybackslash}p{" + f"{_WRAPPED / 6:.0f}em" + "}"
-    )
+    return "l" if longest <= _WRAPPED else r">{\raggedright\arraybackslash}p{26em}"
 
 
 def _latex_header(name: str) -> str:
