@@ -1,0 +1,252 @@
+"""Other programs' files hold the same numbers; broken ones are refused in a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from sdp_vs_penalty import cli
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formats import save
+from sdp_vs_penalty.measurements import Measurements, load_measurements, read_run, save_csv
+
+SUFFIXES = (".csv", ".npz", ".mat", ".parquet")
+
+
+def some_run(n: int = 3, samples: int = 50, velocity: bool = True) -> Measurements:
+    rng = np.random.default_rng(n)
+    t = 1000.0 + np.cumsum(rng.uniform(0.5, 1.5, samples)) * 1e-3
+    q, dq, tau = rng.normal(size=(3, samples, n))
+    return Measurements(t, q, tau, dq if velocity else None, None, ("run",))
+
+
+def same(a: Measurements, b: Measurements) -> None:
+    assert a.data_hash == b.data_hash
+    assert (a.dq is None) == (b.dq is None)
+    if a.dq is not None:
+        assert b.dq is not None
+        assert np.array_equal(a.dq, b.dq)
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize("n", [1, 3, 12])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_written_and_read_to_the_last_bit(suffix: str, n: int, velocity: bool, tmp_path: Path) -> None:
+    run = some_run(n, velocity=velocity)
+    path = tmp_path / f"run{suffix}"
+    save(run, path)
+    same(run, load_measurements(path, joints=n))
+
+
+def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = some_run()
+    for source in SUFFIXES:
+        first = tmp_path / f"a{source}"
+        save(run, first)
+        for target in SUFFIXES:
+            second = tmp_path / f"b{target}"
+            assert run_cli("convert", first, "--out", second) == 0
+            same(run, load_measurements(second))
+    assert "50 samples of 3 joint(s), velocities" in capsys.readouterr().out
+
+
+def run_cli(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as code:
+        cli.main([str(a) for a in arguments])
+    assert isinstance(code.value.code, int)
+    return code.value.code
+
+
+def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
+    run = some_run(2)
+    path, out = tmp_path / "data.mat", tmp_path / "run.csv"
+    savemat(path, {"time": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
+    with pytest.raises(InputError, match=r"no variable t \(there are: force, gain, qm, time\)"):
+        load_measurements(path)
+    assert run_cli("convert", path, "--out", out, "--rename", "t=time,q=qm,tau=force") == 0
+    assert load_measurements(out).data_hash == run.data_hash
+    assert run_cli("convert", path, "--out", out, "--rename", "t=time,q=nowhere,tau=force") == 2
+    assert run_cli("convert", path, "--out", out, "--rename", "t") == 2
+    savemat(path, {"data": {"t": run.t, "q": run.q, "tau": run.tau}})
+    assert load_measurements(path).data_hash == run.data_hash
+
+
+def test_csv_with_other_column_names(tmp_path: Path) -> None:
+    path, out = tmp_path / "log.csv", tmp_path / "run.csv"
+    path.write_text("stamp,pos_a,force_a\n0.0,1.0,2.0\n0.1,1.5,2.5\n")
+    with pytest.raises(InputError, match="q1"):
+        load_measurements(path)
+    assert run_cli("convert", path, "--out", out, "--rename", "t=stamp,q=pos_a,tau=force_a") == 0
+    assert load_measurements(out).tau[:, 0].tolist() == [2.0, 2.5]
+
+
+@pytest.mark.real_data
+def test_the_emps_file_of_its_authors(data_folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.csv"
+    source = data_folder / "emps" / "DATA_EMPS.mat"
+    assert run_cli("convert", source, "--out", out, "--rename", "q=qm,tau=vir") == 0
+    assert load_measurements(out, joints=1).q.shape == (24841, 1)
+
+
+def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: Any) -> None:
+    """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the same topic."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+    state, header, stamp = (
+        kinds[f"{name}"]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    names = change.get("names", ["c", "a", "b"])
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        topics = change.get("topics", ["/joint_states"])
+        connections = [
+            writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
+            for topic in topics
+        ]
+        for k, t in enumerate(run.t):
+            nanoseconds = round(t * 1e9) + 1_700_000_000 * 10**9
+            at = stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            if change.get("no_stamps"):
+                at = stamp(sec=0, nanosec=0)
+            order = [2, 0, 1]
+            effort = np.zeros(0) if change.get("no_effort") else run.tau[k, order]
+            velocity = run.dq[k, order] if run.dq is not None else np.zeros(0)
+            arm = state(header(at, ""), names, run.q[k, order], velocity, effort)
+            gripper = state(header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1))
+            for connection in connections:
+                for message in (gripper, arm):
+                    raw = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
+                    writer.write(connection, nanoseconds, raw)
+
+
+@pytest.mark.parametrize("mcap", [False, True])
+@pytest.mark.parametrize("velocity", [True, False])
+def test_ros_bags_by_joint_names(mcap: bool, velocity: bool, tmp_path: Path) -> None:
+    run = some_run(3, velocity=velocity)
+    bag = tmp_path / "bag"
+    write_bag(bag, run, mcap=mcap)
+    sources = [bag, *bag.glob("*.mcap")]
+    assert len(sources) == (2 if mcap else 1)
+    for source in sources:
+        got = load_measurements(source, joints=3, names=["a", "b", "c"])
+        assert np.array_equal(got.q, run.q)
+        assert np.array_equal(got.tau, run.tau)
+        assert (got.dq is None) == (not velocity)
+        assert np.abs(np.diff(got.t) - np.diff(run.t)).max() < 2e-9  # stamps are whole nanoseconds
+        assert 0.0 <= got.t[0] < 86_400.0 + 2000.0
+
+
+def test_convert_a_ros_bag(tmp_path: Path) -> None:
+    run = some_run(3)
+    bag, out = tmp_path / "bag", tmp_path / "run.csv"
+    write_bag(bag, run)
+    assert run_cli("convert", bag, "--out", out, "--joints", "b,c") == 0
+    assert np.array_equal(load_measurements(out).q, run.q[:, [1, 2]])
+    assert run_cli("convert", bag, "--out", out, "--joints", "b,elbow") == 2
+    urdf = tmp_path / "r.urdf"
+    links = "".join(f'<link name="l{k}"/>' for k in range(3))
+    joints = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+        for k, name in enumerate("ba")
+    )
+    urdf.write_text(f'<robot name="r">{links}{joints}</robot>')
+    assert run_cli("convert", bag, "--out", out, "--problem", urdf) == 0
+    assert np.array_equal(load_measurements(out).tau, run.tau[:, [1, 0]])
+
+
+def test_bags_that_cannot_be_used(tmp_path: Path) -> None:
+    run = some_run(3)
+    cases: dict[str, tuple[dict[str, Any], str]] = {
+        "two": ({"topics": ["/left/joint_states", "/right/joint_states"]}, "--topic"),
+        "weightless": ({"no_effort": True}, "effort"),
+    }
+    for name, (change, words) in cases.items():
+        write_bag(tmp_path / name, run, **change)
+        with pytest.raises(InputError, match=words):
+            load_measurements(tmp_path / name, names=["a", "b", "c"])
+    got = read_run(tmp_path / "two", 3, ["a", "b", "c"], topic="/right/joint_states")
+    assert np.array_equal(got.q, run.q)
+    write_bag(tmp_path / "unstamped", run, no_stamps=True)
+    unstamped = load_measurements(tmp_path / "unstamped", names=["a", "b", "c"])
+    assert np.abs(np.diff(unstamped.t) - np.diff(run.t)).max() < 2e-9
+    metadata = tmp_path / "two" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("two.db3", "../unstamped/unstamped.db3"))
+    with pytest.raises(InputError, match="not a file of this folder"):
+        load_measurements(tmp_path / "two", names=["a", "b", "c"])
+    assert run_cli("convert", tmp_path / "x.csv", "--out", tmp_path / "y.csv") == 2
+
+
+def test_formats_without_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the optional packages: a sentence with the command, not a traceback."""
+    import sys
+
+    for name in ("pyarrow", "pyarrow.parquet", "rosbags", "rosbags.highlevel", "rosbags.typesys"):
+        monkeypatch.setitem(sys.modules, name, None)
+    for suffix in (".parquet", ".mcap"):
+        path = tmp_path / f"run{suffix}"
+        path.write_bytes(b"anything")
+        with pytest.raises(InputError, match=r"sdp-vs-penalty\[formats\]"):
+            load_measurements(path)
+
+
+def test_hdf5_and_other_matlab_surprises(tmp_path: Path) -> None:
+    path = tmp_path / "new.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(500))
+    with pytest.raises(InputError, match="-v7"):
+        load_measurements(path)
+    savemat(path, {"t": np.arange(3.0), "q": np.zeros((4, 2)), "tau": np.zeros((4, 2))})
+    with pytest.raises(InputError, match="4 rows, t has 3"):
+        load_measurements(path)
+    savemat(path, {"t": np.arange(4.0), "q": np.zeros((4, 2)), "tau": np.zeros((4, 3))})
+    with pytest.raises(InputError, match="q 2, tau 3"):
+        load_measurements(path)
+    savemat(path, {"t": np.arange(4.0), "q": np.zeros((4, 2)) * 1j, "tau": np.zeros((4, 2))})
+    with pytest.raises(InputError, match="neither q nor q1"):
+        load_measurements(path)
+
+
+def test_output_suffix_and_unwritable_places(tmp_path: Path) -> None:
+    source = tmp_path / "a.csv"
+    save_csv(some_run(), source)
+    assert run_cli("convert", source, "--out", tmp_path / "b.xlsx") == 2
+    (tmp_path / "file").write_text("")
+    assert run_cli("convert", source, "--out", tmp_path / "file" / "b.csv") == 2
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    suffix=st.sampled_from([".mat", ".parquet", ".mcap", ".db3", ".bag"]),
+    noise=st.binary(max_size=400),
+    place=st.integers(0, 400),
+    value=st.integers(0, 255),
+)
+def test_readers_fuzzed(
+    tmp_path_factory: pytest.TempPathFactory, suffix: str, noise: bytes, place: int, value: int
+) -> None:
+    """Noise, and good files with a byte changed or the end cut off: our exception or an answer."""
+    path = tmp_path_factory.mktemp("fuzz") / f"run{suffix}"
+    contents = [noise]
+    if suffix in (".mat", ".parquet"):
+        save(some_run(2, 20), path)
+        good = path.read_bytes()
+        at = place * len(good) // 401
+        contents += [good[:at], good[:at] + bytes([value]) + good[at + 1 :], good + noise]
+    for content in contents:
+        path.write_bytes(content)
+        message = ""
+        try:
+            assert np.all(np.isfinite(load_measurements(path).q))
+        except InputError as error:
+            message = str(error)
+        assert message == "" or (message.startswith(str(path)) and "\n" not in message)
