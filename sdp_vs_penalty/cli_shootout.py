@@ -33,7 +33,8 @@ def shootout(
         typer.Option(metavar="1e-4,1e-8", help="What to ask of solvers; default 1e-4,1e-6,1e-8."),
     ] = None,
     time_limit: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="For each run; default 60, quick 10.")
+        float | None,
+        typer.Option(metavar="SECONDS", help="Processor time of a run; default 60, quick 10."),
     ] = None,
     memory: Annotated[float, typer.Option(metavar="GB", help="For each run.")] = 4.0,
     quick: Annotated[bool, typer.Option("--quick", help="A few instances, one accuracy.")] = False,

@@ -231,6 +231,11 @@ def _sleep() -> bytes:
     return b""
 
 
+def _spin() -> bytes:
+    while True:
+        pass
+
+
 def _die() -> bytes:
     os.kill(os.getpid(), signal.SIGKILL)
     return b""
@@ -249,6 +254,9 @@ def test_a_run_ends_in_its_own_process() -> None:
     kind, _, seconds = in_child(_sleep, 0.3, 1.0)
     assert kind == "timeout"
     assert seconds < 5.0
+    kind, words, _ = in_child(_spin, 0.5, 1.0)
+    assert kind == "timeout"
+    assert b"processor" in words or b"stopped" in words
     assert in_child(_die, 20.0, 1.0)[:2] == ("crash", b"ended by signal 9")
     assert in_child(_eat, 20.0, 1.0)[:2] == ("crash", b"asked for more than 1 GB")
     kind, words, _ = in_child(_raise, 20.0, 1.0)

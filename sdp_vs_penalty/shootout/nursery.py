@@ -15,6 +15,7 @@ import importlib
 import importlib.util
 import io
 import json
+import math
 import os
 import resource
 import select
@@ -40,7 +41,9 @@ REFERENCE_LIMIT = 900.0
 _COMPILES = ("two_link one-step plain", "two_link one-step regulariser")
 _PREPARED: set[str] = set()
 #: Exit codes of a child that ended by itself without an answer.
-_OUT_OF_MEMORY, _RAISED = 3, 4
+_OUT_OF_MEMORY, _RAISED, _OUT_OF_TIME = 3, 4, 6
+#: By the clock a run may take so many times its limit.
+_PATIENCE = 4.0
 
 
 def main() -> None:
@@ -177,19 +180,20 @@ def in_child(
 ) -> tuple[str, bytes, float]:
     """Fork, work, and return ("ended" | "failed" | "timeout" | "crash", bytes, seconds).
 
-    limit : seconds; memory : GB beyond what the parent already has; watch : file descriptors at whose
-    end nobody waits for the answer any more: child and parent then end.
+    limit : seconds of processor time, and ``_PATIENCE`` times as many by the clock, because machines are
+    shared; memory : GB beyond what the parent already has; watch : file descriptors at whose end nobody
+    waits for the answer any more: child and parent then end.
     """
     reader, writer = os.pipe()
     start = time.monotonic()
     pid = os.fork()
     if pid == 0:
-        _child(work, reader, writer, memory)
+        _child(work, reader, writer, limit, memory)
     os.close(writer)
     chunks: list[bytes] = []
     timed_out = False
     while True:
-        left = limit - (time.monotonic() - start)
+        left = _PATIENCE * limit - (time.monotonic() - start)
         ready = select.select([reader, *watch], [], [], left)[0] if left > 0.0 else []
         if reader in ready:
             chunk = os.read(reader, 1 << 20)
@@ -208,30 +212,39 @@ def in_child(
     _, status = os.waitpid(pid, 0)
     seconds = time.monotonic() - start
     if timed_out:
-        return "timeout", f"stopped after {limit:g} s".encode(), seconds
+        return "timeout", f"stopped after {seconds:.0f} s".encode(), seconds
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
+        return "timeout", f"stopped after {limit:g} s of processor time".encode(), seconds
     if os.WIFSIGNALED(status):
         return "crash", f"ended by signal {os.WTERMSIG(status)}".encode(), seconds
     code = os.WEXITSTATUS(status)
     if code == 0:
         return "ended", b"".join(chunks), seconds
+    if code == _OUT_OF_TIME:
+        return "timeout", b"".join(chunks), seconds
     if code == _OUT_OF_MEMORY:
         return "crash", f"asked for more than {memory:g} GB".encode(), seconds
     return ("failed" if code == _RAISED else "crash"), b"".join(chunks), seconds
 
 
-def _child(work: Callable[[], bytes], reader: int, writer: int, memory: float) -> None:
+def _child(work: Callable[[], bytes], reader: int, writer: int, limit: float, memory: float) -> None:
     """In the forked process: never returns."""
     code = _RAISED
     try:
         os.setsid()  # a group of its own, so that programs it starts are killed with it
         os.close(reader)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        whole = math.ceil(used.ru_utime + used.ru_stime + limit)  # whole seconds: the kernel's grain
+        resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 2))
         size = _address_space() + int(memory * 1e9)
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
         payload = work()
         code = 0
     except MemoryError:
         payload, code = b"", _OUT_OF_MEMORY
+    except TimeoutError as error:  # a solver's program used up the processor time
+        payload, code = str(error).encode(), _OUT_OF_TIME
     except ChildProcessError as error:  # a solver's program died by a signal
         payload, code = str(error).encode(), 5
     except BaseException as error:  # a Rust panic is not an Exception

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import tempfile
 import time
@@ -44,6 +45,8 @@ def run_program(
             command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
         )
         end = time.perf_counter()
+        if -done.returncode == signal.SIGXCPU:
+            raise TimeoutError(f"{command[0]} used up its processor time")
         if done.returncode < 0:  # killed by a signal: the caller's process counts it as a crash
             raise ChildProcessError(f"{command[0]} ended by signal {-done.returncode}")
         claims, status, iterations = judge(done.stdout, done.returncode)
