@@ -97,7 +97,8 @@ def test_what_cannot_be_seen_is_said(two_link: Problem) -> None:
             assert verdicts[name].verdict == NOT_SEEN
             assert np.isinf(verdicts[name].low)
     assert verdicts["mx2"].verdict == NOT_SEEN  # only mx2 + 0.8 m2: the frame is at the far end
-    for name in ("my2", "f_c1", "f_v2"):
+    assert verdicts["my2"].verdict == WEAKLY  # seen, but it is zero within its interval
+    for name in ("f_c1", "f_c2", "f_v2"):
         assert verdicts[name].verdict == IDENTIFIABLE, verdicts[name]
         assert verdicts[name].low < verdicts[name].value < verdicts[name].high
     assert sum(counts(known.base).values()) == len(known.base) == 8 + 6
