@@ -97,7 +97,8 @@ def inner(exact: Array, numbers: Enclosure) -> Enclosure:
     """(k,) inner products of exact arrays (k, ...) with one enclosed array (...)."""
     rows = np.asarray(exact, Long).reshape(len(exact), -1)
     made = product(rows, numbers.value.ravel())
-    return Enclosure(made.value, _up(made.radius + np.abs(rows) @ numbers.radius.ravel()))
+    carried = product(np.abs(rows), numbers.radius.ravel()).upper
+    return Enclosure(made.value, _up(made.radius + carried))
 
 
 def in_cone(cone: str, multiplier: Array) -> Enclosure:
