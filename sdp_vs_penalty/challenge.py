@@ -99,7 +99,8 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     quiet = concatenate(made.quiet[: case.runs])
     model_runs = data
     if case.frozen:  # identified in another sitting, without the load
-        model_runs = concatenate(hidden_runs(problem, [], 0.0, seed + 5_000_000, count=3).runs)
+        sitting = hidden_runs(problem, [], 0.0, seed + 5_000_000, count=3, world=made.world)
+        model_runs = concatenate(sitting.runs)
     estimate = quick_estimate(problem, model_runs, made.truth["model_effects"])
     begin = time.perf_counter()
     rows = diagnosis_rows(data, estimate, estimate.preprocessing)
@@ -183,15 +184,19 @@ def hidden_energy(
     """
     if not made.hidden:
         return 0.0
-    rows = diagnosis_rows(quiet, estimate, estimate.preprocessing)
-    residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
-    if residual.shape != stage.residual.shape:
-        return float("nan")
-    base = np.zeros((rows.n, len(rows.t), 0)) if case.frozen else model_columns(rows, estimate)
-    columns, target = white_rows(rows, stage.noise, base, residual)
-    Q = independent(columns)
-    left = target - Q @ (Q.T @ target)
-    return float(left @ left)
+    plain = hidden_runs(made.problem, [], 0.0, made.truth["seed"], count=4, world=made.world)
+    left = []
+    for runs in (quiet, concatenate(plain.quiet[: case.runs])):
+        rows = diagnosis_rows(runs, estimate, estimate.preprocessing)
+        residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
+        if residual.shape != stage.residual.shape:
+            return float("nan")
+        base = np.zeros((rows.n, len(rows.t), 0)) if case.frozen else model_columns(rows, estimate)
+        columns, target = white_rows(rows, stage.noise, base, residual)
+        Q = independent(columns)
+        left.append(target - Q @ (Q.T @ target))
+    # The difference: what quantisation and the clock's jitter leave is in both.
+    return float(np.sum((left[0] - left[1]) ** 2))
 
 
 def floor_ratio(made: HiddenRuns, estimate: Estimate, case: CaseClass, result: Diagnosis) -> list[float]:

@@ -166,7 +166,7 @@ def _numbers(records: Sequence[Record]) -> list[str]:
         errors = [e for e in errors if np.isfinite(e)]
         if errors:
             lines.append(
-                f"- amplitude, {name}: median error {100 * np.median(errors):.2f} %, 90 % of cases within "
+                f"- amplitude, {name}: median error {100 * np.median(errors):.2f} %, 90 % within "
                 f"{100 * np.quantile(errors, 0.9):.1f} %"
             )
         after = [r["after"] for r in right]
@@ -179,7 +179,7 @@ def _numbers(records: Sequence[Record]) -> list[str]:
     if load:
         errors = [abs(r["found"][0]["size"] / r["truth"][0]["size"] - 1.0) for r in load]
         lines.append(
-            f"- payload: mass within {100 * np.median(errors):.2f} % in the median, 90 % of cases within "
+            f"- payload: mass within {100 * np.median(errors):.2f} % in the median, 90 % within "
             f"{100 * np.quantile(errors, 0.9):.2f} %"
         )
     floors = np.array([r["floor"] for r in records if r["class"] in ("clean", "strong", "medium")])

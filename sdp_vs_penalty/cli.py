@@ -177,18 +177,26 @@ def compare(
     """
     from sdp_vs_penalty import console
     from sdp_vs_penalty.comparison import compare as compare_models
+    from sdp_vs_penalty.diagnosis import printing
     from sdp_vs_penalty.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.measurements import load_measurements
+    from sdp_vs_penalty.where_it_fails import where_it_fails
 
     estimates = {str(path): load_estimate(path) for path in models}
     start, stop = _window(window)
     measurements = load_measurements(*data, start=start, stop=stop)
     results = compare_models(estimates, measurements)
+    failures = where_it_fails(next(iter(estimates.values())), measurements)
     if json_file is not None:
-        content = {"models": [result.to_dict() for result in results]}
+        content = {
+            "models": [result.to_dict() for result in results],
+            "where_it_fails": [failure.to_dict() for failure in failures],
+        }
         write_text(json_file, json.dumps(content, indent=1) + "\n")
-    console.comparison_tables(results, next(iter(estimates.values())).robot.torque_units)
+    first = next(iter(estimates.values()))
+    console.comparison_tables(results, first.robot.torque_units)
+    printing.where_it_fails(failures, first.robot.torque_units)
     if json_file is not None:
         console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
 

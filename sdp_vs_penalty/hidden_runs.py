@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -71,19 +71,21 @@ def hidden_runs(
     seed: int = 0,
     count: int = 4,
     made: Sequence[Hidden] = (),
+    world: World | None = None,
 ) -> HiddenRuns:
     """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
 
     effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
     the whole robot); made : hidden effects of another kind, sized alike. level : of LEVELS, or the
     root mean square of the hidden torque over the raw noise of the joint that it moves most.
+    world : the true robot (default: that of the seed).
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
-    usual = make_world(problem, setup, seed)
-    world = make_world(problem, setup, seed, without)
+    usual = make_world(problem, setup, seed) if world is None else world
+    world = make_world(problem, setup, seed, without) if world is None else world
     trajectories = [
         random_trajectory(
             problem.robot,
@@ -146,7 +148,10 @@ def true_torque(
 
     def at(moment: Array) -> Array:
         motion = _motion(trajectory, moment, start)
-        out = world.torque(motion)
+        # Friction rubs at the motor, whose motion the encoder shows.
+        error = encoder_error(world, hidden, motion)
+        rate = np.gradient(error, moment, axis=0) if np.any(error) else 0.0
+        out = world.rigid(motion) + world.friction(replace(motion, dq=motion.dq + rate))
         for h in hidden:
             if h.torque is not None:
                 out = out + h.torque(world, motion, h.size)
@@ -173,21 +178,20 @@ def encoder_error(world: World, hidden: Sequence[Hidden], motion: Motion) -> Arr
 def _effect_torque(world: World, hidden: Hidden, trajectory: FourierTrajectory, start: float) -> Array:
     """(N, n) the torque that a model without the effect gets wrong, at _SIZING."""
     local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / _SIZING)
-    change = true_torque(world, [hidden], trajectory, local, start) - true_torque(
-        world, [], trajectory, local, start
-    )
-    if hidden.encoder is not None:
-        motion = _motion(trajectory, local, start)
-        error = encoder_error(world, [hidden], motion)
-        rate = np.gradient(error, local, axis=0)
-        shown = Motion(
-            motion.t,
-            motion.q + error,
-            motion.dq + rate,
-            motion.ddq + np.gradient(rate, local, axis=0),
+    if hidden.encoder is None:
+        return true_torque(world, [hidden], trajectory, local, start) - true_torque(
+            world, [], trajectory, local, start
         )
-        change += world.rigid(motion) - world.rigid(shown)
-    return change
+    motion = _motion(trajectory, local, start)
+    error = encoder_error(world, [hidden], motion)
+    rate = np.gradient(error, local, axis=0)
+    shown = Motion(
+        motion.t,
+        motion.q + error,
+        motion.dq + rate,
+        motion.ddq + np.gradient(rate, local, axis=0),
+    )
+    return world.rigid(motion) - world.rigid(shown)
 
 
 def _sized(

@@ -10,17 +10,16 @@ from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 
 class Backlash(LinkDeviation):
     name = "backlash"
-    equation = "-b dID/dq_j sign(tau_hat_j)"
+    equation = "-b dID/dq_j sign(tau_j)"
     explanation = (
         "The gear of joint j has play: the link rests against one flank or the other, b beside where "
-        "the motor-side encoder says, on the side that the torque chooses."
+        "the motor-side encoder says, on the side that the transmitted torque tau_j chooses."
     )
     reference = "Nordin, Gutman, Automatica 2002"
     symbol = "b"
     units = ("rad", "m")
     lower = 0.0
-    needs_torque = True
 
     def torques(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives
-        return -by_q[:, :, joint] * np.sign(motion.model_torque[:, joint, None])
+        return -by_q[:, :, joint] * np.sign(motion.link_torque[:, joint, None])

@@ -67,14 +67,22 @@ class Motion:
         return self.torque
 
     @cached_property
+    def link_torque(self) -> Array:
+        """(N, n) what the gears transmit: the current model's rigid-body torque, without friction."""
+        links = self.model_links
+        assert self.current is not None
+        return self.current.robot.inverse_dynamics(links, self.q, self.dq, self.ddq)
+
+    @cached_property
     def torque_rate(self) -> Array:
         """d torque / dt (N, n) by central differences."""
         return _time_derivative(self.model_torque, self.t)
 
     @cached_property
-    def torque_acceleration(self) -> Array:
-        """d^2 torque / dt^2 (N, n)."""
-        return _time_derivative(self.torque_rate, self.t)
+    def link_torque_rates(self) -> tuple[Array, Array]:
+        """First and second time derivative of :attr:`link_torque`."""
+        rate = _time_derivative(self.link_torque, self.t)
+        return rate, _time_derivative(rate, self.t)
 
     @property
     def model_links(self) -> Array:

@@ -12,21 +12,20 @@ class JointElasticity(LinkDeviation):
     name = "joint_elasticity"
     equation = "-c_e (dID/dq_j tau_j + dID/d dq_j d tau_j/dt + dID/d ddq_j d^2 tau_j/dt^2)"
     explanation = (
-        "The gear of joint j gives way under its torque: the link lags behind the motor-side encoder by "
-        "c_e tau_j, c_e = 1 / stiffness. To first order that changes position, velocity and "
+        "The gear of joint j gives way under the torque tau_j that it transmits (that of the links; the "
+        "motor's friction does not pass it): the link lags behind the motor-side encoder by c_e tau_j, "
+        "c_e = 1 / stiffness. To first order that changes position, velocity and "
         "acceleration in the inverse dynamics of every joint."
     )
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_e"
     units = ("rad/(N*m)", "m/N")
     lower = 0.0
-    needs_torque = True
     has_memory = True  # time derivatives of the torque
 
     def torques(self, motion: Motion, joint: int) -> Array:
         by_q, by_dq, by_ddq = motion.derivatives
-        tau = motion.model_torque[:, joint, None]
-        rate = motion.torque_rate[:, joint, None]
-        acceleration = motion.torque_acceleration[:, joint, None]
+        tau = motion.link_torque[:, joint, None]
+        rate, acceleration = (x[:, joint, None] for x in motion.link_torque_rates)
         out = by_q[:, :, joint] * tau + by_dq[:, :, joint] * rate + by_ddq[:, :, joint] * acceleration
         return np.negative(out)
