@@ -56,8 +56,9 @@ def joint_wrenches(robot: Robot, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, 
 class WrenchIntervals:
     """For M instants, n joints and six components, (M, n, 6) each [N, N m].
 
-    lower, upper : attained by feasible parameters with equal torques; lower_bound, upper_bound :
-    certified from the dual, no such parameters lie outside; centre : of the reference estimate.
+    lower, upper : attained by parameters with equal torques within the convex constraints;
+    lower_bound, upper_bound : certified from the dual, no such parameters lie outside; centre : of
+    the slice's interior point.
     """
 
     t: Array

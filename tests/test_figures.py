@@ -34,6 +34,7 @@ def studies() -> Iterator[dict[str, Study]]:
     patch.setitem(engine_runs.DURATION, "quick", 0.2)
     patch.setitem(wrench_runs.INSTANTS, "quick", 3)
     patch.setitem(wrench_runs.RETRIEVALS, "quick", 2)
+    patch.setattr(wrench_runs, "PENALTY_RUNS", 2)
     # The paper's own method is slow, and the figures need its estimate for nothing but one line.
     patch.setattr(wrench_runs, "METHODS", {k: m for k, m in METHODS.items() if k != "penalty_paper"})
     yield {name: SimulatedStudy(load_problem(name)) for name in ("panda", "two_link")}

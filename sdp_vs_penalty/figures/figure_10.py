@@ -34,8 +34,8 @@ def draw(study: Study) -> Any:
                 linewidth=0,
                 label="all feasible with equal torques (certified)",
             )
-            for values in w.feasible.values():
-                axis.plot(w.t, values[:, j, k], color=ORANGE, linewidth=0.8, label="feasible estimates")
+            for values in (*w.feasible.values(), *w.penalty_runs):
+                axis.plot(w.t, values[:, j, k], color=ORANGE, linewidth=0.6, label="feasible estimates")
             for values in unfeasible:
                 axis.plot(
                     w.t, values[:, j, k], color=RED, linewidth=0.8, linestyle=":", label="unfeasible"

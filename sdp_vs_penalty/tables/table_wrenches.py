@@ -27,6 +27,7 @@ def build(study: Study) -> Table:
         "interval_deviation": _beyond(w).max(axis=0),
     }
     columns |= {name: np.abs(value - w.true).max(axis=0) for name, value in w.feasible.items()}
+    columns["spread_of_penalty_runs"] = spread(w.penalty_runs).max(axis=0)
     columns["spread_of_estimates"] = spread(list(w.feasible.values())).max(axis=0)
     for name, found in (("unfeasible_in_box", w.boxed), ("unfeasible_unbounded", w.unbounded)):
         errors = [np.abs(w.wrenches(study, r.links) - w.true).max(axis=0) for r in found]
@@ -53,6 +54,12 @@ def build(study: Study) -> Table:
             "the true torques in every motion, by two SDPs a component and instant; attained ends and "
             f"ends certified from the dual differ by {interval.slack:.1e} of the widest. "
             "interval_deviation: the farthest such parameters are from the truth.",
+            "The interval is over the convex constraints: of the upper bounds on inertias about the "
+            "centres of mass it has the convex consequence, so that it contains what the originals "
+            "allow.",
+            f"spread_of_penalty_runs: largest difference among {len(w.penalty_runs)} runs of the exact "
+            "penalty from random feasible starts; spread_of_estimates: among the estimates of all "
+            "methods.",
             "Columns named after methods: deviation of an estimate from the truth; these saw a noisy "
             "run, so that their torques differ a little too.",
             f"unfeasible: {len(w.boxed)} and {len(w.unbounded)} relaxed retrievals (no triangle "
