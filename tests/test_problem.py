@@ -1,0 +1,155 @@
+"""Problems: nominal robots that are plausible whatever the robot, and defaults that shut nothing out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_robots import link_parameters, sines, tree
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.estimators import identify
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import interior_point
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.problem import Problem, _plausible, load_problem
+from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.robot import Joint, Robot
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def bare(robot: Robot, given: np.ndarray | None = None) -> Problem:
+    """A robot of which nothing but the kinematics is known."""
+    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.01
+    links = np.zeros((robot.n, 10)) if given is None else given
+    return Problem("odd", "odd", robot, box, _plausible(robot, links))
+
+
+def task_of(problem: Problem) -> Task:
+    model = problem.model()
+    p = len(model.parameters)
+    return Task(
+        model,
+        LeastSquares(np.eye(p), np.zeros(p), 1.0, 1.0, p),
+        problem.constraints(model),
+        problem.parameter_bound(model),
+        problem.nominal(model),
+        problem.box,
+    )
+
+
+def odd_robots() -> dict[str, Robot]:
+    here, up = np.eye(4), np.array([0.0, 0.0, 1.0])
+    far = np.eye(4)
+    far[:3, 3] = 6.0, 0.0, 0.0
+    near = np.eye(4)
+    near[:3, 3] = 1e-3, 0.0, 0.0
+    arm = Joint("j", "revolute", -1, here, up, here)
+
+    def chain(*joints: Joint) -> Robot:
+        named = (replace(j, name=f"j{k}", parent=k - 1) for k, j in enumerate(joints))
+        return Robot("odd", tuple(named))
+
+    slide = replace(arm, kind="prismatic", lower=-2.0, upper=2.0)
+    return {
+        "one joint": chain(arm),
+        "one slide": chain(slide),
+        "gantry": chain(slide, replace(slide, axis=np.array([1.0, 0.0, 0.0]))),
+        "spherical wrist": chain(arm, replace(arm, axis=np.array([1.0, 0.0, 0.0])), arm),
+        "excavator": chain(arm, replace(arm, placement=far), replace(arm, placement=far)),
+        "tiny": chain(arm, replace(arm, placement=near)),
+    }
+
+
+@pytest.mark.parametrize("name", odd_robots())
+def test_odd_robots_have_a_plausible_nominal_and_room_inside(name: str) -> None:
+    robot = odd_robots()[name]
+    problem = bare(robot)
+    links = problem.nominal_links
+    assert np.all(links[:, 0] > 0.1)
+    assert np.all(links[:, 0] < 100.0)
+    assert np.all(inertia.consistency_margin(links) > 0.0)
+    task = task_of(problem)
+    demands = task.constraints.plus(task.minimum_thickness(0.02))
+    inside = interior_point(task, demands)
+    assert demands.margin(inside) > 0.0
+    assert np.all(np.abs(inside) <= task.bound)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(seeds)
+def test_given_inertials_are_kept_where_they_are_consistent(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, int(rng.integers(1, 6)))
+    given = np.array([link_parameters(rng, 0.5) for _ in robot.joints])
+    bad = rng.random(robot.n) < 0.5
+    spoiled = given.copy()
+    for link in np.flatnonzero(bad):
+        spoiled[link] = rng.choice([0, 1, 2]) * 0.0 if rng.random() < 0.5 else -given[link]
+    found = _plausible(robot, spoiled)
+    np.testing.assert_array_equal(found[~bad], given[~bad])
+    assert np.all(inertia.consistency_margin(found) > 0.0)
+    np.testing.assert_array_equal(_plausible(robot, found), found)
+
+
+PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"/>
+<joint name="hinge" type="{kind}"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+def test_a_single_pendulum_is_not_shut_out_by_defaults(tmp_path: Path) -> None:
+    """Its kinematics show no reach at all; 2.5 kg half a metre down the rod must remain admissible."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(PENDULUM.format(kind="continuous"))
+    problem = load_problem(path)
+    truth = inertia.standard_from_barycentric([2.5, 0.0, 0.0, -0.5, 0.06, 0.0, 0.06, 0.0, 0.0, 0.01])
+    model = problem.model()
+    theta = np.concatenate([truth, [0.1, 0.2, 0.3]])
+    assert problem.constraints(model).margin(theta) >= 0.0
+    motion = sines(np.random.default_rng(0), 1, np.arange(0.0, 20.0, 2e-3), 0.2, 4)
+    run = Measurements(motion.t, motion.q, model.torque(theta, motion))
+    estimate = identify(problem, run)
+    known = {p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)}
+    assert known["mz1"] == pytest.approx(-1.25, rel=1e-5)
+    assert known["Iyy1"] == pytest.approx(truth[6], rel=1e-4)
+    assert [known[f"f_{k}1"] for k in "vco"] == pytest.approx([0.1, 0.2, 0.3], rel=1e-3)
+
+
+def test_a_single_slide_shows_its_mass(tmp_path: Path) -> None:
+    path = tmp_path / "slide.urdf"
+    path.write_text(PENDULUM.format(kind="prismatic"))
+    problem = load_problem(path)
+    model = problem.model()
+    theta = problem.nominal(model)
+    theta[0] = 4.0
+    theta[10:] = 20.0, 5.0, -3.0
+    motion = sines(np.random.default_rng(0), 1, np.arange(0.0, 20.0, 2e-3), 0.2, 4)
+    estimate = identify(problem, Measurements(motion.t, motion.q, model.torque(theta, motion)))
+    assert estimate.theta[[0, 10, 11, 12]] == pytest.approx([4.0, 20.0, 5.0, -3.0], rel=1e-4)
+    assert [p.unit for p in model.parameters[10:]] == ["N*s/m", "N", "N"]
+
+
+@pytest.mark.parametrize("name", ["panda", "two_link"])
+def test_nominal_robots_of_built_in_problems_come_from_their_bounds(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    """Never from the published estimates: those are what the tables compare with."""
+    problem: Problem = request.getfixturevalue(name)
+    blind = replace(problem, folder=None)
+    assert blind.published == {}
+    np.testing.assert_array_equal(load_problem(name).nominal_links, problem.nominal_links)
+    model = problem.model()
+    demands = problem.constraints(model).with_families(lambda family: family not in ("sign", "range"))
+    assert demands.margin(problem.nominal(model)) > 0.0
+    for row in problem.published.get("table_VIII", []) + problem.published.get("table_VII", []):
+        if row["parameter"].startswith("m"):
+            link = int(row["parameter"][1:]) - 1
+            for column in ("p_hat", "delta", "p_real"):
+                if row.get(column):
+                    assert abs(problem.nominal_links[link, 0] - float(row[column])) > 1e-3
