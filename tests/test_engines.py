@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,6 +16,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem import Problem, load_problem
 from sdp_vs_penalty.published import published_links
 from sdp_vs_penalty.robot import Joint, Robot
+from sdp_vs_penalty.tables import engine_runs
 from sdp_vs_penalty.trajectory import joint_limits
 
 #: Torque error over a motion relative to the largest torque: what a first-order step of 1 ms and, in
@@ -119,3 +123,29 @@ def test_sinusoids_stay_within_the_limits(panda: Problem) -> None:
 def test_an_unknown_engine_is_refused() -> None:
     with pytest.raises(InputError, match="unknown"):
         engine("V-REP")
+
+
+def test_an_absent_engine_is_listed_as_absent(
+    two_link: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = engine_types()["DART"]
+    monkeypatch.setattr(kind, "version", classmethod(lambda cls: None))
+    study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
+    motion = Sinusoids.over_range(two_link.robot)
+    result = engine_runs._result(study, "DART", "simulated", true_links(two_link), motion, 0.1, 1e-3)
+    assert result.run is None
+    assert result.status.startswith("absent")
+    assert "sdp-vs-penalty[engines]" in result.status
+    with pytest.raises(InputError, match="DART is absent"):
+        engine("DART")
+
+
+def test_a_rejected_robot_keeps_its_row_and_says_which_link(two_link: Problem) -> None:
+    present("MuJoCo")
+    links = true_links(two_link).copy()
+    links[1, 9] = -1.0
+    study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
+    motion = Sinusoids.over_range(two_link.robot)
+    result = engine_runs._result(study, "MuJoCo", "simulated", links, motion, 0.1, 1e-3)
+    assert result.run is None
+    assert result.status.startswith("rejected: link 2")
