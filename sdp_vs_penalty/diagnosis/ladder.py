@@ -220,11 +220,11 @@ class Search:
         scores = score_library(fit, scaled)
         taken = {p.hypothesis.effect.text for p in self.picks}
         keys = {p.hypothesis.key for p in self.picks if p.hypothesis.key[0] not in SEVERAL}
-        found = {p.hypothesis.key for p in self.picks} | self.known
+        present = {p.hypothesis.key for p in self.picks} | self.known
         coarse: list[tuple[float, Key, int]] = []
         for key, members in self.by_key.items():
             refines = self.white.groups[members[0]].effect.refines
-            if key in keys or (refines and not any((name, key[1]) in found for name in refines)):
+            if key in keys or (refines and not any((name, key[1]) in present for name in refines)):
                 continue
             values = np.zeros(len(members))
             for m, g in enumerate(members):
@@ -341,7 +341,13 @@ class Search:
                 sigma = float(np.sqrt(len(apart) * apart.var()))
                 if gains.sum() > 0.5 * own.sum() and apart.sum() < 2.0 * sigma:
                     close.append(h)
-        return tuple(close)
+        with_chosen = fit.extended(fit.scaled(chosen.columns))
+        return tuple(h for h in close if self._stands_for(with_chosen, h))
+
+    def _stands_for(self, with_chosen: Fit, h: Hypothesis) -> bool:
+        """Whether a rival explains the same: once the chosen one is in the model, it is not needed."""
+        again = self._solve(with_chosen, h.key, h.effect, h.columns)
+        return again.chi2 < 0.5 * h.chi2
 
     def _joints(self, fit: Fit, hypothesis: Hypothesis) -> NDArray[np.intp]:
         return np.flatnonzero(fit.rows.joint_sums(np.sum(hypothesis.columns**2, axis=1)) > 0.0)

@@ -20,13 +20,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal, sparse
+from scipy import sparse
 
 from sdp_vs_penalty.effects.effect import Block, CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import Preprocessing, _Kernel, _Movement, _rate, _segments
+from sdp_vs_penalty.preprocessing import Preprocessing, _Kernel, _Movement, _rate, _segments, convolve
 
 Array = NDArray[np.float64]
 
@@ -179,7 +179,7 @@ def _run_segments(
             return torque_kernel.decimator(len(tau), grid[at]) @ tau
 
         # Two state filters that disagree on the acceleration: the motion is too sharp for them.
-        second = signal.oaconvolve(q - q[:1], wider.second[:, None], mode="valid", axes=0)
+        (second,) = convolve(q - q[:1], wider.second)
         offset = state.half - wider.half
         apart = np.abs(low_pass @ (states[2] - second[offset + stride * np.arange(count)]))
         keep = moving.at(t[grid[rows]])
