@@ -241,13 +241,12 @@ def _joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
 
 def _numbers(path: Path, lines: Sequence[str], width: int, first: int = 2) -> Array:
     """The rows (N, width) of lines, of which the first is row ``first`` of the file."""
-    while lines and not lines[-1].strip():
-        lines = lines[:-1]
+    count = len(lines)
+    while count and not lines[count - 1].strip():
+        count -= 1
+    lines = lines[:count]
     if not lines:
         return np.zeros((0, width))
-    for number, line in enumerate(lines, start=first):
-        if not line.strip():
-            raise InputError(f"{path}: row {number} is empty: delete it.")
     try:
         rows = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
         if rows.shape == (len(lines), width):
@@ -256,6 +255,8 @@ def _numbers(path: Path, lines: Sequence[str], width: int, first: int = 2) -> Ar
         pass  # the loop below says which row it is
     for number, line in enumerate(lines, start=first):
         cells = line.split(",")
+        if not line.strip():
+            raise InputError(f"{path}: row {number} is empty: delete it.")
         if len(cells) != width:
             raise InputError(
                 f"{path}: row {number} has {len(cells)} cells, the header has {width}: "

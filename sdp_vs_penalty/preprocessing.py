@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal, sparse
+from scipy import fft, sparse
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
@@ -233,10 +233,7 @@ class _Kernel:
     def states(self, q: Array) -> tuple[Array, Array, Array]:
         """q, dq, ddq (N - 2 half, n) from positions (N, n)."""
         centred = q - q[:1]  # keeps the rounding of the transforms relative to the motion
-        low, first, second = (
-            signal.oaconvolve(centred, kernel[:, None], mode="valid", axes=0)
-            for kernel in (self.value, self.first, self.second)
-        )
+        low, first, second = convolve(centred, self.value, self.first, self.second)
         return low + q[:1], first, second
 
     def decimator(self, length: int, at: NDArray[np.int64]) -> sparse.csr_array:
@@ -246,6 +243,20 @@ class _Kernel:
         values = np.tile(self.value[::-1], len(at))
         starts = np.arange(len(at) + 1) * width
         return sparse.csr_array((values, columns, starts), shape=(len(at), length))
+
+
+def convolve(x: Array, *kernels: Array) -> list[Array]:
+    """x (N, n) convolved with each kernel (K,), where the two overlap fully: (N - K + 1, n).
+
+    By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
+    the same, but its import takes longer than to identify a robot.)
+    """
+    length = fft.next_fast_len(len(x), real=True)
+    spectrum = fft.rfft(x, length, axis=0)
+    return [
+        fft.irfft(spectrum * fft.rfft(kernel, length)[:, None], length, axis=0)[len(kernel) - 1 : len(x)]
+        for kernel in kernels
+    ]
 
 
 def _moment_factor(

@@ -168,15 +168,12 @@ def _run_segments(
             continue
         grid = state.half + stride * np.arange(count)
         states = [x[::stride] for x in state.states(q)]
-        motion = Motion(t[grid], *states)
+        motion = Motion(t[grid], states[0], states[1], states[2])
         current = CurrentModel(estimate.robot, _links(estimate))
         motion = replace(motion, torque=estimate.torque(motion), current=current)
         rows = np.arange(half, count - half, step)
         dense = np.arange(half, count - half, dense_step)
         low_pass, low_dense = _matrix(coarse, rows, count), _matrix(coarse, dense, count)
-
-        def smooth(at: NDArray[np.int64], grid: Array = grid, tau: Array = tau) -> Array:
-            return torque_kernel.decimator(len(tau), grid[at]) @ tau
 
         # Two state filters that disagree on the acceleration: the motion is too sharp for them.
         (second,) = convolve(q - q[:1], wider.second)
@@ -191,11 +188,11 @@ def _run_segments(
             index,
             motion,
             motion.t[rows],
-            smooth(rows),
+            torque_kernel.decimator(len(tau), grid[rows]) @ tau,
             keep,
             low_pass,
             motion.t[dense],
-            smooth(dense),
+            torque_kernel.decimator(len(tau), grid[dense]) @ tau,
             low_dense,
             motion.q[dense],
         )
