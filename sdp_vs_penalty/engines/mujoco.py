@@ -18,6 +18,7 @@ class MuJoCo(Engine):
     moves the robot."""
 
     name = "MuJoCo"
+    install = "pip install 'sdp-vs-penalty[engines]' (3.14 or newer: older ones ignore inertial rpy)"
     formulation = "generalised coordinates, semi-implicit Euler"
 
     @classmethod
