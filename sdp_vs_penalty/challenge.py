@@ -21,7 +21,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.challenge_cases import CLASSES, CaseClass, Draw, draw
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.diagnose import Stage, conclude, model_columns, prepare, white_rows
+from sdp_vs_penalty.diagnosis.diagnose import (
+    Stage,
+    conclude,
+    model_columns,
+    prepare,
+    search_through,
+    white_rows,
+)
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import independent
 from sdp_vs_penalty.errors import InputError
@@ -105,7 +112,7 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     begin = time.perf_counter()
     rows = diagnosis_rows(data, estimate, estimate.preprocessing)
     stage = prepare(rows, estimate, case.frozen, seed)
-    stage.search.run()
+    stage = search_through(stage, estimate)
     result = conclude(estimate, stage, made.runs[3], estimate.preprocessing)
     seconds = time.perf_counter() - begin
     return {

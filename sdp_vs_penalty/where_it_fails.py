@@ -98,7 +98,7 @@ def where_it_fails(
     noise = noise_of(rows, dense, residual)
     labels = label_rows(rows)
     states = _states(rows)
-    keep = rows.keep.all(axis=1)
+    keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.nan_to_num(np.corrcoef(residual[keep].T).reshape(rows.n, rows.n))
     out = []

@@ -18,9 +18,9 @@ from sdp_vs_penalty.diagnosis.findings import (
     Finding,
     Invisible,
 )
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors, least_squares
 from sdp_vs_penalty.diagnosis.ladder import Pick, Search
-from sdp_vs_penalty.diagnosis.library import Library, build_library
+from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import Fit, Rows, score_library
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
@@ -38,6 +38,8 @@ INVISIBLE = 0.999
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
 _BLOCKS = 60
+#: How often the noise is estimated anew where only the residual shows it.
+_ROUNDS = 3
 _PHASE_FOLDS = 5
 
 
@@ -73,9 +75,44 @@ def diagnose(
     rows = diagnosis_rows(measurements, estimate, settings)
     stage = prepare(rows, estimate, frozen, seed, progress)
     progress("searching for what is missing")
-    stage.search.run()
+    stage = search_through(stage, estimate)
     progress("held-out errors")
     return conclude(estimate, stage, test, settings)
+
+
+def search_through(stage: Stage, estimate: Estimate) -> Stage:
+    """Run the search. Where the noise is only known as what the model leaves, know it better after
+    each round, and search again with it, until nothing more is found."""
+    stage.search.run()
+    for _ in range(_ROUNDS if stage.noise.source == "residual" else 0):
+        found = len(stage.search.picks)
+        columns = [spread_columns(stage.rows, p.hypothesis.effect) for p in stage.search.picks]
+        everything = np.concatenate([stage.base, *columns], axis=2)
+        theta = least_squares(stage, stage.rows, everything)
+        left = stage.residual - (everything @ theta).T
+        noise = noise_of(stage.rows, [], left)
+        picks = stage.search.picks
+        stage = with_noise(stage, estimate, noise)
+        for pick in picks:
+            h = pick.hypothesis
+            columns_now = stage.search.white_columns(h.effect)
+            stage.search.picks.append(replace(pick, hypothesis=replace(h, columns=columns_now)))
+        stage.search.settle()
+        if found == 0:
+            break
+        stage.search.run()
+        if len(stage.search.picks) == found:
+            break
+    return stage
+
+
+def with_noise(stage: Stage, estimate: Estimate, noise: Noise) -> Stage:
+    """The same stage with another idea of the noise, its search at the beginning."""
+    white = stage.library.whitened(noise, stage.rows)
+    columns, target = white_rows(stage.rows, noise, stage.base, stage.residual)
+    known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
+    search = Search(stage.rows, noise, stage.labels, columns, target, white, known, stage.search.seed)
+    return replace(stage, noise=noise, white=white, search=search)
 
 
 def conclude(
@@ -274,8 +311,8 @@ def _finding(
     fit = stage.search.fit(without=k)
     fresh = fit.partialled(fit.scaled(h.columns))
     gram = fresh.T @ fresh
-    beta = np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0]
-    covariance = np.linalg.pinv(gram, rcond=1e-12)
+    beta = np.asarray(np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0], float)
+    covariance = np.asarray(np.linalg.pinv(gram, rcond=1e-12), float)
     parameters = h.effect.parameters
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)

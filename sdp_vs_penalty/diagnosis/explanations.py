@@ -20,14 +20,14 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
     of a payload.
     """
     if len(beta) == 1 or effect.name == "payload":
-        return float(beta[0]), float(np.sqrt(max(covariance[0, 0], 0.0)))
+        return float(beta[0]), float(max(covariance[0, 0], 0.0) ** 0.5)
     part = slice(0, 3) if effect.name == "external_wrench" else slice(0, len(beta))
     b, c = beta[part], covariance[part, part]
     size = float(np.linalg.norm(b))
     if size == 0.0:
         return 0.0, float(np.sqrt(np.trace(c)))
     direction = b / size
-    return size, float(np.sqrt(max(direction @ c @ direction, 0.0)))
+    return size, float(max(float(direction @ c @ direction), 0.0) ** 0.5)
 
 
 def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:

@@ -96,25 +96,25 @@ def _ladder(
     masked = stage.rows.with_masked(np.repeat(~train[:, None], n, axis=1) | ~stage.rows.keep)
     out = []
     for k in range(len(picks) + 1):
-        theta = _fit(stage, masked, np.concatenate(columns[: k + 1], axis=2))
+        theta = least_squares(stage, masked, np.concatenate(columns[: k + 1], axis=2))
         predicted = np.concatenate(there[: k + 1], axis=2) @ theta
         out.append(np.sum(keep * (residual - predicted.T) ** 2, axis=0))
     return np.array(out)
 
 
-def _fit(stage: Stage, rows: DiagnosisRows, columns: Array) -> Array:
+def least_squares(stage: Stage, rows: DiagnosisRows, columns: Array) -> Array:
     """(p,) smallest change of parameters that fits white columns (n, M, p) to the residual."""
     from sdp_vs_penalty.diagnosis.whitening import pieces_of
 
     n, M, p = columns.shape
     if p == 0:
         return np.zeros(0)
-    A, b = np.zeros((n, M, p)), np.zeros((n, M))
+    white, b = np.zeros((n, M, p)), np.zeros((n, M))
     for j in range(n):
         pieces = pieces_of(rows, j)
-        A[j] = stage.noise.whiten(columns[j], j, pieces)
+        white[j] = stage.noise.whiten(columns[j], j, pieces)
         b[j] = stage.noise.whiten(stage.residual[:, j], j, pieces)
-    A = A.reshape(n * M, p)
+    A = white.reshape(n * M, p)
     norms = np.linalg.norm(A, axis=0)
     unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
     return np.linalg.lstsq(A / unit, b.ravel(), rcond=1e-8)[0] / unit

@@ -148,9 +148,10 @@ def _lag(a: Segment, b: Segment) -> float | None:
 def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Array) -> Noise:
     """The noise from repetition; from the residual itself where too little repeats.
 
-    residual_dense : per segment (D, n) on the dense grid; residual (M, n) on the rows.
+    residual_dense : per segment (D, n) on the dense grid, none where nothing repeats; residual
+    (M, n) on the rows.
     """
-    repeats = find_repeats(rows)
+    repeats = find_repeats(rows) if len(residual_dense) else ()
     n = rows.n
     suspect = np.zeros((len(rows.t), n), bool)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
@@ -245,4 +246,5 @@ def autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array,
     a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
     rest = target - matrix @ a
     sigma = float(np.sqrt(rest @ rest / (count - ORDER)))
-    return a, max(sigma, 1e-9 * float(np.abs(x).max(initial=1.0)), 1e-15), float(count - ORDER)
+    smallest = max(1e-9 * float(np.abs(x).max(initial=1.0)), 1e-15)
+    return np.asarray(a, float), max(sigma, smallest), float(count - ORDER)
