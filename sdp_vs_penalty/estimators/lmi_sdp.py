@@ -20,7 +20,6 @@ from sdp_vs_penalty import inertia
 from sdp_vs_penalty.constraints import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
-from sdp_vs_penalty.problem import PARAMETER_RANGE
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.conic import Entropy, Objective, largest_margin, least_squares_sdp
@@ -197,14 +196,17 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
     certificate use the full set.
     """
     data = objective.least_squares
-    determined = PARAMETER_RANGE * data.own_torque > np.sqrt(data.tau_squared)
+    torque = data.own_torque
     thick = {c.name for c in constraints.convex if c.family == "minimum thickness"}
     kept = []
     for c in constraints.convex:
         if c.family == "pseudo-inertia" and c.name in thick:
             continue
-        if c.family == "range" and bool(determined[c.indices].all()):
-            continue
+        if c.family == "range":
+            # From the rows themselves, so that it holds in any system of units.
+            reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
+            if bool(np.all(reach * torque[c.indices] > np.sqrt(data.tau_squared))):
+                continue
         kept.append(c)
     return kept
 
