@@ -22,7 +22,9 @@ from sdp_vs_penalty.problem import Problem
 __all__ = ["Finding", "Report", "check"]
 
 #: Rows that the dynamics are judged on: enough for any arm, few enough to answer at once.
-_ROWS = 2000
+_ROWS = 1000
+#: ... and those for events, which are short.
+_EVENT_ROWS = 2000
 #: Band in which one-off events are looked for, in cut-offs of the states.
 _WIDER = 3.0
 
@@ -112,11 +114,11 @@ class _Work:
             if finding.repair is not None:
                 self.run = finding.repair(self.run)
 
-    def physics(self, settings: Preprocessing) -> Physics:
+    def physics(self, settings: Preprocessing, rows: int = _ROWS) -> Physics:
         """The test's data of the run as it is now; made again only after something was mended."""
         key = (id(self.run), settings, id(self.problem))
         if key not in self._physics:
-            motion, tau, rate = low_passed(self.run, settings, _ROWS)
+            motion, tau, rate = low_passed(self.run, settings, rows)
             model = self.problem.model()
             made = Physics(model, motion, tau, rate, self.problem.nominal(model))
             self._physics = {key: made}
@@ -145,5 +147,5 @@ class _Work:
         # A knock is faster than the motion: looked for in a wider band.
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
         self.mend(excitation.find(self.problem, physics, moving))
-        self.mend(events.knock(self.physics(wider)))
+        self.mend(events.knock(self.physics(wider, _EVENT_ROWS)))
         return physics.unexplained

@@ -1,0 +1,102 @@
+"""A base that is not mounted as believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, SIGNIFICANT, Hypothesis, few_rows, propose
+from sdp_vs_penalty.check.physics import FreeGravity, Physics
+
+#: Gravity is said to point elsewhere from this angle on; smaller ones are the effect base_tilt.
+_SMALLEST_ANGLE = 5.0
+#: Within this angle of an axis of the base gravity is said to point along it [degrees].
+_STRAIGHT = 3.0
+#: Correlation of the torque with a plausible arm's weight below minus this: weight acts upwards.
+_OPPOSED = 0.5
+
+
+def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    robot = physics.model.robot
+    size = float(np.linalg.norm(robot.gravity))
+    if size == 0.0:
+        return
+    direction, _ = FreeGravity(physics.part(few_rows(physics))).best()
+    assumed = np.array(robot.gravity) / size
+    angle = float(np.degrees(np.arccos(np.clip(direction @ assumed, -1.0, 1.0))))
+    if angle < _SMALLEST_ANGLE:
+        return
+    nearest = np.eye(3)[int(np.argmax(np.abs(direction)))] * np.sign(
+        direction[np.argmax(np.abs(direction))]
+    )
+    if direction @ nearest > np.cos(np.radians(_STRAIGHT)):
+        direction = nearest  # a base mounted straight, seen through the error of the fit
+    x, y, z = (float(round(g, 2)) + 0.0 for g in size * direction)
+
+    def apply(p: Physics) -> Physics:
+        return p.with_gravity((x, y, z))
+
+    yield propose(
+        physics,
+        apply,
+        2,
+        (
+            "gravity direction",
+            "the base",
+            f"gravity does not point along {_vector(robot.gravity)} of the base but {angle:.0f} degrees "
+            f"beside it, along {_vector((x, y, z))} m/s^2: {_mounting(angle)}.",
+            f"identify with --gravity {x:g},{y:g},{z:g}",
+        ),
+        None,
+        (x, y, z),
+        angle_degrees=angle,
+        vector=[x, y, z],
+    )
+
+
+def hanging(physics: Physics) -> Hypothesis | None:
+    """Gravity upside down: with all weights negative it explains the torque about as well.
+
+    Only that masses are positive tells the two apart: the weight of any plausible arm has the
+    measured torque's sign.
+    """
+    robot = physics.model.robot
+    if not any(robot.gravity):
+        return None
+    x, y, z = (-g + 0.0 for g in robot.gravity)
+
+    def apply(p: Physics) -> Physics:
+        return p.with_gravity((x, y, z))
+
+    before, after = physics.unexplained, apply(physics).unexplained
+    agreement = physics.agreement_with_weight()
+    negative = float(apply(physics).inertia.sum()) < -SIGNIFICANT
+    if after > ABOUT_SAME * before or agreement > -_OPPOSED or negative:
+        return None
+    half = len(physics.motion.t) // 2
+    if any(physics.part(k).agreement_with_weight() > 0.0 for k in (slice(0, half), slice(half, None))):
+        return None
+    texts = (
+        "gravity direction",
+        "the base",
+        f"gravity points the other way, along {_vector((x, y, z))} m/s^2: {_mounting(180.0)}.",
+        f"identify with --gravity {x:g},{y:g},{z:g}",
+    )
+    made = propose(physics, apply, 1, texts, None, (x, y, z), angle_degrees=180.0, vector=[x, y, z])
+    sure = f"likely: as recorded, links would weigh less than nothing (correlation {agreement:.2f})"
+    return replace(made, finding=replace(made.finding, certainty=sure))
+
+
+def _vector(values: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in values) + ")"
+
+
+def _mounting(angle: float) -> str:
+    if angle > 160.0:
+        return "the base hangs from the ceiling"
+    if 70.0 < angle < 110.0:
+        return "the base is mounted sideways, on a wall"
+    return "the base is tilted"

@@ -1,0 +1,92 @@
+"""Torque channels with the wrong sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check.finding import Array, joints_text
+from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, SIGNIFICANT, Hypothesis, propose
+from sdp_vs_penalty.check.physics import Physics
+
+
+def signs(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """The signs that the coupling between the joints prefers; friction decides where that is silent."""
+    signs = choose_signs(physics)
+    flipped = np.flatnonzero(signs < 0.0)
+    if len(flipped):
+        yield _flip(physics, flipped.tolist())
+
+
+def choose_signs(physics: Physics) -> Array:
+    """Signs among those that explain the torque about as well as the best ones.
+
+    Of a set of signs and its opposite, and of signs of joints that nothing couples, physics knows the
+    right ones: friction takes power, and inertia is positive. Where both are silent, as few signs are
+    turned as possible.
+    """
+    n = physics.n
+    best, loss = physics.best_signs()
+    power, deviation = physics.dissipation
+    z = power / deviation
+    knows = np.where(np.abs(z) > SIGNIFICANT, np.clip(z, -20.0, 20.0), 0.0)
+    if n <= 12:
+        candidates = np.array(list(product((1.0, -1.0), repeat=n)))
+    else:
+        candidates = np.vstack([np.ones(n), -np.ones(n), best, -best])
+    losses = np.einsum("ka,ab,kb->k", candidates, physics.form, candidates)
+    near = candidates[losses <= ABOUT_SAME * loss]
+    inertia = near @ physics.inertia
+    inertia = np.where(np.abs(inertia) > SIGNIFICANT, np.clip(inertia, -20.0, 20.0), 0.0)
+    score = near @ knows + inertia - 1e-3 * np.sum(near < 0.0, axis=1)
+    return np.asarray(near[int(np.argmax(score))], float)
+
+
+def weak_signs(physics: Physics) -> Hypothesis | None:
+    """Joints whose friction would drive the motion, although the coupling does not tell."""
+    # The coupling ties some signs to each other: with those that physics turns, others turn.
+    signs = choose_signs(physics)
+    joints = [int(j) for j in np.flatnonzero(signs < 0.0)]
+    if not joints:
+        return None
+    half = len(physics.motion.t) // 2
+    parts = [physics.part(slice(0, half)), physics.part(slice(half, None))]
+    power, deviation = physics.dissipation
+    drives = power < -SIGNIFICANT * deviation
+    backwards = float(physics.inertia.sum()) < -SIGNIFICANT
+    for part in parts:
+        drives &= part.dissipation[0] < 0.0
+        backwards &= float(part.inertia.sum()) < 0.0
+    driven = ", ".join(f"{-power[j]:.3g} W in joint {j + 1}" for j in joints if drives[j])
+    if driven:
+        return _flip(physics, joints, f"likely: as recorded, friction would drive the motion ({driven})")
+    if backwards:
+        return _flip(physics, joints, "likely: as recorded, the arm's inertia would be negative")
+    return None
+
+
+def _flip(physics: Physics, joints: list[int], certainty: str | None = None) -> Hypothesis:
+    signs = np.ones(physics.n)
+    signs[joints] = -1.0
+    same = np.arange(physics.n)
+    every = len(joints) == physics.n
+    made = propose(
+        physics,
+        lambda p: p.with_channels(signs, same),
+        len(joints),
+        (
+            "torque sign",
+            joints_text(joints),
+            f"the torque of {'every joint' if every else joints_text(joints)} has the wrong sign.",
+            "turn the sign of " + ", ".join(f"tau{j + 1}" for j in joints),
+        ),
+        lambda run: replace(run, tau=run.tau * signs),
+        joints=[j + 1 for j in joints],
+    )
+    if certainty is None:
+        return made
+    return replace(made, finding=replace(made.finding, certainty=certainty))
