@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Block, CurrentModel, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Block, CurrentModel, Effect, Motion, Parameter
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import Robot
 
@@ -94,8 +94,16 @@ class Model:
         motion = Motion(np.zeros(1), zero, zero, zero, zero, current)
         return tuple(c.indices for c in self.columns(motion))
 
+    @cached_property
+    def sign_width(self) -> float:
+        """The velocity over which this model smooths the sign of dry friction [rad/s, m/s]."""
+        widths = [e.shape["v_s"] for e in self.effects if "v_s" in e.shape]
+        return widths[0] if widths else SIGN_WIDTH
+
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
+        if motion.sign_width != self.sign_width:
+            motion = replace(motion, sign_width=self.sign_width)
         indices: list[list[NDArray[np.intp]]] = [[] for _ in range(self.robot.n)]
         columns: list[list[Array]] = [[] for _ in range(self.robot.n)]
         blocks = {k: e.blocks(motion) for k, e in enumerate(self.effects) if not _depends(e)}

@@ -170,7 +170,12 @@ def _run_segments(
         states = [x[::stride] for x in state.states(q)]
         motion = Motion(t[grid], states[0], states[1], states[2])
         current = CurrentModel(estimate.robot, _links(estimate))
-        motion = replace(motion, torque=estimate.torque(motion), current=current)
+        motion = replace(
+            motion,
+            torque=estimate.torque(motion),
+            current=current,
+            sign_width=estimate.model.sign_width,
+        )
         rows = np.arange(half, count - half, step)
         dense = np.arange(half, count - half, dense_step)
         low_pass, low_dense = _matrix(coarse, rows, count), _matrix(coarse, dense, count)

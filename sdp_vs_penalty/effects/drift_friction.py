@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from sdp_vs_penalty.effects.drift import Drift
-from sdp_vs_penalty.effects.effect import Array, Motion, Parameter, smooth_sign
+from sdp_vs_penalty.effects.effect import Array, Motion, Parameter
 from sdp_vs_penalty.robot import Robot
 
 
@@ -47,4 +47,4 @@ class DriftFriction(Drift):
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
-        return self.course(motion) * (dq if self.viscous else smooth_sign(dq))
+        return self.course(motion) * (dq if self.viscous else motion.sign(joint))

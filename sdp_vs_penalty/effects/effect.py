@@ -58,6 +58,12 @@ class Motion:
     ddq: Array
     torque: Array | None = None
     current: CurrentModel | None = None
+    #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed: the model's own for Coulomb.
+    sign_width: float = 0.01
+
+    def sign(self, joint: int) -> Array:
+        """(N,) smooth sign of a joint's velocity."""
+        return smooth_sign(self.dq[:, joint], self.sign_width)
 
     @cached_property
     def model_torque(self) -> Array:

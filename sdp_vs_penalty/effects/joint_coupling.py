@@ -67,4 +67,4 @@ class JointCoupling(JointEffect):
         form = int(self.shape["form"])
         if form == 1:
             return np.array(other)
-        return smooth_sign({2: other, 3: own + other, 4: own - other}[form])
+        return smooth_sign({2: other, 3: own + other, 4: own - other}[form], motion.sign_width)

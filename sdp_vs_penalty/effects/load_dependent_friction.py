@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 
 
 class LoadDependentFriction(JointEffect):
@@ -22,4 +22,4 @@ class LoadDependentFriction(JointEffect):
     needs_torque = True
 
     def column(self, motion: Motion, joint: int) -> Array:
-        return np.abs(motion.model_torque[:, joint]) * smooth_sign(motion.dq[:, joint])
+        return np.abs(motion.model_torque[:, joint]) * motion.sign(joint)

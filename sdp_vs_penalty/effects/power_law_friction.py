@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 
 
 class PowerLawFriction(JointEffect):
@@ -24,4 +24,4 @@ class PowerLawFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
-        return smooth_sign(dq) * np.abs(dq) ** self.shape["alpha"]
+        return motion.sign(joint) * np.abs(dq) ** self.shape["alpha"]

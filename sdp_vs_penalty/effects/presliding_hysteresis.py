@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, position_unit, smooth_sign
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, position_unit
 
 
 class PreslidingHysteresis(JointEffect):
@@ -26,9 +26,8 @@ class PreslidingHysteresis(JointEffect):
     shape_bounds = {"d": (0.0002, 0.05)}
 
     def column(self, motion: Motion, joint: int) -> Array:
-        dq = motion.dq[:, joint]
-        start = float(smooth_sign(dq[:1])[0])
-        return dahl(motion.q[:, joint], self.shape["d"], start) - smooth_sign(dq)
+        sign = motion.sign(joint)
+        return dahl(motion.q[:, joint], self.shape["d"], float(sign[0])) - sign
 
     def shape_unit(self, key: str, joint: int) -> str:
         return position_unit(self.robot, joint)

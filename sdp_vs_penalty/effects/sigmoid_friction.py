@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign, velocity_unit
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, velocity_unit
 
 
 class SigmoidFriction(JointEffect):
@@ -26,7 +26,7 @@ class SigmoidFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
-        return np.tanh(dq / self.shape["v0"]) - smooth_sign(dq)
+        return np.tanh(dq / self.shape["v0"]) - motion.sign(joint)
 
     def shape_unit(self, key: str, joint: int) -> str:
         return velocity_unit(self.robot, joint)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign, velocity_unit
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, velocity_unit
 
 
 class StribeckFriction(JointEffect):
@@ -25,7 +25,7 @@ class StribeckFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
-        return smooth_sign(dq) * np.exp(-((np.abs(dq) / self.shape["vs"]) ** self.shape["delta"]))
+        return motion.sign(joint) * np.exp(-((np.abs(dq) / self.shape["vs"]) ** self.shape["delta"]))
 
     def shape_unit(self, key: str, joint: int) -> str:
         return velocity_unit(self.robot, joint) if key == "vs" else "-"
