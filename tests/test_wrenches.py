@@ -15,7 +15,13 @@ from sdp_vs_penalty.published import published_links
 from sdp_vs_penalty.regression import base_parameters
 from sdp_vs_penalty.relaxed_retrieval import unfeasible_retrievals
 from sdp_vs_penalty.solvers.extremes import Slice
-from sdp_vs_penalty.wrenches import WrenchIntervals, equal_torques, joint_wrenches, wrench_intervals
+from sdp_vs_penalty.wrenches import (
+    WrenchIntervals,
+    equal_torques,
+    joint_wrenches,
+    wrench_intervals,
+    wrench_regressor,
+)
 
 
 def states(problem: Problem, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -141,3 +147,19 @@ def test_a_slice_without_interior_is_refused(two_link: Problem, real: np.ndarray
     impossible[1, 9] = -5.0  # Izz2 is identifiable: no feasible parameters have these torques
     with pytest.raises(InputError, match="strictly inside all constraints"):
         links_slice(two_link, impossible)
+
+
+def test_a_seven_joint_arm(panda: Problem) -> None:
+    feasible = links_slice(panda, panda.nominal_links)
+    q, zero = panda.robot.random_configurations(1, 0), np.zeros((1, 7))
+    rows = wrench_regressor(panda.robot, q, zero, zero)[0]
+    nominal = rows @ panda.nominal_links.ravel()
+    # Of the force along the first axis torque says nothing; total mass in [16, 20] kg says this much.
+    vertical = rows[0, 2]
+    least, most = feasible.minimum(vertical), feasible.maximum(vertical)
+    assert least.bound <= nominal[0, 2] <= most.bound
+    assert 9.81 * 16.0 <= least.value + 1e-6
+    assert most.value - 1e-6 <= 9.81 * 20.0
+    assert most.value - least.value == pytest.approx(9.81 * 4.0, rel=1e-6)
+    torque = feasible.maximum(rows[3, 5])
+    assert torque.bound - nominal[3, 5] < 1e-5
