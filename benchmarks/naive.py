@@ -1,0 +1,55 @@
+"""The straightforward way from a log to a consistent estimate, as scripts in this field are written.
+
+One regressor a sample from Pinocchio in a loop, every row kept, one QR of all rows, CVXPY. Same filters'
+cut-offs, same constraints, same estimate as the program's within what different filters change.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy import signal
+
+Array = NDArray[np.float64]
+
+
+def read(folder: Path, joints: int) -> tuple[Array, Array, Array]:
+    """t (N,), q (N, n), tau (N, n) from the authors' text files, resampled to 1 kHz."""
+    t, q, tau = (
+        np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in ("time", "positions", "torques")
+    )
+    q, tau = q.reshape(-1, joints), tau.reshape(-1, joints)
+    grid = np.arange(t[0], t[-1], 0.001)
+    return (
+        grid,
+        np.column_stack([np.interp(grid, t, x) for x in q.T]),
+        np.column_stack([np.interp(grid, t, x) for x in tau.T]),
+    )
+
+
+def all_rows(model: Any, q: Array, tau: Array, sign_width: float) -> Array:
+    """[Y tau] (N n, 10 n + 3 n + 1) of every sample: rigid body, viscous, Coulomb, offset.
+
+    States pass one low-pass; columns and torque both pass a second one, or the estimate is biased.
+    """
+    b, a = signal.butter(4, 5.0 / 500.0)
+    q = signal.filtfilt(b, a, q, axis=0)
+    dq = np.gradient(q, 0.001, axis=0)
+    ddq = np.gradient(dq, 0.001, axis=0)
+    data, n = model.createData(), q.shape[1]
+    samples = []
+    for k in range(len(q)):
+        rigid = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k]).copy()
+        friction = [np.diag(dq[k]), np.diag(np.tanh(dq[k] / sign_width)), np.eye(n)]
+        samples.append(np.hstack([rigid, *friction, tau[k][:, None]]))
+    b, a = signal.butter(4, 8.0 / 500.0)
+    filtered = signal.filtfilt(b, a, np.array(samples), axis=0)
+    return filtered.reshape(-1, filtered.shape[2])
+
+
+def triangle(rows: Array) -> Array:
+    return np.linalg.qr(rows, mode="r")

@@ -1,0 +1,290 @@
+"""All speed and memory figures, each as a ratio of two ways measured in one run on one machine.
+
+    python benchmarks/run.py --data DATA [--figaroh FIGAROH_PYTHON] [--out results]
+
+DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda). FIGAROH_PYTHON
+is the interpreter of an environment with figaroh==1.0.2; without it that row says so. Everything runs
+on one thread. Writes benchmarks.csv and benchmarks.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import naive
+import numpy as np
+
+from sdp_vs_penalty import identify, load_measurements, load_problem
+from sdp_vs_penalty.effects.effect import SIGN_WIDTH
+from sdp_vs_penalty.estimate import versions
+from sdp_vs_penalty.estimators import make_estimator, make_task
+from sdp_vs_penalty.estimators.barycentric import barycentric_box
+from sdp_vs_penalty.estimators.cvxpy_model import cvxpy_model
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.export import export
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.measurements import Measurements, save_csv
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import LeastSquares, compress
+
+#: The default SDP without what only we have: its plain form is what a script would write.
+METHOD = "lmi-sdp"
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison; target: what was aimed at, as text; met: whether it was reached."""
+
+    what: str
+    ours: float
+    other: float
+    unit: str
+    ratio: float
+    target: str
+    met: bool
+    note: str = ""
+
+
+def cpu(call: Callable[[], object], times: int = 1) -> float:
+    """Least processor time of a call [s]."""
+    best = np.inf
+    for _ in range(times):
+        start = time.process_time()
+        call()
+        best = min(best, time.process_time() - start)
+    return best
+
+
+def from_text(problem: Problem, folder: Path) -> tuple[Row, np.ndarray]:
+    """Text files to a certified estimate, against the naive route; also the naive route's rows."""
+    ours = cpu(lambda: identify(problem, load_measurements(folder, joints=7), METHOD), times=3)
+    task = task_of(problem, load_measurements(folder, joints=7))  # for its constraints
+    kept: list[np.ndarray] = []
+
+    def route() -> None:
+        _, q, tau = naive.read(folder, 7)
+        rows = naive.all_rows(problem.robot._model, q, tau, SIGN_WIDTH)
+        r = naive.triangle(rows)
+        data = LeastSquares(
+            r[:-1, :-1], r[:-1, -1], abs(r[-1, -1]), float(r[:, -1] @ r[:, -1]), len(rows)
+        )
+        solve_with_cvxpy(problem, replace(task, data=data))
+        kept.append(rows)
+
+    other = cpu(route)
+    row = Row(
+        "text files to estimate, CPU", ours, other, "s", other / ours, ">= 15x less", other >= 15 * ours,
+        "ours certified; theirs: Pinocchio loop, columns filtered, QR of all rows, CVXPY + Clarabel",
+    )  # fmt: skip
+    return row, kept[0]
+
+
+def task_of(problem: Problem, measurements: Measurements) -> Task:
+    model = problem.model()
+    settings = problem.preprocessing.resolve(measurements)
+    return make_task(problem, model, compress(measurements, model, settings))
+
+
+def solve_with_cvxpy(problem: Problem, task: Task) -> None:
+    objective, _ = make_estimator(METHOD).posed(task)  # type: ignore[attr-defined]
+    cvxpy_model(problem, task, objective, make_estimator(METHOD).thickness).solve("CLARABEL")  # type: ignore[attr-defined]
+
+
+def compressed(problem: Problem, task: Task) -> Row:
+    """The default path with set-up against fresh CVXPY + Clarabel on the same compressed problem."""
+    estimator = make_estimator(METHOD)
+    ours = cpu(lambda: estimator.fit(task), times=7)
+    other = cpu(lambda: solve_with_cvxpy(problem, task), times=7)
+    return Row(
+        "compressed problem to optimum, CPU", 1e3 * ours, 1e3 * other, "ms", other / ours,
+        ">= 2x less", other >= 2 * ours, "ours: set-up, interior point, solve, gap checked",
+    )  # fmt: skip
+
+
+def peak(call: Callable[[], object]) -> float:
+    """Memory that a call needs at most beyond what was there before [MB]."""
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    tracemalloc.reset_peak()
+    call()
+    highest = tracemalloc.get_traced_memory()[1] - before
+    tracemalloc.stop()
+    return highest / 1e6
+
+
+def to_and_fro(run: Measurements, times: int) -> Measurements:
+    """One long run: the motion forwards, backwards, forwards, ... under one clock."""
+    span = run.t[-1] - run.t[0] + float(np.median(np.diff(run.t)))
+    t, q, tau = [], [], []
+    for k in range(times):
+        forth = k % 2 == 0
+        t.append(k * span + (run.t - run.t[0] if forth else run.t[-1] - run.t[::-1]))
+        q.append(run.q if forth else run.q[::-1])
+        tau.append(run.tau if forth else run.tau[::-1])
+    return Measurements(np.concatenate(t), np.concatenate(q), np.concatenate(tau))
+
+
+def flat_in_samples(problem: Problem, run: Measurements, times: int = 8) -> list[Row]:
+    """Solve time and memory for the run once and ``times`` as long."""
+    long = to_and_fro(run, times)
+    model, settings = problem.model(), problem.preprocessing.resolve(run)
+    estimator = make_estimator(METHOD)
+    tasks = [task_of(problem, data) for data in (run, long)]
+    once, over = (cpu(lambda task=task: estimator.fit(task), times=5) for task in tasks)  # type: ignore[misc]
+    memory = [peak(lambda data=data: compress(data, model, settings)) for data in (run, long)]  # type: ignore[misc]
+    count = f"{len(run.t)} against {len(long.t)} samples"
+    return [
+        Row(
+            f"solve time, {count}",
+            *(1e3 * over, 1e3 * once, "ms", over / once),
+            *("flat (within 25 %)", over <= 1.25 * once),
+        ),
+        Row(
+            f"memory of filtering and compression, {count}",
+            *(memory[1], memory[0], "MB", memory[1] / memory[0]),
+            *("flat beyond the samples", memory[1] - memory[0] <= 1.25 * resampled(long)),
+            f"of the long run's, {resampled(long):.0f} MB are its samples on a uniform grid",
+        ),
+    ]
+
+
+def resampled(run: Measurements) -> float:
+    """Size of q and tau on the uniform grid [MB]."""
+    return 2e-6 * run.q.nbytes
+
+
+def one_loss(task: Task, rows: np.ndarray) -> Row:
+    """One penalised loss of the paper's method, against the residual of all rows."""
+    box = barycentric_box(task)
+    loss = PenalisedLoss(task, task.data, box, np.arange(len(task.bound)), box.p(task.ols))
+    u = np.random.default_rng(0).uniform(size=len(task.bound))
+    y, tau, theta = rows[:, :-1], rows[:, -1], task.ols
+
+    def all_rows() -> None:
+        residual = y @ theta - tau
+        residual @ residual
+
+    count = 2000
+    ours = cpu(lambda: [loss.value(u, 10.0) for _ in range(count)], times=3) / count
+    other = cpu(lambda: [all_rows() for _ in range(20)], times=3) / 20
+    return Row(
+        "one penalised loss, CPU", 1e6 * ours, 1e6 * other, "us", other / ours, "< 50 us", ours < 50e-6,
+        "ours: loss, triangle inequalities, total mass; theirs: the loss alone on all rows",
+    )  # fmt: skip
+
+
+#: A small process that starts the command and reports on it: its own memory stays out of the figure.
+_LAUNCH = """
+import os, subprocess, sys, time
+start = time.perf_counter()
+child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, usage = os.wait4(child.pid, 0)
+print(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3, status)
+"""
+
+
+def process(command: list[str]) -> tuple[float, float, float]:
+    """Wall time [s], processor time [s] and peak memory [MB] of a process."""
+    result = subprocess.run([sys.executable, "-c", _LAUNCH, *command], capture_output=True, text=True)
+    wall, processor, memory, status = map(float, result.stdout.split())
+    if status != 0:
+        raise RuntimeError(f"{command[0]} failed: {result.stderr[-500:]}")
+    return wall, processor, memory
+
+
+def whole_process(problem: Problem, run: Measurements, python: str | None) -> list[Row]:
+    """`identify` as a process against FIGAROH's script, both from the same RUN.csv (uniform 1 kHz)."""
+    if python is None:
+        return []
+    grid = np.arange(run.t[0], run.t[-1], 0.001)
+    q, tau = (np.column_stack([np.interp(grid, run.t, c) for c in x.T]) for x in (run.q, run.tau))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        save_csv(Measurements(grid, q, tau), folder / "run.csv")
+        export(identify(problem, run, METHOD), folder / "robot.urdf")
+        ours = [sys.executable, "-c", "from sdp_vs_penalty.cli import main; main()", "identify"]
+        ours += [problem.name, "--data", str(folder / "run.csv"), "--out", str(folder / "model.json")]
+        theirs = [python, str(HERE / "figaroh_identify.py"), str(folder / "run.csv")]
+        theirs += [str(folder / "robot.urdf"), "1000", str(folder / "figaroh.json")]
+        measured = [(process(ours), process(theirs)) for _ in range(3)]
+        accepted = '"accepted": true' in (folder / "figaroh.json").read_text()
+    least = np.array(measured).min(axis=0)  # (2 programs, 3 figures)
+    note = "FIGAROH 1.0.2 from PyPI, physical_fit, decimation by 10; it " + (
+        "accepts its result" if accepted else "rejects its result"
+    )
+    names = (("wall", "s"), ("CPU", "s"), ("peak memory", "MB"))
+    return [
+        Row(
+            f"whole identify process, {name}",
+            *(float(mine), float(other), unit, float(other / mine)),
+            *("at most half", 2 * mine <= other, note),
+        )
+        for (name, unit), mine, other in zip(names, *least, strict=True)
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--figaroh")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "results")
+    options = parser.parse_args()
+    one_thread = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+    if not one_thread.items() <= os.environ.items():  # must be said before NumPy is loaded
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | one_thread)
+    problem = load_problem("panda")
+    run = load_measurements(options.data / "panda", joints=7)
+    identify(problem, run, METHOD)  # imports and caches: "after import"
+    first, rows = from_text(problem, options.data / "panda")
+    task = task_of(problem, run)
+    table = [
+        first,
+        compressed(problem, task),
+        *flat_in_samples(problem, run),
+        one_loss(task, rows),
+        *whole_process(problem, run, options.figaroh),
+    ]
+    write(table, options.out, options.figaroh is not None)
+
+
+def write(table: list[Row], out: Path, with_figaroh: bool) -> None:
+    """benchmarks.csv and benchmarks.md."""
+    names = ["what", "ours", "other", "unit", "ratio", "target", "met", "note"]
+    cells = [
+        [r.what, f"{r.ours:.3g}", f"{r.other:.3g}", r.unit, f"{r.ratio:.3g}", r.target,
+         "yes" if r.met else "no", r.note] for r in table
+    ]  # fmt: skip
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerows([names, *cells])
+    write_text(out / "benchmarks.csv", buffer.getvalue())
+    lines = ["| " + " | ".join(line) + " |" for line in [names, ["---"] * len(names), *cells]]
+    machine = f"{platform.machine()}, {os.cpu_count()} processors, one thread used"
+    used = ", ".join(f"{name} {version}" for name, version in versions().items())
+    absent = "" if with_figaroh else "\nFIGAROH was not given and is not compared.\n"
+    write_text(
+        out / "benchmarks.md",
+        "# Speed and memory\n\nPanda, the authors' run of 20 544 samples; both columns of a row were "
+        f"measured in one run of `python benchmarks/run.py` ({machine}; {used}).\n{absent}\n"
+        + "\n".join(lines)
+        + "\n",
+    )
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
