@@ -24,7 +24,8 @@ from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_colu
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import Fit, Rows, score_library
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
-from sdp_vs_penalty.diagnosis.whitening import Noise, noise_of, pieces_of
+from sdp_vs_penalty.diagnosis.whitening import ORDER, Noise, noise_of, pieces_of
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
@@ -81,29 +82,37 @@ def diagnose(
 
 
 def search_through(stage: Stage, estimate: Estimate) -> Stage:
-    """Run the search. Where the noise is only known as what the model leaves, know it better after
-    each round, and search again with it, until nothing more is found."""
+    """Run the search. Where the noise is only known as what the model leaves, begin with what it
+    leaves beside the best explanation, know it better after each round, and search again with it,
+    until nothing more is found."""
+    if stage.noise.source == "residual":
+        n = stage.rows.n
+        plain = replace(stage.noise, ar=np.zeros((n, ORDER)), sigma=stage.noise.floor)
+        search = with_noise(stage, estimate, plain).search
+        best = search.contenders(search.fit(), search.scaled)[:1]
+        stage = with_noise(stage, estimate, _noise_beside(stage, [h.effect for h in best]))
     stage.search.run()
     for _ in range(_ROUNDS if stage.noise.source == "residual" else 0):
-        found = len(stage.search.picks)
-        columns = [spread_columns(stage.rows, p.hypothesis.effect) for p in stage.search.picks]
-        everything = np.concatenate([stage.base, *columns], axis=2)
-        theta = least_squares(stage, stage.rows, everything)
-        left = stage.residual - (everything @ theta).T
-        noise = noise_of(stage.rows, [], left)
         picks = stage.search.picks
+        noise = _noise_beside(stage, [p.hypothesis.effect for p in picks])
         stage = with_noise(stage, estimate, noise)
         for pick in picks:
-            h = pick.hypothesis
-            columns_now = stage.search.white_columns(h.effect)
-            stage.search.picks.append(replace(pick, hypothesis=replace(h, columns=columns_now)))
+            columns = stage.search.white_columns(pick.hypothesis.effect)
+            renewed = replace(pick.hypothesis, columns=columns)
+            stage.search.picks.append(replace(pick, hypothesis=renewed))
         stage.search.settle()
-        if found == 0:
-            break
         stage.search.run()
-        if len(stage.search.picks) == found:
+        if len(stage.search.picks) == len(picks):
             break
     return stage
+
+
+def _noise_beside(stage: Stage, effects: Sequence[Effect]) -> Noise:
+    """The noise as what the model leaves when it has these effects as well."""
+    columns = [spread_columns(stage.rows, effect) for effect in effects]
+    everything = np.concatenate([stage.base, *columns], axis=2)
+    theta = least_squares(stage, stage.rows, everything)
+    return noise_of(stage.rows, [], stage.residual - (everything @ theta).T)
 
 
 def with_noise(stage: Stage, estimate: Estimate, noise: Noise) -> Stage:

@@ -131,9 +131,12 @@ class Search:
                 out = out.extended(out.scaled(pick.hypothesis.columns))
         return out
 
-    def coloured(self) -> tuple[Fit, Library]:
-        """Fit and library with the colour of the unexplained error taken out."""
+    def coloured(self, best: Hypothesis | None = None) -> tuple[Fit, Library]:
+        """Fit and library with the colour taken out of the error that stays unexplained even with the
+        ``best`` hypothesis so far."""
         fit = self.fit()
+        if best is not None:
+            fit = fit.extended(fit.scaled(best.columns))
         n = self.rows.n
         white = fit.residual.reshape(n, -1) * self.weighting.level[:, None]
         colour = np.zeros((n, ORDER))
@@ -168,7 +171,7 @@ class Search:
         fit, scaled = self.fit(), self.scaled
         contenders = self.contenders(fit, scaled)
         if contenders and self._left(fit, contenders[0]) > _MISFIT:
-            fit, scaled = self.coloured()
+            fit, scaled = self.coloured(contenders[0])
             contenders = self.contenders(fit, scaled)
         if not contenders:
             return None
