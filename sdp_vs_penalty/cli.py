@@ -302,7 +302,11 @@ def _window(text: str | None) -> tuple[float, float]:
 
 
 def expand_many(arguments: Sequence[str]) -> list[str]:
-    """Repeat an option of several values before each: --data a b becomes --data a --data b."""
+    """Repeat an option of several values before each.
+
+    >>> expand_many(["--data", "a", "b", "--out", "c"])
+    ['--data', 'a', '--data', 'b', '--out', 'c']
+    """
     out: list[str] = []
     many = ""
     for word in arguments:

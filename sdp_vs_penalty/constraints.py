@@ -62,7 +62,11 @@ class Constraint:
 
 
 def cone_margin(cone: str, value: Array) -> float:
-    """Smallest eigenvalue (psd), s - |u| (soc) or smallest entry (nonnegative)."""
+    """Smallest eigenvalue (psd), s - |u| (soc) or smallest entry (nonnegative).
+
+    >>> cone_margin("soc", np.array([6.0, 3.0, 4.0]))
+    1.0
+    """
     if cone == "psd":
         return float(np.linalg.eigvalsh(value)[0])
     if cone == "soc":

@@ -152,6 +152,10 @@ def clean_stretch(text: str, width: int, gap: float = _UR10E_GAP) -> tuple[Array
     A recorder that starts or stops in the middle of a packet writes rows of other fields as if
     they were samples: numbers, but nothing of the robot's. Their clock column gives them away.
     Rows count from 1; the stretch has ``width`` finite numbers a row and time steps in (0, gap].
+
+    >>> clean_stretch("0.3,9\\n7.00,1\\n7.01,2\\n7.02", 2)
+    (array([[7.  , 1.  ],
+           [7.01, 2.  ]]), 'row 1 (no running clock before row 2) and row 4 (cut short or not numbers)')
     """
     lines = text.splitlines()
     while lines and not lines[-1].strip():

@@ -126,7 +126,7 @@ class Estimate:
 
 
 def load_estimate(path: str | Path) -> Estimate:
-    """Read a model.json; the estimate predicts the same torques to the last bit.
+    """Read the model.json at ``path``; the estimate predicts the same torques to the last bit.
 
     Raises InputError for a file that is not one, is incomplete, or comes from a newer version.
     """

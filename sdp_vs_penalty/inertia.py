@@ -97,6 +97,9 @@ def standard_from_barycentric(p: ArrayLike) -> Array:
     """Standard parameters of (m, cx, cy, cz, six entries of I about the centre of mass), (..., 10).
 
     The convention of Gaz et al. (RA-L 2019), with the inertia entries in our order.
+
+    >>> standard_from_barycentric([2.0, 0.0, 0.0, 0.5, 0.1, 0.0, 0.1, 0.0, 0.0, 0.02])
+    array([2.  , 0.  , 0.  , 1.  , 0.6 , 0.  , 0.6 , 0.  , 0.  , 0.02])
     """
     p = np.asarray(p, float)
     mass, c = p[..., 0], p[..., 1:4]

@@ -105,8 +105,8 @@ def load_measurements(
 ) -> Measurements:
     """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the authors' Panda format.
 
-    joints : the number of joints expected; start, stop : the window of each run to keep [s];
-    names : of the robot's joints, for formats that name theirs (ROS).
+    paths : one file a run; joints : the number of joints expected; start, stop : the window of each run
+    to keep [s]; names : of the robot's joints, for formats that name theirs (ROS).
     Raises InputError naming file, row and column for whatever cannot be used.
     """
     if not paths:

@@ -285,7 +285,7 @@ def problem_names() -> list[str]:
 
 
 def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> Problem:
-    """The problem of a built-in name, a folder with a problem.toml, or a URDF file.
+    """The problem of ``source``: a built-in name, a folder with a problem.toml, or a URDF file.
 
     gravity : the gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
     Raises InputError where there is no such problem, or its files contradict themselves.

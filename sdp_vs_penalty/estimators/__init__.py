@@ -64,7 +64,8 @@ def identify(
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
     effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
         the problem's); weighting : "noise" divides each joint's rows by its residual in a first
-        least-squares pass, "none" leaves newton metres of all joints equal.
+        least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
+        random; progress : hears where the computation stands.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
