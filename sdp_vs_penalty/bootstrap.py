@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
@@ -72,6 +73,40 @@ def draw_counts(blocks: int, draw: int, seed: int) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
+class _Base:
+    """The problem of all blocks, ready for new values.
+
+    What the blocks see lies in the row space of what all of them see together, R = R[:, leading] D with
+    D (r, p) the identity in the ``leading`` columns: the rows of every draw are T D with T triangular,
+    at the same places (``pattern``, and ``where`` they stand in A's data).
+    """
+
+    sdp: SdpProblem
+    leading: NDArray[np.intp]
+    dependence: Array
+    pattern: NDArray[np.bool_]
+    where: NDArray[np.intp]
+    solver: Updated
+
+    @classmethod
+    def of(cls, sdp: SdpProblem, p: int) -> _Base:
+        A, r = sdp.conic.A.tocsc(), sdp.conic.cones[0].size
+        triangle, pivots = scipy.linalg.qr(A[:r, :p].toarray(), mode="r", pivoting=True)
+        dependence, pattern = np.zeros((r, p)), np.zeros((r, p), bool)
+        dependence[:, pivots[:r]] = np.eye(r)
+        dependence[:, pivots[r:]] = scipy.linalg.solve_triangular(triangle[:r, :r], triangle[:r, r:])
+        pattern[:, pivots[:r]] = np.triu(np.ones((r, r), bool))
+        pattern[:, pivots[r:]] = True
+        top = sparse.hstack([sparse.csc_matrix(pattern, dtype=float), A[:r, p:]])
+        filled = sparse.csc_matrix(sparse.vstack([top, A[r:]]))
+        # Within a column rows ascend, so the data rows come first.
+        counts = pattern.sum(axis=0)
+        where = np.concatenate([filled.indptr[k] + np.arange(counts[k]) for k in range(p)])
+        solver = Updated(replace(sdp.conic, A=filled), _ACCURACY)
+        return cls(sdp, pivots[:r], dependence, pattern, where, solver)
+
+
+@dataclass(frozen=True)
 class Resampler:
     """One task and its blocks; ``task.constraints`` hold every demand, the minimum thickness too."""
 
@@ -83,8 +118,7 @@ class Resampler:
         return interior_point(self.task, self.task.constraints)
 
     @cached_property
-    def _base(self) -> tuple[SdpProblem, Array, Updated, NDArray[np.intp]]:
-        """The problem of all blocks, the rows' basis (r, p), the solver, where its data rows stand."""
+    def _base(self) -> _Base:
         objective = Objective(self.task.data)
         whole = solve_sdp(self.task, objective, self.task.constraints, "clarabel", _ACCURACY)
         sent = essential(self.task.constraints, objective)
@@ -92,42 +126,25 @@ class Resampler:
         sdp = least_squares_sdp(
             objective, sent, self.interior, self.task.bound, whole.theta, least_loss=least
         )
-        r = sdp.conic.cones[0].size
-        A = sdp.conic.A.tocsc()
-        data_rows = A[:r, : len(self.task.bound)].toarray()
-        # What the blocks see lies in the row space of what all of them see together.
-        basis = np.linalg.qr(data_rows.T)[0].T
-        filled = sparse.vstack(
-            [
-                sparse.hstack([sparse.csc_matrix(np.ones((r, A.shape[1] - r))), -sparse.identity(r)]),
-                A[r:],
-            ]
-        ).tocsc()
-        solver = Updated(replace(sdp.conic, A=filled), _ACCURACY)
-        # In a csc matrix the data block's entries are the first r of each of its columns.
-        where = (filled.indptr[: len(self.task.bound), None] + np.arange(r)).ravel()
-        return sdp, basis, solver, where
+        return _Base.of(sdp, len(self.task.bound))
 
     @cached_property
     def _reduced(self) -> list[Array]:
-        """Each block's rows in the basis, with its right side about the centre: (<= r + 1, r + 1)."""
-        sdp, basis, _, _ = self._base
-        out = []
+        """Each block's rows in the leading columns, with its right side about the centre."""
+        base, out = self._base, []
         for block in self.blocks:
-            rows = (block.R * sdp.theta_scale) @ basis.T
-            out.append(triangular([np.column_stack([rows, block.rho - block.R @ sdp.centre])]))
+            rows = (block.R * base.sdp.theta_scale)[:, base.leading]
+            out.append(triangular([np.column_stack([rows, block.rho - block.R @ base.sdp.centre])]))
         return out
 
     def solve(self, counts: NDArray[np.int64]) -> tuple[Solution, SdpProblem]:
         """Clarabel's answer for one draw; only values change."""
-        sdp, basis, solver, where = self._base
-        r = len(basis)
-        parts = [np.sqrt(c) * t for t, c in zip(self._reduced, counts, strict=True) if c]
-        triangle = triangular(parts)[:r]
-        if len(triangle) < r:
-            triangle = np.vstack([triangle, np.zeros((r - len(triangle), r + 1))])
-        values = (triangle[:, :r] @ basis / sdp.loss_scale).T.ravel()
-        return solver.solve(where, values, triangle[:, r] / sdp.loss_scale), sdp
+        base = self._base
+        r, scale = len(base.leading), base.sdp.loss_scale
+        triangle = triangular([np.sqrt(c) * t for t, c in zip(self._reduced, counts, strict=True) if c])
+        triangle = np.vstack([triangle, np.zeros((max(r - len(triangle), 0), r + 1))])[:r]
+        values = (triangle[:, :r] @ base.dependence).T[base.pattern.T] / scale
+        return base.solver.solve(base.where, values, triangle[:, r] / scale), base.sdp
 
     def draw(self, counts: NDArray[np.int64]) -> tuple[Array, float, float, bool]:
         """theta, loss, certified relative gap of one draw, and whether it was solved again."""

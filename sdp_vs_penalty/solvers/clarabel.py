@@ -46,6 +46,8 @@ def _settings(accuracy: float) -> Any:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
+    # Supernodal: as fast as the default on an arm, twice as fast on sixty links.
+    settings.direct_solve_method = "faer"
     for key, value in options(NAME, accuracy).items():
         setattr(settings, key, value)
     return settings
