@@ -225,9 +225,7 @@ def test_convex_constraints_follow_from_the_published_bounds(
         if len(links) < problem.robot.n:
             continue
         theta = links.ravel()
-        if problem.cones and demands.with_families(lambda f: f == "centre of mass cone").margin(theta) < 0:
-            continue
-        if demands.with_families(lambda f: f == "total mass").margin(theta) < 0:
+        if demands.with_families(lambda f: f in ("centre of mass cone", "total mass")).margin(theta) < 0:
             continue
         kept += 1
         violations = demands.worst(theta)

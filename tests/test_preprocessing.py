@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty import preprocessing
@@ -135,7 +136,7 @@ def test_pieces_give_exactly_the_whole(chunk: int, monkeypatch: pytest.MonkeyPat
 def test_jittered_time_stamps_are_resampled() -> None:
     model, theta, run = model_and_run(dt=1e-3)
     rng = np.random.default_rng(5)
-    t = np.cumsum(rng.uniform(0.3e-3, 1.7e-3, 12_000)).astype(np.float64)
+    t: NDArray[np.float64] = np.cumsum(rng.uniform(0.3e-3, 1.7e-3, 12_000), dtype=np.float64)
     jittered = Measurements(
         t,
         np.column_stack([np.interp(t, run.t, q) for q in run.q.T]),
@@ -165,7 +166,7 @@ def test_standstill_is_dropped_and_motion_is_kept() -> None:
     model, _, run = model_and_run(seconds=10.0, dt=2e-3)
     rest = 3000
     tail = np.repeat(run.q[-1:], rest, axis=0)
-    t = np.arange(len(run.t) + rest) * 2e-3
+    t = np.linspace(0.0, 2e-3 * (len(run.t) + rest - 1), len(run.t) + rest)
     noise = 1e-6 * np.random.default_rng(1).normal(size=(len(t), 3))
     stopped = Measurements(t, np.vstack([run.q, tail]) + noise, np.vstack([run.tau, 0 * tail]))
     settings = Preprocessing(5.0, 8.0)
