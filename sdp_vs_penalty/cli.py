@@ -241,7 +241,7 @@ def fetch(
     Example: [cyan]sdp-vs-penalty fetch emps[/cyan]
     """
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.datasets import DATASETS, dataset
+    from sdp_vs_penalty.datasets import DATASETS, cache_folder, dataset
     from sdp_vs_penalty.datasets import fetch as fetch_dataset
 
     for name in [dataset(name).name for name in names or DATASETS]:
@@ -252,6 +252,8 @@ def fetch(
             print(f"sdp-vs-penalty: {remark}", file=sys.stderr)
         for path in paths:
             print(path)
+    kept = folder or cache_folder()
+    print(f"sdp-vs-penalty: tables find them with SDP_VS_PENALTY_DATA={kept}", file=sys.stderr)
 
 
 cli_files.register(app)

@@ -156,7 +156,7 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
     assert code == 0
     assert "noise floor" in out
     content = json.loads(out_file.read_text())
-    assert list(content)[0] == "models"
+    assert next(iter(content)) == "models"
     assert [entry["model"] for entry in content["models"]] == [str(model), str(other)]
     for entry in content["models"]:
         assert set(entry) == {
@@ -285,3 +285,26 @@ def test_a_closed_pipe_is_no_traceback() -> None:
     result = subprocess.run(["bash", "-c", shell], capture_output=True, text=True)
     assert "Traceback" not in result.stderr
     assert "BrokenPipe" not in result.stderr
+
+
+NOSE_PLUGIN = "def main():\n    pass\n"
+OLD_ROS = "__version__ = '2.7.0'\ndef computeJointTorqueRegressor():\n    pass\n"
+BROKEN = "raise ImportError('libpinocchio_default.so: cannot open shared object file')\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (NOSE_PLUGIN, ["not the robotics library", "pip uninstall pinocchio", "pin>=4"]),
+        (OLD_ROS, ["version 2.7.0", "PYTHONPATH", "ROS"]),
+        (BROKEN, ["cannot be imported", "libpinocchio_default.so", "pin>=4"]),
+    ],
+)
+def test_another_pinocchio_is_told_from_ours(content: str, words: list[str], tmp_path: Path) -> None:
+    """PyPI's `pinocchio`, a ROS copy in front of the wheel, a wheel without its libraries."""
+    (tmp_path / "pinocchio.py").write_text(content)
+    path = os.pathsep.join([str(tmp_path), HERE["PYTHONPATH"]])
+    command = [*PROGRAM, "list", "problems"]
+    result = subprocess.run(command, capture_output=True, text=True, env={**HERE, "PYTHONPATH": path})
+    assert result.returncode == 2
+    assert_one_sentence(result.stderr, *words)

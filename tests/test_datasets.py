@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sdp_vs_penalty import compare, datasets, identify, load_measurements, load_problem
+from sdp_vs_penalty.cli import main
 from sdp_vs_penalty.datasets import DATASETS, clean_stretch, fetch
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem import problem_names
@@ -164,6 +165,22 @@ def test_ur10e_kinematics_are_those_of_the_authors(data_folder: Path) -> None:
             assert np.allclose(a1, turn @ a2, atol=1e-6)
             offset = turn @ p2 - p1
             assert np.linalg.norm(np.cross(offset, a1)) < 2e-3
+
+
+@pytest.mark.real_data
+def test_the_verb_prints_paths_and_says_what_it_could_not_use(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(datasets.MIRROR_VARIABLE, address)
+    with pytest.raises(SystemExit) as stop:
+        main(["fetch", "ur10e", "emps", "--folder", str(tmp_path)])
+    out, err = capsys.readouterr()
+    assert stop.value.code == 0
+    paths = [Path(line) for line in out.splitlines()]
+    assert len(paths) == 10
+    assert all(path.is_file() for path in paths)
+    assert "rows 1 to 10" in err
+    assert f"SDP_VS_PENALTY_DATA={tmp_path}" in err
 
 
 def test_offline_is_one_sentence(tmp_path: Path) -> None:
