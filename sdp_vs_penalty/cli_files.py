@@ -24,6 +24,7 @@ def register(app: typer.Typer) -> None:
     app.command("convert")(convert_run)
     app.command("export")(export_model)
     app.command("check-urdf")(check_urdf_file)
+    app.command("report")(write_report)
 
 
 def check_runs(
@@ -280,3 +281,50 @@ def _urdf_table(checks: Sequence[LinkCheck]) -> None:
                 markup=False,
                 soft_wrap=True,
             )
+
+
+def write_report(
+    models: Annotated[
+        list[Path],
+        typer.Argument(metavar="model.json ...", help="In the order in which effects were added."),
+    ],
+    data: Annotated[
+        list[Path], typer.Option("--data", metavar="RUN.csv ...", help="Runs to judge the models on.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="report.html", help="File to write.")],
+    problem: Annotated[
+        str | None, typer.Option(help="Whose bounds hold; default: the model's own problem.")
+    ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(metavar="START:STOP", help="Part of each run, in seconds from its start."),
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.
+
+    Example: [cyan]sdp-vs-penalty report model.json model2.json --data test.csv --out report.html[/cyan]
+    """
+    import shlex
+    import sys
+
+    from sdp_vs_penalty import console
+    from sdp_vs_penalty.cli import _window
+    from sdp_vs_penalty.estimate import load_estimate
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.measurements import load_measurements
+    from sdp_vs_penalty.problem import load_problem
+    from sdp_vs_penalty.report import make_report
+
+    estimates = {str(path): load_estimate(path) for path in models}
+    start, stop = _window(window)
+    bounds = None if problem is None else load_problem(problem)
+    names = [joint.name for joint in next(iter(estimates.values())).robot.joints]
+    with console.progress("reading the measurements") as progress:
+        measurements = load_measurements(*data, start=start, stop=stop, names=names)
+        command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
+        made = make_report(
+            estimates, measurements, problem=bounds, commands=[command], progress=progress
+        )
+    write_text(out, made)
+    console.out.print(f"written: {out}", markup=False, soft_wrap=True)

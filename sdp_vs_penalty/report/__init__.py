@@ -1,0 +1,86 @@
+"""One self-contained HTML file about one or several models: :func:`make_report` is the verb."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from sdp_vs_penalty.check import check
+from sdp_vs_penalty.comparison import compare
+from sdp_vs_penalty.diagnosis.adding import _problem_of
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import filtered_torque
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.report import evidence, parameters, sections
+from sdp_vs_penalty.report.document import page
+from sdp_vs_penalty.report.section import Material
+from sdp_vs_penalty.uncertainty import Uncertainty, uncertainty
+from sdp_vs_penalty.where_it_fails import where_it_fails
+
+_SECTIONS = (
+    sections.summary,
+    sections.torques,
+    sections.failures,
+    sections.ladder,
+    parameters.parameters,
+    parameters.arm,
+    evidence.certificate,
+    evidence.data_check,
+    evidence.provenance,
+)
+
+
+def make_report(
+    models: Mapping[str, Estimate],
+    measurements: Measurements,
+    *,
+    problem: Problem | None = None,
+    commands: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> str:
+    """The HTML of a report: models by name, in the order in which effects were added.
+
+    problem : whose bounds the intervals refer to (default: the last model's own).
+    Raises InputError where a model and the measurements do not belong together, or plotly is missing.
+    """
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise InputError(
+            "The report needs the extra [report]: pip install 'sdp-vs-penalty[report]'."
+        ) from error
+    progress("comparing")
+    comparisons = compare(models, measurements)
+    last = list(models.values())[-1]
+    settings = next(iter(models.values())).preprocessing.resolve(measurements)
+    rows = {
+        name: [filtered_torque(run, e.model, settings) for run in measurements.runs()]
+        for name, e in models.items()
+    }
+    own = _problem_of(last) if problem is None else problem
+    progress("looking where it fails")
+    failures = where_it_fails(last, measurements)
+    progress("bootstrapping")
+    material = Material(
+        models,
+        measurements,
+        own,
+        comparisons,
+        rows,
+        failures,
+        _known(own, last, measurements),
+        check(own, measurements),
+        commands,
+    )
+    progress("drawing")
+    made = [make(material) for make in _SECTIONS]
+    return page(f"{last.robot.name}: identified dynamics", made, get_plotlyjs())
+
+
+def _known(problem: Problem, estimate: Estimate, measurements: Measurements) -> Uncertainty | None:
+    try:
+        return uncertainty(problem, estimate, measurements)
+    except InputError:  # too few time blocks: the section says so
+        return None

@@ -1,0 +1,51 @@
+"""The page around the sections: one file, no request to anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from sdp_vs_penalty.report.section import Section
+
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1b1b1b; --paper: #ffffff; --line: #d5d5d5; --soft: #f4f4f4; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e8e8e8; --paper: #16181b; --line: #3a3d42; --soft: #22252a; }
+}
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 72rem; padding: 1rem 1.2rem 4rem; font: 16px/1.5 system-ui, sans-serif;
+  color: var(--ink); background: var(--paper); }
+h1 { font-size: 1.6rem; margin: 0.6rem 0; } h2 { font-size: 1.25rem; margin: 2.2rem 0 0.6rem; }
+h3 { font-size: 1rem; margin: 1rem 0 0.4rem; }
+nav { display: flex; flex-wrap: wrap; gap: 0.3rem 1rem; border-block: 1px solid var(--line);
+  padding: 0.5rem 0; }
+a { color: inherit; } a:focus-visible, summary:focus-visible { outline: 3px solid #0072b2; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.88rem; margin: 0.6rem 0; }
+th, td { padding: 0.25rem 0.7rem 0.25rem 0; text-align: left; border-bottom: 1px solid var(--line);
+  vertical-align: top; } .number { text-align: right; font-variant-numeric: tabular-nums; }
+figure { margin: 1rem 0; } figcaption { font-size: 0.88rem; opacity: 0.8; }
+pre { background: var(--soft); padding: 0.8rem; overflow-x: auto; font-size: 0.85rem; }
+.finding { border-left: 4px solid var(--line); padding: 0.3rem 0.8rem; margin: 0.5rem 0;
+  background: var(--soft); }
+.finding.error { border-color: #d55e00; } .finding.warning { border-color: #e69f00; }
+.finding span { display: block; font-size: 0.88rem; opacity: 0.85; }
+@media print { nav { display: none; } figure, tr { break-inside: avoid; } body { max-width: none; }
+  details > * { display: block; } }
+"""
+
+
+def page(title: str, sections: Sequence[Section], script: str) -> str:
+    """A whole HTML document; ``script`` is plotly's, embedded once."""
+    links = "".join(f'<a href="#{s.anchor}">{escape(s.title)}</a>' for s in sections)
+    bodies = "".join(
+        f'<section id="{s.anchor}"><h2>{escape(s.title)}</h2>{s.body}</section>' for s in sections
+    )
+    return (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        # Nothing is loaded from anywhere, whatever the data say.
+        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
+        "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:\">"
+        f"<title>{escape(title)}</title><style>{_STYLE}</style><script>{script}</script></head>"
+        f"<body><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</body></html>\n"
+    )

@@ -1,0 +1,172 @@
+"""The sections of the report about the parameters: intervals, consistency, the arm as a picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import inertia
+from sdp_vs_penalty.report.section import (
+    COLOURS,
+    MEASURED,
+    Material,
+    Section,
+    figure,
+    number,
+    table,
+    text,
+)
+from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.uncertainty import Interval, counts
+
+Array = NDArray[np.float64]
+
+
+def parameters(material: Material) -> Section:
+    """Base and standard parameters with intervals and verdicts."""
+    known = material.uncertainty
+    if known is None:
+        return Section(
+            "parameters", "Parameters", text("The runs are too short for intervals (four time blocks).")
+        )
+    percent = 100.0 * known.level
+    base, standard = counts(known.base), counts(known.standard)
+    body = text(
+        f"Values are those of {material.last_name}; {percent:.0f} % intervals are what these runs say "
+        "by themselves (least squares, block bootstrap), without constraints. Of "
+        f"{len(known.base)} base parameters (the combinations that make torque) "
+        f"{base['identifiable']} are identifiable, {base['weakly']} weakly, {base['not seen']} not "
+        f"seen; of {len(known.standard)} standard ones {standard['identifiable']}, {standard['weakly']} "
+        f"and {standard['not seen']}: the others have values that physics allows, not values that were "
+        "measured."
+    )
+    heads = ("parameter", "verdict", "value", "from", "to", "unit")
+    body += table(heads, [_row(i) for i in known.base], numbers_from=2)
+    inner = table(heads, [_row(i) for i in known.standard], numbers_from=2)
+    body += f"<details><summary>Standard parameters</summary>{inner}</details>"
+    return Section("parameters", "Parameters", body)
+
+
+def _row(i: Interval) -> tuple[str, ...]:
+    return i.name, i.verdict, number(i.value), number(i.low), number(i.high), i.unit
+
+
+def arm(material: Material) -> Section:
+    """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and its margins."""
+    from plotly.graph_objects import Figure, Mesh3d, Scatter3d
+
+    estimate = material.last
+    if not len(estimate.model.rigid_indices):
+        return Section("arm", "Links", text("This model has no rigid_body."))
+    robot, links = estimate.robot, estimate.links
+    poses = joint_poses(robot, material.measurements.q.mean(axis=0))
+    plot = Figure()
+    for i, joint in enumerate(robot.joints):
+        begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
+        x, y, z = np.stack([begin, poses[i][:3, 3]]).T
+        plot.add_trace(
+            Scatter3d(
+                x=x,
+                y=y,
+                z=z,
+                mode="lines+markers",
+                line={"color": MEASURED, "width": 6},
+                marker={"size": 3, "color": MEASURED},
+                showlegend=False,
+                hoverinfo="skip",
+            )
+        )
+        shape = ellipsoid(links[i])
+        if shape is None:
+            continue
+        frame = poses[i] @ joint.link_frame
+        x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
+        plot.add_trace(
+            Mesh3d(
+                x=x,
+                y=y,
+                z=z,
+                alphahull=0,
+                color=COLOURS[i % len(COLOURS)],
+                opacity=0.5,
+                name=f"link {i + 1}",
+                showlegend=True,
+            )
+        )
+    axis = {"title": "", "gridcolor": "rgba(128,128,128,0.3)", "backgroundcolor": "rgba(0,0,0,0)"}
+    # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link whose mass
+    # and inertia are not those of one body of that size.
+    joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
+    room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
+    low, high = joints.min(axis=0) - room, joints.max(axis=0) + room
+    axes = {
+        f"{name}axis": {**axis, "range": [float(a), float(b)]}
+        for name, a, b in zip("xyz", low, high, strict=True)
+    }
+    camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
+    ratio = dict(zip("xyz", (1.2 * (high - low) / (high - low).max()).tolist(), strict=True))
+    plot.update_layout(scene={"aspectmode": "manual", "aspectratio": ratio, "camera": camera, **axes})
+    rows = []
+    thick, triangle = inertia.thickness(links), inertia.triangle_margin(links)
+    margins = inertia.consistency_margin(links)
+    for i, link in enumerate(links):
+        com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
+        rows.append(
+            (
+                f"{i + 1} ({robot.joints[i].name})",
+                number(link[0]),
+                ", ".join(number(c, 3) for c in com),
+                number(triangle[i], 3),
+                number(margins[i], 3),
+                f"{1e3 * thick[i]:.1f}",
+            )
+        )
+    heads = (
+        "link",
+        "mass [kg]",
+        "centre of mass [m]",
+        "triangle [kg m2]",
+        "pseudo-inertia",
+        "thickness [mm]",
+    )
+    caption = (
+        "The uniform ellipsoids that have the identified masses and inertias, in the runs' mean pose. "
+        "One that leaves the picture belongs to a link that these data hardly see. A link of zero "
+        "thickness would be a rod or a sheet: possible on paper only."
+    )
+    body = figure(plot, caption, 520) + table(heads, rows)
+    return Section("arm", "Links on the arm", body)
+
+
+def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
+    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in the link frame.
+
+    Its half axes are sqrt(5 eigenvalues of Sigma_c / m). None for a link without mass or thickness.
+    """
+    mass = link[0]
+    if mass <= 0.0:
+        return None
+    pseudo, com = inertia.pseudo_inertia(link), link[1:4] / mass
+    spread = pseudo[:3, :3] / mass - np.outer(com, com)
+    values, axes = np.linalg.eigh(spread)
+    if values[0] <= 0.0:
+        return None
+    u, v = np.meshgrid(np.linspace(0.0, np.pi, fineness), np.linspace(0.0, 2.0 * np.pi, 2 * fineness))
+    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(3, -1)
+    return np.asarray(axes @ (np.sqrt(5.0 * values)[:, None] * ball) + com[:, None], float)
+
+
+def joint_poses(robot: Robot, q: Array) -> list[Array]:
+    """(4, 4) pose of each joint frame, moved by its joint, in the base; q (n,)."""
+    out: list[Array] = []
+    for joint, value in zip(robot.joints, q, strict=True):
+        move = np.eye(4)
+        if joint.kind == "prismatic":
+            move[:3, 3] = value * joint.axis
+        else:
+            x, y, z = joint.axis
+            k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            move[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
+        parent = np.eye(4) if joint.parent < 0 else out[joint.parent]
+        out.append(parent @ joint.placement @ move)
+    return out

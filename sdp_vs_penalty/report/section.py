@@ -1,0 +1,106 @@
+"""What a section of the report is, and the few shapes of markup that sections are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check import Report
+from sdp_vs_penalty.comparison import Comparison
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import Rows
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.uncertainty import Uncertainty
+from sdp_vs_penalty.where_it_fails import JointFailure
+
+Array = NDArray[np.float64]
+
+#: Okabe, Ito, "Color universal design" (2008); readable on white and on black.
+MEASURED = "#888888"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#B8A800")
+
+
+@dataclass(frozen=True)
+class Material:
+    """Everything that the sections show, computed once.
+
+    models : by name, in the order in which effects were added; the last one is looked at closely.
+    rows : of each model the filtered rows of each run; uncertainty : of the last, None where the data
+    are too short; problem : the last model's bounds; commands : that made this report.
+    """
+
+    models: Mapping[str, Estimate]
+    measurements: Measurements
+    problem: Problem
+    comparisons: Sequence[Comparison]
+    rows: Mapping[str, list[Rows]]
+    failures: Sequence[JointFailure]
+    uncertainty: Uncertainty | None
+    checks: Sequence[Report]
+    commands: Sequence[str]
+
+    @property
+    def last(self) -> Estimate:
+        return list(self.models.values())[-1]
+
+    @property
+    def last_name(self) -> str:
+        return list(self.models)[-1]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, an anchor, and a body of markup in which everything is escaped already."""
+
+    anchor: str
+    title: str
+    body: str
+
+
+def text(sentence: str) -> str:
+    return f"<p>{escape(sentence)}</p>"
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_from: int = 1) -> str:
+    """A table; columns from ``numbers_from`` on are numbers and stand right."""
+
+    def cells(row: Sequence[object], tag: str) -> str:
+        return "".join(
+            f"<{tag}{' class=number' if k >= numbers_from else ''}>{escape(str(cell))}</{tag}>"
+            for k, cell in enumerate(row)
+        )
+
+    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
+    head = f"<thead><tr>{cells(headings, 'th')}</tr></thead>"
+    return f'<div class="wide"><table>{head}<tbody>{body}</tbody></table></div>'
+
+
+def figure(plot: Any, caption: str, height: int) -> str:
+    """A plotly figure without its script, which the page holds once."""
+    from plotly.io import to_html
+
+    plot.update_layout(
+        height=height,
+        margin={"l": 55, "r": 15, "t": 30, "b": 45},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        font={"family": "system-ui, sans-serif", "color": MEASURED, "size": 12},
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        hovermode="closest",
+    )
+    axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
+    plot.update_xaxes(**axis)
+    plot.update_yaxes(**axis)
+    options = {"displayModeBar": False, "responsive": True}
+    inner = to_html(plot, include_plotlyjs=False, full_html=False, config=options)
+    return f"<figure>{inner}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}g}"

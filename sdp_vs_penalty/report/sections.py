@@ -1,0 +1,172 @@
+"""The sections of the report about how well the models predict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.comparison import predicted
+from sdp_vs_penalty.report.section import (
+    COLOURS,
+    MEASURED,
+    Material,
+    Section,
+    figure,
+    number,
+    table,
+    text,
+)
+
+#: Points of a curve: more than a screen is wide, few enough to draw at once.
+_POINTS = 1200
+
+
+def summary(material: Material) -> Section:
+    """One line a model: its error, its constraints, its certificate."""
+    rows = []
+    for name, comparison in zip(material.models, material.comparisons, strict=True):
+        estimate = material.models[name]
+        worst = estimate.certificate.worst
+        rows.append(
+            (
+                name,
+                estimate.method,
+                len(estimate.theta),
+                f"{comparison.relative_error_percent:.3f} %",
+                "every constraint holds" if worst == 0.0 else f"violated by {worst:.2g}",
+                number(estimate.certificate.gap, 2),
+            )
+        )
+    m = material.measurements
+    seconds = sum(float(run.t[-1] - run.t[0]) for run in m.runs())
+    body = text(
+        f"{material.last.robot.name}, {material.last.robot.n} joint(s). Judged on {len(m.names)} "
+        f"run(s), {len(m.t)} samples, {seconds:.3g} s: {', '.join(m.names)}. Both sides of every "
+        f"comparison passed the same low-pass at {material.comparisons[0].band_hz:.3g} Hz."
+    )
+    heads = ("model", "method", "parameters", "relative error", "constraints", "certified gap")
+    return Section("summary", "Summary", body + table(heads, rows, numbers_from=2))
+
+
+def torques(material: Material) -> Section:
+    """Measured and modelled torque of each joint, and what is left."""
+    from plotly.graph_objects import Figure, Scatter
+    from plotly.subplots import make_subplots
+
+    n, units = material.last.robot.n, material.last.robot.torque_units
+    plot: Figure = make_subplots(
+        rows=n,
+        cols=2,
+        shared_xaxes=True,
+        horizontal_spacing=0.07,
+        vertical_spacing=0.12 / n,
+        column_widths=[0.62, 0.38],
+    )
+    runs = next(iter(material.rows.values()))
+    start = 0.0
+    for index, run in enumerate(runs):
+        t = run.motion.t - run.motion.t[0] + start
+        keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), _POINTS)).astype(int))
+        for j in range(n):
+            first = index == 0 and j == 0
+            plot.add_trace(
+                Scatter(x=t[keep], y=run.torque[keep, j], name="measured", legendgroup="measured",
+                        showlegend=first, line={"color": MEASURED, "width": 2}),
+                row=j + 1, col=1,
+            )  # fmt: skip
+            for k, (name, estimate) in enumerate(material.models.items()):
+                rows = material.rows[name][index]
+                modelled = predicted(rows, estimate.theta)[keep, j]
+                look = {"color": COLOURS[k % len(COLOURS)], "width": 1.2}
+                for column, values in ((1, modelled), (2, rows.torque[keep, j] - modelled)):
+                    plot.add_trace(
+                        Scatter(x=t[keep], y=values, name=name, legendgroup=name, line=look,
+                                showlegend=first and column == 1),
+                        row=j + 1, col=column,
+                    )  # fmt: skip
+        start = float(t[-1]) + 1.0
+    for j, unit in enumerate(units):
+        plot.update_yaxes(title_text=f"joint {j + 1} [{unit}]", row=j + 1, col=1)
+    for column, title in ((1, "time [s]"), (2, "time [s]; measured - modelled")):
+        plot.update_xaxes(title_text=title, row=n, col=column)
+    caption = (
+        "Left: measured torque and each model's. Right: what is left of it. Click a name to hide it."
+    )
+    return Section("torques", "Measured against modelled", figure(plot, caption, 90 + 150 * n))
+
+
+def ladder(material: Material) -> Section:
+    """The error of every joint, model by model, above the noise."""
+    from plotly.graph_objects import Figure, Scatter
+
+    plot = Figure()
+    names = list(material.models)
+    for j, unit in enumerate(material.last.robot.torque_units):
+        plot.add_trace(
+            Scatter(
+                x=names,
+                y=[c.rmse[j] for c in material.comparisons],
+                mode="lines+markers",
+                name=f"joint {j + 1} [{unit}]",
+                line={
+                    "color": COLOURS[j % len(COLOURS)],
+                    "dash": "dot" if j >= len(COLOURS) else "solid",
+                },
+            )
+        )
+    plot.update_yaxes(title_text="RMS error", type="log", dtick="D2", tickformat=".3~g")
+    heads = ["joint"]
+    for c in material.comparisons:
+        heads += [f"RMSE {c.name}", "R2"]
+    floor = material.comparisons[-1].noise_floor
+    rows = []
+    for j, unit in enumerate(material.last.robot.torque_units):
+        cells: list[object] = [f"{j + 1} [{unit}]"]
+        for c in material.comparisons:
+            cells += [number(c.rmse[j]), number(c.r2[j])]
+        rows.append([*cells, "-" if floor is None else number(floor[j])])
+    totals: list[object] = ["all, relative error"]
+    for c in material.comparisons:
+        totals += [f"{c.relative_error_percent:.3f} %", ""]
+    rows.append([*totals, ""])
+    made = []
+    known: set[str] = set()
+    for name, estimate in material.models.items():
+        new = [e.text for e in estimate.model.effects if e.text not in known]
+        made.append((name, estimate.method, ", ".join(new) or "the same effects"))
+        known |= set(new)
+    body = table(("model", "method", "effects that are new"), made, numbers_from=3)
+    if len(names) > 1:
+        body += figure(plot, "RMS error of each joint from model to model.", 380)
+    body += table([*heads, "noise floor"], rows)
+    if floor is None:
+        body += text("No motion repeats in these runs: the noise floor is unknown.")
+    return Section("ladder", "From model to model", body)
+
+
+def failures(material: Material) -> Section:
+    """What the error of the last model looks like, joint by joint."""
+    rows = []
+    for f in material.failures:
+        best = sorted(f.shares.items(), key=lambda item: -item[1])[:3]
+        said = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in best if share > 0.01)
+        rows.append(
+            (
+                str(f.joint),
+                said or "nothing above 1 %",
+                number(f.rmse),
+                number(f.noise_floor),
+                number(f.reversal_lift, 3),
+            )
+        )
+    heads = (
+        "joint",
+        "a smooth function of this explains (held out)",
+        "RMS error",
+        "noise",
+        "at reversals",
+    )
+    body = text(
+        f"Of the error of {material.last_name}: which quantity it depends on, and how much larger it is "
+        "within 0.15 s of a joint's reversal than elsewhere. `sdp-vs-penalty diagnose` names causes."
+    )
+    return Section("failures", "Where it fails", body + table(heads, rows, numbers_from=2))

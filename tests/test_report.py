@@ -1,0 +1,184 @@
+"""The report is one file that asks for nothing, says what it must, and draws in a real browser."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import cli, inertia
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimators import identify
+from sdp_vs_penalty.experiment import experiment
+from sdp_vs_penalty.measurements import Measurements, save_csv
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.report import make_report
+from sdp_vs_penalty.report.parameters import ellipsoid, joint_poses
+
+pytest.importorskip("plotly")
+
+SECTIONS = (
+    "summary",
+    "torques",
+    "failures",
+    "ladder",
+    "parameters",
+    "arm",
+    "certificate",
+    "data",
+    "provenance",
+)
+
+
+@pytest.fixture(scope="module")
+def made(two_link: Problem) -> tuple[dict[str, Estimate], Measurements, str]:
+    run = experiment(two_link).training_run(0)
+    models = {
+        "bare": identify(two_link, run, "ols", effects="rigid_body"),
+        "<script>alert(1)</script>": identify(two_link, run, "lmi-sdp"),
+    }
+    return models, run, make_report(models, run, commands=["sdp-vs-penalty report <b>x</b>"])
+
+
+class Outline(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.anchors: list[str] = []
+        self.links: list[str] = []
+        self.addresses: list[str] = []
+        self.scripts = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if tag == "section":
+            self.anchors.append(str(found["id"]))
+        if tag == "a":
+            self.links.append(str(found["href"]))
+        if tag == "script":
+            self.scripts += 1
+        self.addresses += [str(found[k]) for k in ("src", "srcset", "data", "action") if k in found]
+        if tag == "link":
+            self.addresses.append(str(found.get("href")))
+
+
+def test_one_file_with_every_section_and_no_request(
+    made: tuple[dict[str, Estimate], Measurements, str],
+) -> None:
+    html = made[2]
+    outline = Outline()
+    outline.feed(html)
+    assert tuple(outline.anchors) == SECTIONS
+    assert outline.links == [f"#{name}" for name in SECTIONS]
+    assert outline.addresses == []
+    assert "default-src 'none'" in html
+    for figure in ("measured", "RMS error", "link 2", "joint 1 [N*m]"):
+        assert figure in html
+
+
+def test_nothing_of_the_user_becomes_markup(made: tuple[dict[str, Estimate], Measurements, str]) -> None:
+    html = made[2]
+    assert "<script>alert(1)" not in html
+    assert "&lt;script&gt;alert(1)" in html
+    assert "<b>x</b>" not in html
+
+
+def test_the_figures_are_those_of_the_models(
+    made: tuple[dict[str, Estimate], Measurements, str],
+) -> None:
+    models, run, html = made
+    from sdp_vs_penalty.comparison import compare
+
+    for comparison in compare(models, run):
+        assert f"{comparison.relative_error_percent:.3f} %" in html
+        assert f"{comparison.rmse[1]:.4g}" in html
+    text = re.sub(r"<[^>]+>", " ", html)
+    assert "coulomb_friction" in text
+    assert run.names[0] in text
+    last = list(models.values())[-1]
+    assert last.provenance["data_hash"] in text
+    assert f"numpy {np.__version__}" in text
+
+
+def test_the_ellipsoid_has_the_links_inertia(
+    made: tuple[dict[str, Estimate], Measurements, str],
+) -> None:
+    """A solid ellipsoid of the drawn half axes and the link's mass has the link's inertia."""
+    link = np.array([2.0, 0.2, -0.4, 0.6, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
+    points = ellipsoid(link, 60)
+    assert points is not None
+    com = link[1:4] / link[0]
+    centred = points - com[:, None]
+    spread = inertia.pseudo_inertia(link)[:3, :3] / link[0] - np.outer(com, com)
+    # On the surface x^T (5 spread)^-1 x = 1.
+    form = np.einsum("ak,ab,bk->k", centred, np.linalg.inv(5.0 * spread), centred)
+    assert form == pytest.approx(np.ones(form.size), abs=1e-9)
+    assert ellipsoid(np.zeros(10)) is None
+    assert ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
+
+
+def test_poses_are_the_robots(two_link: Problem) -> None:
+    """Gravity torque by the drawn poses: potential energy's slope."""
+    robot, links = two_link.robot, two_link.nominal_links
+    q, step = np.array([0.3, -0.7]), 1e-6
+
+    def energy(at: np.ndarray) -> float:
+        total = 0.0
+        for pose, joint, link in zip(joint_poses(robot, at), robot.joints, links, strict=True):
+            com = (pose @ joint.link_frame @ np.append(link[1:4] / link[0], 1.0))[:3]
+            total -= link[0] * float(np.array(robot.gravity) @ com)
+        return total
+
+    zero = np.zeros((1, 2))
+    torque = robot.inverse_dynamics(links.ravel(), q[None, :], zero, zero)[0]
+    for j in range(2):
+        move = step * np.eye(2)[j]
+        assert (energy(q + move) - energy(q - move)) / (2 * step) == pytest.approx(torque[j], abs=1e-6)
+
+
+def test_the_verb_and_short_runs(two_link: Problem, tmp_path: Path) -> None:
+    run = experiment(two_link).training_run(0)
+    keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)
+    short = replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=None)
+    save_csv(run, tmp_path / "run.csv")
+    save_csv(short, tmp_path / "short.csv")
+    identify(two_link, run, "ols").save(tmp_path / "model.json")
+    for name, words in (("run", "identifiable"), ("short", "too short for intervals")):
+        out = tmp_path / f"{name}.html"
+        arguments = ["report", tmp_path / "model.json", "--data", tmp_path / f"{name}.csv", "--out", out]
+        with pytest.raises(SystemExit) as code:
+            cli.main([str(a) for a in arguments])
+        assert code.value.code == 0
+        assert words in out.read_text()
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_it_draws_in_chromium(
+    made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path
+) -> None:
+    """All plots are there after the scripts ran, and no script was refused."""
+    path = tmp_path / "report.html"
+    path.write_text(made[2])
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
+    options += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=6000"]
+    command = ["chromium", *options, "--enable-logging=stderr", "--dump-dom", path.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.count('class="plot-container') == 3
+    assert done.stdout.count("js-line") >= 2 * (3 + 2)
+    assert "Uncaught" not in done.stderr
+    assert "Content Security Policy" not in done.stderr
+
+
+@pytest.mark.real_data
+def test_how_long_it_takes_on_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
+    estimate = identify(panda, panda_run, "ols")
+    begin = time.process_time()
+    html = make_report({"ols": estimate}, panda_run)
+    assert time.process_time() - begin < 5.0
+    assert len(html) < 8e6
