@@ -31,7 +31,7 @@ MADE: dict[str, tuple[str, tuple[str, ...], float, float]] = {
     "V": ("panda", ("engine", "motion"), 5e-2, 5e-3),
     "VI": ("two_link", ("i",), 1e-9, 1e-12),
     "VII_not_convex": ("two_link", ("constraint", "method"), 1e-3, 1e-9),
-    # Ends of random searches are compared as orders of magnitude only, below.
+    # The interval is; where an estimate ends among those of equal loss is no figure to hold on to.
     "wrenches": ("two_link", ("joint", "component"), 2e-2, 1e-3),
 }
 #: Columns that time, chance or a machine's speed decides.
@@ -159,7 +159,9 @@ def test_made_again(name: str) -> None:
         if row.get("status", "run") != "run" or (name == "II" and not key[0].startswith("condition")):
             continue
         for column, text in row.items():
-            if column in LOOSE or column in keys or column.startswith(("unfeasible", "spread")):
+            if column in LOOSE or column in keys:
+                continue
+            if name == "wrenches" and column != "true" and not column.startswith("interval"):
                 continue
             was, now = number(old[key][column]), number(text)
             if np.isnan(was) or np.isnan(now):
