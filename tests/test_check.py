@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -328,6 +329,25 @@ def test_mistakes_are_named_on_the_real_ur10e(data_folder: Path) -> None:
     report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
     assert [f.kind for f in report.problems] == ["gravity direction"]
     assert "ceiling" in report.problems[0].what
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("inertials", [True, False])
+def test_a_robot_that_is_only_a_urdf(inertials: bool, data_folder: Path, tmp_path: Path) -> None:
+    """The same measurements with nothing but kinematics known: no masses, no torque side, no bounds."""
+    text = (data_folder / "ur10e" / "ur10e.urdf").read_text()
+    path = tmp_path / "robot.urdf"
+    path.write_text(text if inertials else re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.S))
+    problem = load_problem(path)
+    run = ur10e_runs(data_folder)["ur-20_02_12-50sec_12harm"]
+    spoiled = {
+        "torque sign": check(problem, flipped(3)(run)),
+        "torque unit": check(problem, replace(run, tau=1e3 * run.tau)),
+        "gravity direction": check(problem.with_gravity((0.0, 9.81, 0.0)), run),
+    }
+    assert not check(problem, run)[0].problems
+    for kind, reports in spoiled.items():
+        assert [f.kind for f in reports[0].problems] == [kind]
 
 
 @pytest.mark.real_data

@@ -6,13 +6,15 @@ import importlib.util
 import json
 import subprocess
 import sys
+import tempfile
+from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 import random_robots
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty import cli, inertia
@@ -543,3 +545,45 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frames = [inertia.transform(j.link_frame) for j in estimate.robot.joints]
     assert links == pytest.approx(np.einsum("kab,kb->ka", frames, estimate.links), abs=1e-12)
     assert reloaded.n == 2
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans())
+def test_any_tree_survives_being_written_and_edited(
+    tmp_path: Path, seed: int, joints: int, frames: bool
+) -> None:
+    """A random tree of revolute and prismatic joints: made, reloaded, edited with another model."""
+    rng = np.random.default_rng(seed)
+    robot = random_robots.tree(rng, joints, link_frames=frames)
+    made, edited = tmp_path / "made.urdf", tmp_path / "edited.urdf"
+    export(estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed), made)
+    other = estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed + 1)
+    export(other, edited, urdf=made)
+    check_urdf_parity(edited, other)
+    assert all(check.consistent for check in check_urdf(edited))
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.integers(0, 10_000), noise=st.binary(min_size=1, max_size=12), cut=st.booleans())
+def test_a_damaged_urdf_is_refused_in_a_sentence(
+    tmp_path: Path, place: int, noise: bytes, cut: bool
+) -> None:
+    good = TREE.encode()
+    at = place % len(good)
+    path = tmp_path / "bad.urdf"
+    path.write_bytes(good[:at] + noise + (b"" if cut else good[at + len(noise) :]))
+    message = ""
+    try:
+        check_urdf(path)
+        export(estimate_of(robots_tree(), "rigid_body", 0), tmp_path / "out.urdf", urdf=path)
+    except InputError as error:
+        message = str(error)
+    assert message == "" or (message.startswith(str(path)) and "\n" not in message)
+
+
+@cache
+def robots_tree() -> Robot:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "tree.urdf"
+        path.write_bytes(TREE.encode())
+        return load_urdf(path)[0]

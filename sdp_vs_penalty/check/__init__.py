@@ -139,9 +139,10 @@ class _Work:
             if finding.gravity is not None:
                 self.problem = self.problem.with_gravity(finding.gravity)
         self.mend(signals.find(self.run, self.problem.robot, settings))
+        # Each on the data as the one before it has mended them.
+        self.mend(scale.find(self.run, self.physics(settings), self.problem))
+        self.mend(events.delay(self.run, self.physics(settings)))
         physics = self.physics(settings)
-        self.mend(scale.find(self.run, physics, self.problem))
-        self.mend(events.delay(self.run, physics))
         if not thorough:
             return physics.unexplained
         # A knock is faster than the motion: looked for in a wider band.
