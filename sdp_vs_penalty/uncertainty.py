@@ -25,7 +25,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.estimators import joint_weights
 from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.model import JointColumns, Model
 from sdp_vs_penalty.problem import Problem
 from sdp_vs_penalty.regression import Regression, base_parameters, compress, nearest_least_squares
 
@@ -97,10 +97,14 @@ class Uncertainty:
         Of the torque that the model should predict; with ``measured``, of a measured one in the same
         band of frequencies, which has the noise of :attr:`noise` as well.
         """
-        n = self.model.robot.n
-        low, high = np.empty((len(motion.t), n)), np.empty((len(motion.t), n))
+        return self.band(self.model.columns(motion), measured=measured)
+
+    def band(self, columns: Sequence[JointColumns], *, measured: bool = False) -> tuple[Array, Array]:
+        """The same of columns that were computed, or filtered, before."""
+        count = len(columns[0].columns)
+        low, high = np.empty((count, len(columns))), np.empty((count, len(columns)))
         tail = 0.5 * (1.0 - self.level)
-        for j, block in enumerate(self.model.columns(motion)):
+        for j, block in enumerate(columns):
             centre = block.columns @ self.theta[block.indices]
             spread = block.columns @ self.draws[:, block.indices].T
             if measured:

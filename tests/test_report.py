@@ -78,7 +78,13 @@ def test_one_file_with_every_section_and_no_request(
     assert outline.links == [f"#{name}" for name in SECTIONS]
     assert outline.addresses == []
     assert "default-src 'none'" in html
-    for figure in ("measured", "RMS error", "link 2", "joint 1 [N*m]"):
+    for figure in (
+        "measured",
+        "Shaded: where 95 % of the errors",
+        "RMS error",
+        "link 2",
+        "joint 1 [N*m]",
+    ):
         assert figure in html
 
 

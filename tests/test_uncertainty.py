@@ -150,6 +150,7 @@ def test_the_band_holds_torques_of_another_motion(two_link: Problem) -> None:
     true = model.torque(theta, motion)
     inside = float(np.mean((low <= true) & (true <= high)))
     assert inside > 0.75
+    assert np.array_equal(known.band(model.columns(motion))[0], low)
     centre = model.torque(known.theta, motion)
     assert np.all((low <= centre) & (centre <= high))
     wide_low, wide_high = known.torque_band(motion, measured=True)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.comparison import predicted
+from sdp_vs_penalty.model import JointColumns
 from sdp_vs_penalty.report.section import (
     COLOURS,
     MEASURED,
@@ -15,6 +19,8 @@ from sdp_vs_penalty.report.section import (
     table,
     text,
 )
+
+Array = NDArray[np.float64]
 
 #: Points of a curve: more than a screen is wide, few enough to draw at once.
 _POINTS = 1200
@@ -83,6 +89,7 @@ def torques(material: Material) -> Section:
                                 showlegend=first and column == 1),
                         row=j + 1, col=column,
                     )  # fmt: skip
+        _add_band(plot, material, index, t, keep)
         start = float(t[-1]) + 1.0
     for j, unit in enumerate(units):
         plot.update_yaxes(title_text=f"joint {j + 1} [{unit}]", row=j + 1, col=1)
@@ -91,7 +98,40 @@ def torques(material: Material) -> Section:
     caption = (
         "Left: measured torque and each model's. Right: what is left of it. Click a name to hide it."
     )
+    if material.uncertainty is not None:
+        caption += (
+            f" Shaded: where {100.0 * material.uncertainty.level:.0f} % of the errors of "
+            f"{material.last_name} should lie, by its parameters' uncertainty and its noise."
+        )
     return Section("torques", "Measured against modelled", figure(plot, caption, 90 + 150 * n))
+
+
+def _add_band(plot: Any, material: Material, index: int, t: Array, keep: NDArray[np.intp]) -> None:
+    """The last model's band around a zero error, beside the errors."""
+    from plotly.graph_objects import Scatter
+
+    known = material.uncertainty
+    if known is None:
+        return
+    rows = material.rows[material.last_name][index]
+    few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
+    low, high = known.band(few, measured=True)
+    centre = predicted(rows, material.last.theta)[keep]
+    for j in range(low.shape[1]):
+        for bound, fill in ((high[:, j], None), (low[:, j], "tonexty")):
+            plot.add_trace(
+                Scatter(
+                    x=t[keep],
+                    y=bound - centre[:, j],
+                    line={"width": 0},
+                    fill=fill,
+                    fillcolor="rgba(128,128,128,0.25)",
+                    showlegend=False,
+                    hoverinfo="skip",
+                ),
+                row=j + 1,
+                col=2,
+            )
 
 
 def ladder(material: Material) -> Section:
