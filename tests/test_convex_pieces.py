@@ -14,7 +14,8 @@ from sdp_vs_penalty.constraints import BarycentricBound
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import make_task
 from sdp_vs_penalty.estimators.barycentric_envelopes import inner, outer
-from sdp_vs_penalty.estimators.convex_pieces import CataloguePart, solve_pieces, with_upper_moments
+from sdp_vs_penalty.estimators.catalogue_part import CataloguePart
+from sdp_vs_penalty.estimators.convex_pieces import solve_pieces, with_upper_moments
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.experiment import experiment

@@ -18,15 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.constraints import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.barycentric_envelopes import inner, moment_axes, outer
+from sdp_vs_penalty.estimators.catalogue_part import CataloguePart
 from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.conic import Objective, largest_margin
 from sdp_vs_penalty.solvers.extremes import Slice
+from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 Array = NDArray[np.float64]
 
@@ -41,38 +43,13 @@ _CUT_MARGIN = 0.2
 
 
 @dataclass(frozen=True)
-class CataloguePart:
-    """A link known to be this part: its parameters within a share ``tolerance`` of the given ones.
-
-    link : from 0; theta : (10,) about the link frame; the tolerance of a product of inertia or a
-    first moment is that share of the part's m, m r and m r^2 with r its radius of gyration.
-    """
-
-    name: str
-    link: int
-    theta: Array
-    tolerance: float = 0.01
-
-    def constraint(self, task: Task) -> Constraint:
-        """|theta_link - theta_part| <= tolerance, entry by entry: convex."""
-        p = inertia.pseudo_inertia(self.theta)
-        mass, radius = p[3, 3], np.sqrt(np.trace(p[:3, :3]) / p[3, 3])
-        half = self.tolerance * mass * np.repeat([1.0, radius, radius**2], [1, 3, 6])
-        eye = np.eye(10)
-        constant = np.concatenate([half - self.theta, half + self.theta])
-        return build.linear(
-            "catalogue part", self.name, task.links[self.link], np.hstack([eye, -eye]), constant
-        )
-
-
-@dataclass(frozen=True)
 class GlobalFit:
     """theta (p,) : satisfies every bound, convex or not; upper : its objective.
 
     lower : no feasible theta has a lower objective, over all pieces; gap : (upper - lower) over
     max(loss, 1e-12 |tau|^2); solved : SDPs solved; choice : name of the choice that theta is from;
-    choice_lower : the lower bound
-    of each choice, infinite where it admits nothing; closed : the gap is within tolerance.
+    choice_lower : the lower bound of each choice, infinite where it admits nothing; closed : the gap
+    is within tolerance.
     """
 
     theta: Array
@@ -243,6 +220,9 @@ class _Search:
         outer = allowed.plus(self._outer(cells))
         fit = self._solve(outer, self._pulled())
         if fit is None:
+            # What is not proved empty may hold anything down to its parent's bound.
+            if not self._empty(outer):
+                self._finish(choice, parent)
             return
         assert fit.multipliers is not None
         lower = lower_bound(self.objective, outer, fit.multipliers, fit.theta, self.task.bound)
@@ -291,8 +271,14 @@ class _Search:
         self.solved += 1
         try:
             return solve_sdp(self.task, objective or self.objective, constraints, self.solver, 1e-10)
-        except InputError:  # no interior point
+        except InputError:  # no interior point, or a solver that gave up
             return None
+
+    def _empty(self, constraints: ConstraintSet) -> bool:
+        """Whether multipliers prove that nothing satisfies the constraints."""
+        problem = largest_margin(constraints.convex, self.task.nominal, self.task.bound)
+        solution = solver(self.solver).solve(problem.conic, 1e-8)
+        return proves_infeasible(constraints.convex, problem.multipliers(solution), self.task.bound)
 
     def _halves(self, piece: _Piece) -> tuple[Array, Array] | None:
         """The cell cut across the centre-of-mass axis where the relaxation is loosest."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import inertia
 from sdp_vs_penalty.constraints import Constraint
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
+from sdp_vs_penalty.estimators.catalogue_part import CataloguePart
 from sdp_vs_penalty.estimators.convex_pieces import (
-    CataloguePart,
     GlobalFit,
     solve_pieces,
     with_upper_moments,
