@@ -37,12 +37,18 @@ class World:
     viscous: Array
     coulomb: Array
     offset: Array
+    #: Velocity [rad/s, m/s] over which dry friction turns round.
+    dry_width: float = 0.01
+
+    def dry(self, velocity: Array) -> Array:
+        """Dry friction over its Coulomb torque."""
+        return np.tanh(velocity / self.dry_width)
 
     def rigid(self, motion: Motion) -> Array:
         return self.robot.inverse_dynamics(self.links.ravel(), motion.q, motion.dq, motion.ddq)
 
     def friction(self, motion: Motion) -> Array:
-        return self.viscous * motion.dq + self.coulomb * dry(motion.dq) + self.offset
+        return self.viscous * motion.dq + self.coulomb * self.dry(motion.dq) + self.offset
 
     def torque(self, motion: Motion) -> Array:
         return self.rigid(motion) + self.friction(motion)
@@ -74,11 +80,6 @@ class Hidden:
 
     def sized(self, factor: float) -> Hidden:
         return replace(self, size=self.size * factor)
-
-
-def dry(velocity: Array) -> Array:
-    """Dry friction over the Coulomb torque: it turns round within about 10 mrad/s."""
-    return np.tanh(velocity / 0.01)
 
 
 def on_joint(joint: int, n: int, values: Array) -> Array:
@@ -134,7 +135,7 @@ def _sigmoid(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     v0 = float(np.exp(rng.uniform(np.log(0.03), np.log(0.25))))
 
     def law(v: Array) -> Array:  # the paper's logistic form, 2 / (1 + exp(-phi_2 v)) - 1
-        return 2.0 / (1.0 + np.exp(np.clip(-2.0 * v / v0, -500, 500))) - 1.0 - dry(v)
+        return 2.0 / (1.0 + np.exp(np.clip(-2.0 * v / v0, -500, 500))) - 1.0 - world.dry(v)
 
     return _velocity_law("sigmoid_friction", law, joint, world, v0=v0)
 
@@ -164,7 +165,7 @@ def _hysteresis(joint: int, world: World, rng: np.random.Generator) -> Hidden:
 
     def torque(w: World, m: Motion, a: float) -> Array:
         z = bristle(m.t, m.dq[:, joint], d, stribeck=0.0, vs=1.0)
-        return a * on_joint(joint, n, z - dry(m.dq[:, joint]))
+        return a * on_joint(joint, n, z - w.dry(m.dq[:, joint]))
 
     return Hidden("presliding_hysteresis", (joint,), torque, details={"shape": {"d": d}})
 
@@ -178,7 +179,7 @@ def lugre(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     def torque(w: World, m: Motion, a: float) -> Array:
         v = m.dq[:, joint]
         z = bristle(m.t, v, d, stribeck, vs)
-        return a * on_joint(joint, n, z - dry(v))
+        return a * on_joint(joint, n, z - w.dry(v))
 
     shape = {"d": d, "stribeck": stribeck, "vs": vs}
     return Hidden("presliding_hysteresis", (joint,), torque, details={"shape": shape, "form": "LuGre"})

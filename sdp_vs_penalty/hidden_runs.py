@@ -61,6 +61,7 @@ def make_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
         0.0 * viscous if "viscous_friction" in without else viscous,
         0.0 * coulomb if "coulomb_friction" in without else coulomb,
         0.0 * offset if "torque_offset" in without else offset,
+        problem.model().sign_width,
     )
 
 

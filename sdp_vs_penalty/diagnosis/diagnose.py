@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis import explanations
-from sdp_vs_penalty.diagnosis.events import Event, intervals, local_excess
+from sdp_vs_penalty.diagnosis.events import Event, intervals, local_excess, noise_profile
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -243,8 +243,10 @@ def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
     left = remainder(fit, rows, noise)
     mask = np.zeros((M, n), bool)
+    speed = rows.dq
     for j in range(n):
-        found = local_excess(white[:, j], pieces_of(rows, j), n, float(noise.degrees[j]))
+        steady = white[:, j] / noise_profile(white[:, j], speed)
+        found = local_excess(steady, pieces_of(rows, j), n, float(noise.degrees[j]))
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
     repeats = _repeating(mask, stage)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, stats
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,6 +55,27 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
             for first in hits:
                 mask[piece[first : first + length]] = True
     return mask
+
+
+def noise_profile(white: Array, speed: Array) -> Array:
+    """(M,) standard deviation of white noise as the motion modulates it, around 1.
+
+    A log's clock that jitters turns speed into noise: its variance is modelled as a + sum b_i dq_i^2
+    with a, b_i >= 0, from squares clipped so that an event does not shape it. speed (M, n) [rad/s].
+    """
+    used = white != 0.0
+    if used.sum() < 20 * (speed.shape[1] + 1):
+        return np.ones(len(white))
+    size = np.maximum(np.sqrt(np.mean(speed[used] ** 2, axis=0)), 1e-12)
+    features = np.column_stack([np.ones(len(white)), (speed / size) ** 2])
+    squares = white**2
+    squares = np.minimum(squares, 9.0 * np.median(squares[used]) / stats.chi2.median(1))
+    coefficients = optimize.nnls(features[used], squares[used])[0]
+    variance = features @ coefficients
+    level = float(np.mean(variance[used]))
+    if level <= 0.0:
+        return np.ones(len(white))
+    return np.sqrt(np.maximum(variance / level, 0.1))
 
 
 def robust_scale(white: Array) -> float:

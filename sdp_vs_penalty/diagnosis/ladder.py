@@ -48,6 +48,8 @@ TOLD_APART = 10.0
 _MISFIT = 1.3
 #: How many hypotheses a step looks at closely, how many it tries to add, how many steps there are.
 _CONTENDERS = 8
+#: Folds for what depends on time: every so many blocks of time.
+_TIME_FOLDS = 5
 _TRIES = 3
 _STEPS = 40
 
@@ -191,7 +193,9 @@ class Search:
         freedom = max(fit.degrees[joints].sum() - k, 1.0)
         level2 = fit.weighting.level**2
         rest = float(np.sum((fit.joint_chi2 / level2)[joints])) - hypothesis.chi2
-        p = stats.f.sf(hypothesis.chi2 / k / max(rest / freedom, 1e-300), k, freedom)
+        noise = float(np.sum((fit.degrees * fit.weighting.floor / level2)[joints]))
+        rest = max(rest, noise) / freedom  # luck with the noise is no evidence
+        p = stats.f.sf(hypothesis.chi2 / k / rest, k, freedom)
         if not p < FALSE_CLAIM / max(self.white.size, 1):
             return None
         sums = BlockSums.of(fit, fit.partialled(fit.scaled(hypothesis.columns)), k)
@@ -199,8 +203,7 @@ class Search:
         if exponent < threshold:
             return None
         gain = float(self.block_gains(fit, scaled, hypothesis).sum())
-        noise = fit.degrees * fit.weighting.floor
-        excess = np.maximum(fit.joint_chi2 - noise, 0.0) / level2
+        excess = np.maximum(fit.joint_chi2 - fit.degrees * fit.weighting.floor, 0.0) / level2
         if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
             return None
         return Pick(hypothesis, gain, exponent, ())
@@ -216,7 +219,10 @@ class Search:
                 for g in members
                 if self.white.groups[g].k == len(hypothesis.beta)
             ]
-        return cross_validate(fit, shapes, hypothesis.signed)
+        # What follows the clock differs from run to run: it is judged between, not after, its data.
+        by_time = "t0" in hypothesis.effect.shape
+        fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
+        return cross_validate(fit, shapes, hypothesis.signed, fold)
 
     def contenders(self, fit: Fit, scaled: Library) -> list[Hypothesis]:
         """The most plausible hypotheses, shapes refined, best first."""

@@ -85,6 +85,11 @@ class DiagnosisRows:
         return np.concatenate([np.full(len(s.t), k) for k, s in enumerate(self.segments)])
 
     @property
+    def dq(self) -> Array:
+        """(M, n) filtered velocities."""
+        return np.concatenate([s.low_pass @ s.motion.dq for s in self.segments])
+
+    @property
     def torque(self) -> Array:
         """(M, n) filtered measured torque."""
         return np.concatenate([s.torque for s in self.segments])

@@ -347,16 +347,16 @@ def flip_threshold(fit: Fit, library: Library, seed: int, draws: int = 200) -> f
     return float(np.quantile(largest, 0.99))
 
 
-def cross_validate(fit: Fit, shapes: Sequence[Array], signed: bool) -> Array:
+def cross_validate(fit: Fit, shapes: Sequence[Array], signed: bool, folds: NDArray[np.intp]) -> Array:
     """(B,) gain of each block in squared white residual, from fits on the other folds.
 
     shapes : white columns (n M, k) of one hypothesis with different shape constants; each fold
-    takes the one that explains its own training data best.
+    takes the one that explains its own training data best. folds : (M,) labels.
     """
     rows = fit.rows
-    fold = np.tile(rows.fold, rows.n)
+    fold = np.tile(folds, rows.n)
     gain = np.zeros(len(fold))
-    for f in range(rows.folds):
+    for f in np.unique(folds):
         out = fold == f
         Q_out, r_out = fit.Q[out], fit.target[out]
         inverse = _inverse(np.eye(fit.Q.shape[1]) - Q_out.T @ Q_out)

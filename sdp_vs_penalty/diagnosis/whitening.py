@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sdp_vs_penalty.diagnosis.events import local_excess, robust_scale
+from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, Segment
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.noise import repeat_period
@@ -168,12 +168,12 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
     )
     gap = np.concatenate([r.later - rows.t[r.rows] for r in repeats])
     pieces = _consecutive(repeats)
-    dq = np.concatenate([s.low_pass @ s.motion.dq for s in rows.segments])[index]
+    speed = rows.dq[index]
     t = rows.t[index]
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
         x = difference[:, j]
-        drift = _drift_columns(t, gap, dq[:, j])
+        drift = _drift_columns(t, gap, speed[:, j])
         good = np.ones(len(x), bool)
         for _ in range(3):
             rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
@@ -181,6 +181,7 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
             ar[j], sigma[j], degrees[j] = autoregression(rest, runs)
             trial = Noise(floor, ar, sigma, degrees, "repetition", suspect)
             white = trial.whiten(rest, j, pieces)
+            white /= noise_profile(white, speed)
             white /= max(robust_scale(white[white != 0.0]), 1e-12)
             good = ~local_excess(white, pieces, n, _MEDIAN_WORTH * len(x))
             if good.mean() < 1.0 - _MOST_EVENTS:

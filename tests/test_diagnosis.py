@@ -1,0 +1,284 @@
+"""The diagnosis on simulated measurements: what is hidden is named, what is clean stays clean."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.challenge import quick_estimate
+from sdp_vs_penalty.challenge_cases import disturbance
+from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate, load_estimate
+from sdp_vs_penalty.experiment import experiment
+from sdp_vs_penalty.hidden_runs import HiddenRuns, hidden_runs, make_world
+from sdp_vs_penalty.measurements import Measurements, concatenate
+from sdp_vs_penalty.problem import Problem
+
+
+def identified(made: HiddenRuns, data: Measurements) -> Estimate:
+    return quick_estimate(made.problem, data, made.truth["model_effects"])
+
+
+def diagnosed(made: HiddenRuns, runs: int = 3, **options: object) -> Diagnosis:
+    data = concatenate(made.runs[:runs])
+    return diagnose(identified(made, data), data, made.runs[3], **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def stribeck(panda: Problem) -> HiddenRuns:
+    return hidden_runs(panda, [("stribeck_friction", [2])], "medium", seed=11)
+
+
+@pytest.fixture(scope="module")
+def found(stribeck: HiddenRuns) -> Diagnosis:
+    return diagnosed(stribeck)
+
+
+def test_the_hidden_effect_is_named_with_joint_size_and_shape(
+    stribeck: HiddenRuns, found: Diagnosis
+) -> None:
+    first, hidden = found.effects[0], stribeck.hidden[0]
+    assert found.verdict == "effect_missing"
+    assert (first.effect, first.joints) == ("stribeck_friction", (3,))
+    assert first.size == pytest.approx(hidden.size, rel=0.1)
+    assert first.shape["vs"] == pytest.approx(hidden.details["shape"]["vs"], rel=0.2)
+    assert first.std < 0.1 * first.size
+    assert first.unit == "N*m"
+
+
+def test_the_held_out_error_falls_to_the_noise(found: Diagnosis) -> None:
+    first = found.effects[0]
+    assert first.held_out_rmse_after[2] < 0.8 * first.held_out_rmse_before[2]
+    assert found.held_out_rmse[2] < 1.25 * found.noise_floor[2]
+    others = [0, 1, 3, 4, 5, 6]
+    np.testing.assert_allclose(
+        first.held_out_rmse_after[others], first.held_out_rmse_before[others], rtol=0.1
+    )
+
+
+def test_findings_json_is_the_interface(found: Diagnosis) -> None:
+    data = json.loads(json.dumps(found.to_dict()))
+    assert set(data) == {"verdict", "effects", "noise_floor", "invisible", "events"}
+    assert set(data["effects"][0]) == {
+        "effect",
+        "joints",
+        "shape",
+        "size",
+        "unit",
+        "confidence",
+        "indistinguishable_from",
+        "held_out_rmse_before",
+        "held_out_rmse_after",
+        "explanation",
+    }
+    assert len(data["noise_floor"]) == len(data["effects"][0]["held_out_rmse_after"]) == 7
+    assert data["effects"][0]["confidence"] in ("confident", "weak")
+
+
+def test_what_the_links_absorb_is_reported_as_invisible(found: Diagnosis) -> None:
+    hidden = {(i.effect, i.joints) for i in found.invisible}
+    assert {("rotor_inertia", (1,)), ("rotor_inertia", (2,)), ("joint_zero_error", (1,))} <= hidden
+    assert ("rotor_inertia", (5,)) not in hidden
+    assert all(0.99 < i.absorbed_share <= 1.0 for i in found.invisible)
+
+
+def test_the_floor_is_that_of_the_true_noise(stribeck: HiddenRuns, found: Diagnosis) -> None:
+    from sdp_vs_penalty.challenge import floor_ratio
+    from sdp_vs_penalty.challenge_cases import CLASSES
+
+    data = concatenate(stribeck.runs[:3])
+    ratio = floor_ratio(stribeck, identified(stribeck, data), CLASSES["medium"], found)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.08)
+    assert found.noise_source == "repetition"
+
+
+def test_same_seed_same_findings(stribeck: HiddenRuns, found: Diagnosis) -> None:
+    assert diagnosed(stribeck).to_dict() == found.to_dict()
+
+
+def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> None:
+    for problem, seed in ((panda, 12), (two_link, 13)):
+        result = diagnosed(hidden_runs(problem, [], 0.0, seed=seed))
+        assert result.verdict == "nothing_missing", problem.name
+        assert result.effects == ()
+        assert result.events == ()
+
+
+def test_a_contact_is_an_event_not_an_effect(panda: Problem) -> None:
+    world = make_world(panda, experiment(panda), 14)
+    rng = np.random.default_rng(0)
+    made = None
+    while made is None or made.details["kind"] != "contact":
+        made = disturbance(3, world, rng)
+    runs = hidden_runs(panda, [], "strong", seed=14, made=[made])
+    result = diagnosed(runs)
+    assert result.events or result.verdict == "unknown_effect"
+    if result.events:
+        start, end = made.details["t_start"], made.details["t_end"]
+        assert any(e.t_start < end + 1.0 and e.t_end > start - 1.0 for e in result.events)
+
+
+def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
+    from sdp_vs_penalty.hidden_effects import Hidden, on_joint
+
+    odd = Hidden(
+        "unknown",
+        (3,),
+        lambda w, m, a: a * on_joint(3, 7, m.q[:, 3] * m.dq[:, 3]),
+    )
+    result = diagnosed(hidden_runs(panda, [], "strong", seed=15, made=[odd]))
+    assert result.verdict == "unknown_effect"
+
+
+def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
+    loaded = hidden_runs(panda, [("payload", [])], "strong", seed=16)
+    empty = hidden_runs(panda, [], 0.0, seed=17, world=loaded.world)
+    estimate = identified(empty, concatenate(empty.runs[:3]))
+    data = concatenate(loaded.runs[:3])
+    result = diagnose(estimate, data, loaded.runs[3], frozen=True)
+    mass = loaded.hidden[0].size
+    assert result.effects[0].effect == "payload"
+    assert result.effects[0].joints == ()
+    assert result.effects[0].size == pytest.approx(mass, rel=0.05)
+
+    bigger = add(estimate, "payload", data)
+    names = [p.name for p in bigger.model.parameters]
+    assert bigger.theta[names.index("payload_m")] == pytest.approx(mass, rel=0.1)
+    np.testing.assert_array_equal(bigger.theta[: len(estimate.theta)], estimate.theta)
+    assert bigger.certificate.violations["pseudo-inertia"] <= 1e-9
+
+    refitted = identified(loaded, data)
+    assert all(f.effect != "payload" for f in diagnose(refitted, data, loaded.runs[3]).effects)
+
+
+def small(made: HiddenRuns) -> tuple[Estimate, Measurements]:
+    data = concatenate(made.runs[:3])
+    return identified(made, data), data
+
+
+@pytest.fixture(scope="module")
+def slope(two_link: Problem) -> HiddenRuns:
+    return hidden_runs(two_link, [("asymmetric_viscous_friction", [1])], "medium", seed=21)
+
+
+def first_name(result: Diagnosis) -> tuple[str, tuple[int, ...]]:
+    return result.effects[0].effect, result.effects[0].joints
+
+
+@pytest.mark.parametrize("what", ["as it is", "slower log", "one run", "unequal", "no repeats"])
+def test_two_joints_whatever_the_record(slope: HiddenRuns, what: str) -> None:
+    runs = list(slope.runs[:3])
+    if what == "slower log":
+        runs = [Measurements(r.t[::4], r.q[::4], r.tau[::4], names=r.names) for r in slope.runs[:3]]
+    elif what == "one run":
+        runs = runs[:1]
+    elif what == "unequal":
+        runs = [runs[0], runs[1].window(0.0, 11.0), runs[2].window(3.0, 19.0)]
+    elif what == "no repeats":
+        runs = [r.window(0.0, 12.0) for r in runs]
+    data = concatenate(runs)
+    result = diagnose(identified(slope, data), data, slope.runs[3])
+    assert first_name(result) == ("asymmetric_viscous_friction", (2,))
+    assert result.noise_source == ("residual" if what == "no repeats" else "repetition")
+    if what == "no repeats":
+        assert any("No motion repeats" in r for r in result.remarks)
+
+
+def test_a_joint_that_does_not_move(panda: Problem) -> None:
+    made = hidden_runs(panda, [("joint_spring", [3])], "strong", seed=22)
+    data = concatenate(made.runs[:3])
+    still = data.q.copy()
+    still[:, 6] = 0.3
+    data = replace(data, q=still)
+    result = diagnose(identified(made, data), data)
+    assert all(np.isfinite(f.size) for f in result.effects)
+    json.dumps(result.to_dict(), allow_nan=False)
+
+
+def test_one_joint() -> None:
+    from sdp_vs_penalty.problem import load_problem
+
+    problem = load_problem("emps")
+    made = hidden_runs(problem, [("asymmetric_viscous_friction", [0])], "strong", seed=23)
+    result = diagnosed(made)
+    assert len(result.noise_floor) == 1
+    assert first_name(result) == ("asymmetric_viscous_friction", (1,))
+    assert result.effects[0].unit == "N*s/m"
+
+
+def test_held_out_errors_without_a_test_run(slope: HiddenRuns) -> None:
+    estimate, data = small(slope)
+    result = diagnose(estimate, data)
+    first = result.effects[0]
+    assert first.held_out_rmse_after[1] < first.held_out_rmse_before[1]
+    assert any("outer folds" in r for r in result.remarks)
+
+
+def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:
+    from pathlib import Path
+
+    from sdp_vs_penalty.comparison import compare
+    from sdp_vs_penalty.estimators import identify
+
+    made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+    data = concatenate(made.runs[:3])
+    estimate = identify(two_link, data, effects=made.truth["model_effects"])
+    bigger = add(estimate, "presliding_hysteresis:1", data)
+    new = bigger.model.effects[-1]
+    true = made.hidden[0].details["shape"]["d"]
+    assert new.shape["d"] == pytest.approx(true, rel=0.15)
+    assert bigger.method == estimate.method
+    before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
+    assert after.rmse[0] < 0.6 * before.rmse[0]
+    path = Path(str(tmp_path)) / "model.json"
+    bigger.save(path)
+    np.testing.assert_array_equal(load_estimate(path).theta, bigger.theta)
+    again = compare({"after": load_estimate(path)}, made.runs[3])[0]
+    np.testing.assert_array_equal(again.rmse, after.rmse)
+
+
+def test_add_keeps_the_sign_of_physics(two_link: Problem) -> None:
+    from sdp_vs_penalty.estimators import identify
+
+    made = hidden_runs(two_link, [("sigmoid_friction", [0])], "strong", seed=25)
+    data = concatenate(made.runs[:3])
+    estimate = identify(two_link, data, effects=made.truth["model_effects"])
+    # Sigmoid and Stribeck differ in sign only: with the wrong one the best size is zero.
+    wrong = add(estimate, "stribeck_friction:1@vs=0.1@delta=1", data)
+    right = add(estimate, "sigmoid_friction:1", data)
+    assert 0.0 <= wrong.theta[-1] < 0.1 * right.theta[-1]
+
+
+def test_a_gain_is_added_beside_its_own_reference(two_link: Problem) -> None:
+    from sdp_vs_penalty.estimators import identify
+
+    made = hidden_runs(two_link, [("torque_gain", [1])], "strong", seed=26)
+    data = concatenate(made.runs[:3])
+    estimate = identify(two_link, data, effects=made.truth["model_effects"])
+    bigger = add(estimate, "torque_gain:2", data)
+    assert abs(bigger.theta[-1]) == pytest.approx(made.hidden[0].size, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        ("viscous_friction", "comes twice"),
+        ("joint_spring:9", "does not exist"),
+        ("magic", "unknown"),
+        ("", "No effect"),
+    ],
+)
+def test_what_cannot_be_added_is_said(slope: HiddenRuns, effect: str, message: str) -> None:
+    estimate, data = small(slope)
+    with pytest.raises(InputError, match=message):
+        add(estimate, effect, data)
+
+
+def test_wrong_robot_is_said(slope: HiddenRuns, stribeck: HiddenRuns) -> None:
+    estimate, _ = small(slope)
+    with pytest.raises(InputError, match="7 joint"):
+        diagnose(estimate, stribeck.runs[0])

@@ -1,0 +1,190 @@
+"""The diagnosis's linear algebra and tests against brute force and against their own promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.challenge_report import wilson
+from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, spectral_lines
+from sdp_vs_penalty.diagnosis.scoring import (
+    BlockSums,
+    Fit,
+    Rows,
+    Weighting,
+    cross_validate,
+    evidence,
+    independent,
+    solve_group,
+    wald_exponent,
+)
+from sdp_vs_penalty.diagnosis.whitening import autoregression
+
+Array = NDArray[np.float64]
+
+
+def problem(
+    rng: np.random.Generator, n: int = 2, M: int = 240, p: int = 5, blocks: int = 24
+) -> tuple[Rows, Array, Array, Weighting]:
+    block = np.arange(M) * blocks // M
+    rows = Rows(n, block, block * 3 // blocks, np.full(n, float(M)))
+    A = rng.normal(size=(n * M, p))
+    y = A @ rng.normal(size=p) + rng.normal(size=n * M)
+    pieces = tuple((np.arange(M),) for _ in range(n))
+    return rows, A, y, Weighting(np.ones(n), np.zeros((n, 4)), pieces)
+
+
+def squared_residual(A: Array, y: Array) -> float:
+    return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+
+def test_partialled_chi2_is_the_drop_of_the_squared_residual() -> None:
+    rng = np.random.default_rng(0)
+    rows, A, y, weighting = problem(rng)
+    fit = Fit.of(rows, independent(A), y, weighting)
+    for k in (1, 2, 4):
+        Z = rng.normal(size=(len(y), k))
+        C = fit.Q.T @ Z
+        chi2, beta, _ = solve_group(Z.T @ Z - C.T @ C, np.sum(Z**2, axis=0), Z.T @ fit.residual, False)
+        both = np.column_stack([A, Z])
+        assert chi2 == pytest.approx(squared_residual(A, y) - squared_residual(both, y), rel=1e-9)
+        np.testing.assert_allclose(beta, np.linalg.lstsq(both, y, rcond=None)[0][-k:], rtol=1e-8)
+        extended = fit.extended(Z)
+        assert np.sum(extended.residual**2) == pytest.approx(squared_residual(both, y), rel=1e-10)
+
+
+def test_signs_and_absorbed_columns() -> None:
+    rng = np.random.default_rng(1)
+    rows, A, y, weighting = problem(rng)
+    fit = Fit.of(rows, independent(A), y, weighting)
+    z = A @ rng.normal(size=(A.shape[1], 1))
+    C = fit.Q.T @ z
+    chi2, beta, absorbed = solve_group(
+        z.T @ z - C.T @ C, np.sum(z**2, axis=0), z.T @ fit.residual, False
+    )
+    assert chi2 == 0.0
+    assert beta[0] == 0.0
+    assert absorbed == pytest.approx(1.0)
+    z = -fit.residual[:, None]
+    C = fit.Q.T @ z
+    chi2, beta, _ = solve_group(z.T @ z - C.T @ C, np.sum(z**2, axis=0), z.T @ fit.residual, True)
+    assert chi2 == 0.0
+    assert beta[0] == 0.0
+
+
+def test_cross_validation_is_refitting_without_each_fold() -> None:
+    rng = np.random.default_rng(2)
+    rows, A, y, weighting = problem(rng)
+    z = rng.normal(size=(len(y), 1))
+    y = y + 0.3 * z[:, 0]
+    fit = Fit.of(rows, independent(A), y, weighting)
+    got = cross_validate(fit, [z], False, rows.fold)
+    fold = np.tile(rows.fold, rows.n)
+    gain = np.zeros(len(y))
+    both = np.column_stack([A, z])
+    for f in range(3):
+        out = fold == f
+        plain = np.linalg.lstsq(A[~out], y[~out], rcond=None)[0]
+        more = np.linalg.lstsq(both[~out], y[~out], rcond=None)[0]
+        gain[out] = (y[out] - A[out] @ plain) ** 2 - (y[out] - both[out] @ more) ** 2
+    np.testing.assert_allclose(got, rows.block_sums(gain), rtol=1e-7, atol=1e-8)
+    assert got.sum() > 0.0
+
+
+def test_cross_validation_does_not_reward_noise() -> None:
+    gains = []
+    for seed in range(40):
+        rng = np.random.default_rng(100 + seed)
+        rows, A, y, weighting = problem(rng)
+        fit = Fit.of(rows, independent(A), y, weighting)
+        gains.append(cross_validate(fit, [rng.normal(size=(len(y), 2))], False, rows.fold).sum())
+    assert np.mean(gains) < 0.0
+
+
+def test_the_block_robust_test_keeps_its_level() -> None:
+    """Noise whose level differs from block to block: a false alarm at p < 1e-2 in about one in 100."""
+    alarms = 0
+    for seed in range(400):
+        rng = np.random.default_rng(1000 + seed)
+        rows, A, _, weighting = problem(rng, M=480, blocks=48)
+        level = rng.uniform(0.2, 1.5, rows.blocks)[np.tile(rows.block, rows.n)]
+        fit = Fit.of(rows, independent(A), level * rng.normal(size=len(level)), weighting)
+        z = level[:, None] * rng.normal(size=(len(level), 1))
+        exponent = wald_exponent(BlockSums.of(fit, fit.partialled(z), 1))[0, 0]
+        alarms += exponent > 2.0
+    assert alarms <= 12
+
+
+def test_the_block_robust_test_sees_an_effect_in_few_blocks() -> None:
+    rng = np.random.default_rng(5)
+    rows, A, y, weighting = problem(rng, M=480, blocks=48)
+    z = np.where(np.tile(rows.block, rows.n) % 6 == 0, 1.0, 0.0)[:, None]
+    fit = Fit.of(rows, independent(A), y + 1.0 * z[:, 0], weighting)
+    assert wald_exponent(BlockSums.of(fit, fit.partialled(z), 1))[0, 0] > 6.0
+    two = np.column_stack([z, rng.normal(size=len(y))])
+    assert wald_exponent(BlockSums.of(fit, fit.partialled(two), 2))[0, 0] > 5.0
+
+
+def test_evidence_prefers_fewer_columns_and_needs_more_than_chance() -> None:
+    assert evidence(0.5, 1) == 0.0
+    assert evidence(50.0, 1) > evidence(50.0, 2) > evidence(50.0, 6) > 0.0
+    assert evidence(200.0, 6) > evidence(100.0, 1)
+
+
+def test_the_likelihood_gain_is_chi2_near_the_noise_and_a_log_ratio_far_above() -> None:
+    rng = np.random.default_rng(6)
+    rows, A, y, weighting = problem(rng, n=1, M=2000)
+    quiet = Fit.of(rows, independent(A), 0.9 * y, weighting)
+    assert quiet.likelihood_gain(quiet.joint_chi2 - 10.0) == pytest.approx(10.0, rel=1e-6)
+    loud = Fit.of(rows, independent(A), 30.0 * y, weighting)
+    expected = loud.degrees[0] * np.log(4.0)
+    assert loud.likelihood_gain(loud.joint_chi2 / 4.0) == pytest.approx(expected, rel=1e-6)
+
+
+def test_autoregression_whitens() -> None:
+    rng = np.random.default_rng(7)
+    x = np.zeros(4000)
+    for k in range(2, len(x)):
+        x[k] = 0.6 * x[k - 1] - 0.3 * x[k - 2] + rng.normal()
+    a, sigma, degrees = autoregression(x, [np.arange(2000), np.arange(2000, 4000)])
+    np.testing.assert_allclose(a, [0.6, -0.3, 0.0, 0.0], atol=0.06)
+    assert sigma == pytest.approx(1.0, abs=0.04)
+    assert degrees == 3988.0
+
+
+def test_events_are_found_and_noise_is_left_alone() -> None:
+    rng = np.random.default_rng(8)
+    pieces = [np.arange(500), np.arange(500, 1000)]
+    false = sum(local_excess(rng.normal(size=1000), pieces, 1, 1000.0).any() for _ in range(200))
+    assert false <= 3
+    x = rng.normal(size=1000)
+    x[700:708] += 4.0
+    found = local_excess(x, pieces, 1, 1000.0)
+    assert found[700:708].mean() > 0.7
+    assert found[:650].sum() == found[760:].sum() == 0
+
+
+def test_noise_that_follows_the_speed_is_no_event() -> None:
+    rng = np.random.default_rng(9)
+    t = np.arange(1000) / 16.0
+    speed = np.column_stack([np.sin(0.5 * t), np.cos(0.3 * t)])
+    spread = np.sqrt(0.3 + 3.0 * speed[:, 0] ** 4)
+    profile = noise_profile(spread * rng.normal(size=1000), speed)
+    assert np.corrcoef(profile, spread)[0, 1] > 0.9
+
+
+def test_a_hum_is_a_line_and_noise_is_not() -> None:
+    rng = np.random.default_rng(10)
+    t = np.arange(330) / 16.5
+    runs = [rng.normal(size=330) + 0.8 * np.sin(2 * np.pi * 3.1 * (t + 7 * k)) for k in range(3)]
+    assert [round(f, 1) for f in spectral_lines(runs, 16.5, 7)] == [3.1]
+    false = sum(bool(spectral_lines(list(rng.normal(size=(3, 330))), 16.5, 7)) for _ in range(200))
+    assert false <= 3
+
+
+def test_wilson_interval() -> None:
+    low, high = wilson(297, 300)
+    assert low == pytest.approx(0.9710, abs=5e-4)
+    assert high == pytest.approx(0.9966, abs=5e-4)
+    assert wilson(0, 0) == (0.0, 1.0)
