@@ -21,6 +21,8 @@ Mask = NDArray[np.bool_]
 FALSE_EVENT = 1e-3
 #: Lengths of the windows that are searched [rows].
 _LENGTHS = (1, 2, 4, 8, 16, 32)
+#: From this length on the logarithm of a window's energy is nearly normal; and how far out an event is.
+_LOGARITHMIC, _FAR = 4, 5.0
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,23 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
             if length > len(piece):
                 continue
             limit = length * stats.f.isf(FALSE_EVENT / count, length, degrees)
-            hits = np.flatnonzero(energy[length:] - energy[:-length] > limit)
+            windows = energy[length:] - energy[:-length]
+            if length >= _LOGARITHMIC:
+                limit = max(limit, _outlying(windows))
+            hits = np.flatnonzero(windows > limit)
             for first in hits:
                 mask[piece[first : first + length]] = True
     return mask
+
+
+def _outlying(windows: Array) -> float:
+    """The energy that stands _FAR robust deviations out of the windows' own, in logarithms: noise
+    that swells and fades by itself makes no event."""
+    logs = np.log(windows[windows > 0.0])
+    if not len(logs):
+        return np.inf
+    middle = float(np.median(logs))
+    return float(np.exp(middle + _FAR * 1.4826 * np.median(np.abs(logs - middle))))
 
 
 def noise_profile(white: Array, speed: Array) -> Array:
