@@ -92,8 +92,11 @@ class Problem:
         return Model(self.robot, tuple(chosen))
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
+        """The robot mounted otherwise; other parameters are then independent than those named."""
         x, y, z = (float(v) for v in gravity)
-        return replace(self, robot=replace(self.robot, gravity=(x, y, z)))
+        turned = not np.allclose(np.cross(gravity, self.robot.gravity), 0.0)
+        independent = None if turned else self.independent
+        return replace(self, robot=replace(self.robot, gravity=(x, y, z)), independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
         """Every demand on the parameters of a model of this robot."""

@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.problem import Problem, _plausible, load_problem
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.regression import LeastSquares, base_parameters
 from sdp_vs_penalty.robot import Joint, Robot
 
 seeds = st.integers(0, 2**32 - 1)
@@ -153,3 +153,11 @@ def test_nominal_robots_of_built_in_problems_come_from_their_bounds(
             for column in ("p_hat", "delta", "p_real"):
                 if row.get(column):
                     assert abs(problem.nominal_links[link, 0] - float(row[column])) > 1e-3
+
+
+def test_turned_gravity_finds_its_own_base_parameters(panda: Problem) -> None:
+    """Mounted on a wall, joint 1 carries weight: more parameters make torque than the 43 named."""
+    upright, wall = panda.with_gravity((0.0, 0.0, -9.8)), panda.with_gravity((-9.81, 0.0, 0.0))
+    assert upright.independent == panda.independent
+    assert len(base_parameters(upright.model("rigid_body"), upright.independent)[0]) == 43
+    assert len(base_parameters(wall.model("rigid_body"), wall.independent)[0]) == 45
