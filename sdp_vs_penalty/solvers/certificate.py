@@ -14,7 +14,7 @@ give a tight one. Nothing a solver says about itself enters.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -23,7 +23,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints import ConstraintSet, cone_margin, project
+from sdp_vs_penalty.constraints import Constraint, ConstraintSet, cone_margin, project
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.conic import Objective
@@ -75,7 +75,9 @@ def lower_bound(
     entropy_slopes : (links, 4, 4) positive definite S with which -log det P >= log det S + 4 -
         tr(S P) is used; P(theta)^-1 by default, the dual's own S where a solver gives it.
     """
-    dual = [project(c.cone, raw) for c, raw in zip(constraints.convex, multipliers, strict=True)]
+    pairs = [_balanced(c, m, bound) for c, m in zip(constraints.convex, multipliers, strict=True)]
+    constraints = ConstraintSet(tuple(c for c, _ in pairs))
+    dual = [project(c.cone, multiplier) for c, multiplier in pairs]
     spread = _spread(constraints)
     rows = _Rows.of(constraints, len(bound))
     tangents = _Tangent.candidates(objective, theta, bound, entropy_slopes)
@@ -103,6 +105,25 @@ def lower_bound(
         tangent.entropy_slopes,
         tangent.push,
     )
+
+
+def _balanced(constraint: Constraint, multiplier: Array, bound: Array) -> tuple[Constraint, Array]:
+    """T F T and T^-1 S T^-1 with diagonals of size one: otherwise what is near depends on units.
+
+    T holds powers of two, so that no rounding changes the constraint.
+    """
+    if constraint.cone != "psd":
+        return constraint, multiplier
+    terms = np.abs(np.diagonal(constraint.coefficients, axis1=1, axis2=2))
+    size = bound[constraint.indices] @ terms + np.abs(np.diagonal(constraint.constant))
+    t = 2.0 ** -np.round(0.5 * np.log2(np.where(size > 0.0, size, 1.0)))
+    both = np.outer(t, t)
+    balanced = replace(
+        constraint,
+        constant=constraint.constant * both,
+        coefficients=constraint.coefficients * both,
+    )
+    return balanced, multiplier / both
 
 
 #: Most rounds of pushing the dual's residual into the multipliers; each gives a valid bound, and one
@@ -237,10 +258,13 @@ def _spread(constraints: ConstraintSet) -> dict[int, Array]:
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     """The first feasible point on the way from theta to an interior point; theta itself if feasible."""
 
+    sizes = [_sizes(stack.cone, stack.values(interior)) for stack in constraints.stacks]
+
     def feasible(step: float) -> bool:
         point = theta + step * (interior - theta)
         return all(
-            cone_margin_batch(stack.cone, stack.values(point)) >= 0.0 for stack in constraints.stacks
+            cone_margin_batch(stack.cone, stack.values(point) * size) >= 0.0
+            for stack, size in zip(constraints.stacks, sizes, strict=True)
         )
 
     if feasible(0.0):
@@ -258,6 +282,18 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if feasible(middle) else (middle, high)
     return theta + high * (interior - theta)
+
+
+def _sizes(cone: str, inside: Array) -> Array | float:
+    """Factors that give matrices (g, d, d) diagonals of one inside: rounding must not depend on units.
+
+    Powers of two, so that the sign of no eigenvalue changes.
+    """
+    if cone != "psd":
+        return 1.0
+    diagonal = np.abs(np.diagonal(inside, axis1=1, axis2=2))
+    t = 2.0 ** -np.round(0.5 * np.log2(np.where(diagonal > 0.0, diagonal, 1.0)))
+    return np.asarray(t[:, :, None] * t[:, None, :])
 
 
 def cone_margin_batch(cone: str, values: Array) -> float:
