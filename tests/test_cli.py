@@ -249,7 +249,9 @@ def test_ctrl_c_leaves_the_old_file(runs: list[Path], tmp_path: Path) -> None:
     kept = tmp_path / "model.json"
     kept.write_text("old")
     code = (
-        "import sdp_vs_penalty.estimators.lmi_sdp as l, sys, time\n"
+        "import sdp_vs_penalty.estimators.lmi_sdp as l, signal, sys, time\n"
+        # A job in the background of a shell inherits an ignored SIGINT.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def endless(self, task):\n    print('fitting', flush=True)\n    time.sleep(60)\n"
         "l.LmiSdp.fit = endless\n"
         "from sdp_vs_penalty.cli import main; main()"

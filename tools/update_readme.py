@@ -33,6 +33,15 @@ def rows_of(table: str, data: str = "measured") -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file) if row["data"] == data]
 
 
+def speed() -> list[list[str]]:
+    """What was compared, both figures with their unit, and their ratio, from results/benchmarks.csv."""
+    with (ROOT / "results" / "benchmarks.csv").open(newline="") as file:
+        return [
+            [row["what"], f"{row['ours']} {row['unit']}", f"{row['other']} {row['unit']}", row["ratio"]]
+            for row in csv.DictReader(file)
+        ]
+
+
 def markdown(headings: list[str], rows: list[list[str]]) -> str:
     lines = [headings, [":---", *["---:"] * (len(headings) - 1)], *rows]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
@@ -58,6 +67,9 @@ def headline() -> str:
             "Held-out error [%] after training on so many seconds of the same run, median over several "
             "windows (from [table_data](results/table_data.md)):",
             markdown(["method", *(f"{s} s" for s in seconds)], data),
+            "Speed and memory on one thread, each pair measured in one run (from "
+            "[benchmarks](results/benchmarks.md), made by `benchmarks/run.py`):",
+            markdown(["what", "this program", "the other way", "ratio"], speed()),
             "![Held-out error against seconds of training data](results/data.png)",
             "[results/](results/README.md) holds the paper's tables and figures made again, and says "
             "how each figure comes about.",
