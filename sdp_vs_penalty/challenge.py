@@ -82,7 +82,7 @@ def run_challenge(
     todo = [key for key in wanted if key not in records]
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    chunk = 20 * jobs
+    chunk = 8 * jobs
     with Parallel(n_jobs=jobs) as parallel:
         for first in range(0, len(todo), chunk):
             part = todo[first : first + chunk]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis import explanations
-from sdp_vs_penalty.diagnosis.events import Event, intervals, local_excess, noise_profile
+from sdp_vs_penalty.diagnosis.events import Event, intervals, local_excess, noise_profile, spectral_lines
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -39,6 +39,10 @@ INVISIBLE = 0.999
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
 _BLOCKS = 60
+#: Hz: below, lines are the motion's own harmonics.
+_SLOWEST_HUM = 0.8
+#: In units of the row rate: above, what the low-pass folds has no flat surroundings.
+_FASTEST_HUM = 0.45
 #: How often the noise is estimated anew where only the residual shows it.
 _ROUNDS = 3
 _PHASE_FOLDS = 5
@@ -266,7 +270,34 @@ def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
         for j in range(n)
         for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0)
     ]
+    events += _hums(stage)
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
+
+
+def _hums(stage: Stage) -> list[Event]:
+    """One event a run for each joint in whose residual a spectral line stands.
+
+    The residual is not whitened for it: an autoregression takes a sine for its own colour.
+    """
+    rows = stage.rows
+    columns = [spread_columns(rows, p.hypothesis.effect) for p in stage.search.picks]
+    everything = np.concatenate([stage.base, *columns], axis=2)
+    left = stage.residual - (everything @ least_squares(stage, rows, everything)).T
+    out = []
+    for j in range(rows.n):
+        pieces = pieces_of(rows, j)
+        longest = max((len(p) for p in pieces), default=0)
+        pieces = [p for p in pieces if 2 * len(p) > longest]
+        series = [left[p, j] for p in pieces]
+        lines = [
+            f
+            for f in spectral_lines(series, rows.rate, rows.n, _SLOWEST_HUM)
+            if f < _FASTEST_HUM * rows.rate
+        ]
+        for piece in pieces if lines else ():
+            first, last = rows.t[piece[0]], rows.t[piece[-1]]
+            out.append(Event(j, float(first), float(last), "hum", lines[0]))
+    return out
 
 
 def _repeating(mask: NDArray[np.bool_], stage: Stage) -> NDArray[np.bool_]:
