@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -331,7 +332,7 @@ def _read_panda_folder(folder: Path) -> Measurements:
             raise InputError(
                 f"{folder}: a folder is read as the authors' Panda log, and {path.name} is missing."
             )
-        columns[key] = _numbers(path, _lines(path), 1, first=1)[:, 0]
+        columns[key] = _one_column(path)
     t = columns.pop("t")
     if len(t) == 0:
         raise InputError(f"{folder}: the log is empty.")
@@ -340,6 +341,19 @@ def _read_panda_folder(folder: Path) -> Measurements:
             raise InputError(f"{folder}: {len(values)} numbers of {key} do not fit {len(t)} instants.")
     q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
     return Measurements(t, q, tau, dq, None, (folder.name,))
+
+
+def _one_column(path: Path) -> Array:
+    """One number a line; what the fast reader cannot read, the careful one names or reads."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            values = np.loadtxt(path, comments=None, ndmin=2)
+        if values.shape[1] == 1:
+            return values[:, 0]
+    except (ValueError, UserWarning, OSError):
+        pass
+    return _numbers(path, _lines(path), 1, first=1)[:, 0]
 
 
 def _check(path: Path, m: Measurements) -> None:

@@ -7,9 +7,11 @@ through in pieces with exactly the result of the whole:
 2. The position is convolved with a low-pass kernel and its exact first and second derivative:
    q, dq, ddq at one cut-off (``state_cutoff``). Measured velocities are not used: drives filter
    them, with a lag that would have to be known.
-3. The model's columns are computed from these states at the full rate; columns AND torque pass the
-   same second low-pass (``torque_cutoff``), which therefore leaves the linear relation between them
-   intact, and are decimated to four times its cut-off.
+3. The model's columns are computed from these states, and columns AND torque pass the same second
+   low-pass (``torque_cutoff``), which therefore leaves the linear relation between them intact; rows
+   are decimated to four times its cut-off. Columns are computed at 30 times that cut-off (effects
+   with memory: at the full rate), where the low-pass is the same to 1e-4 of the sharpest of them,
+   Coulomb friction's.
 
 The kernel is a windowed sinc of half-length 2 / cut-off, made maximally flat: its moments of order
 2, 4 and 6 vanish, so that it is exact on polynomials of degree 7 and its gain differs from 1 by 5e-8
@@ -36,6 +38,9 @@ Array = NDArray[np.float64]
 
 #: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4 cut-offs.
 _OVERSAMPLING = 4.0
+#: Columns are computed at this multiple of the cut-off: what they hold above half of it (reversals of
+#: friction, products of states) must not fold back below the cut-off.
+_COLUMN_RATE = 30.0
 #: Raw samples worked on at a time: bounds the memory for the columns whatever a run's length.
 _CHUNK = 4096
 
@@ -98,27 +103,32 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
     margin = state.half + column.half
     step = _decimation(settings.torque_cutoff, dt)
     moving = _Movement(run, settings.standstill)
+    # What an effect with memory remembers has to be followed sample by sample, from the start.
     whole = any(effect.has_memory for effect in model.effects)
+    stride = 1 if whole else _stride(settings.torque_cutoff, dt)
+    coarse = column.sampled(stride)
+    reach = stride * coarse.half
     found = False
     for t, q, tau in _segments(run, dt):
         outputs = np.arange(margin, len(t) - margin, step)
         per_chunk = len(outputs) if whole else max(1, _CHUNK // step)
-        for first in range(0, len(outputs), max(per_chunk, 1)):
-            at = outputs[first : first + per_chunk]
-            # [start, stop): the samples whose columns the low-pass of these outputs needs.
-            start, stop = at[0] - column.half, at[-1] + column.half + 1
-            around = slice(start - state.half, stop + state.half)
-            motion = Motion(t[start:stop], *state.states(q[around]))
-            low_pass = column.decimator(stop - start, at - start)
+        for number in range(0, len(outputs), max(per_chunk, 1)):
+            at = outputs[number : number + per_chunk]
+            # From first to last: the samples whose columns the low-pass of these outputs needs.
+            first, last = at[0] - reach, at[-1] + reach
             keep = moving.at(t[at])
             if not keep.any():
                 continue
             found = True
-            low_pass = low_pass[keep]
-            local = at[keep] - start
+            around = q[first - state.half : last + 1 + state.half]
+            low, velocity, acceleration = (x[::stride] for x in state.states(around))
+            motion = Motion(t[first : last + 1 : stride], low, velocity, acceleration)
+            local = (at[keep] - first) // stride
+            low_pass = coarse.decimator(len(motion.t), local)
+            begin, end = at[0] - column.half, at[-1] + column.half + 1
             yield Rows(
                 Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
-                low_pass @ tau[start:stop],
+                column.decimator(end - begin, at[keep] - begin) @ tau[begin:end],
                 [JointColumns(c.indices, low_pass @ c.columns) for c in model.columns(motion)],
             )
     if not found:
@@ -142,9 +152,15 @@ def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
     return float(1.0 / (_decimation(settings.torque_cutoff, dt) * (kernel @ kernel)))
 
 
+def _stride(cutoff: float, dt: float) -> int:
+    """The columns of one sample in so many are computed."""
+    return max(1, int(1.0 / (_COLUMN_RATE * cutoff * dt)))
+
+
 def _decimation(cutoff: float, dt: float) -> int:
     """One row in so many samples."""
-    return max(1, int(1.0 / (_OVERSAMPLING * cutoff * dt)))
+    stride = _stride(cutoff, dt)
+    return stride * max(1, int(1.0 / (_OVERSAMPLING * cutoff * dt * stride)))
 
 
 def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) -> Rows:
@@ -193,7 +209,22 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
     return Motion(t, q, dq, ddq), tau, rate
 
 
-class _Kernel:
+class _LowPass:
+    """A symmetric kernel (2 half + 1,) of a low-pass on a uniform grid."""
+
+    def __init__(self, value: Array) -> None:
+        self.value, self.half = value, len(value) // 2
+
+    def decimator(self, length: int, at: NDArray[np.int64]) -> sparse.csr_array:
+        """(len(at), length) matrix: the low-pass evaluated at the samples ``at`` only."""
+        width = 2 * self.half + 1
+        columns = (at[:, None] - self.half + np.arange(width)).ravel()
+        values = np.tile(self.value[::-1], len(at))
+        starts = np.arange(len(at) + 1) * width
+        return sparse.csr_array((values, columns, starts), shape=(len(at), length))
+
+
+class _Kernel(_LowPass):
     """A low-pass and its first two derivatives, sampled at dt.
 
     h(t) = sinc(t) hann(u) (c_0 + c_1 u^2 + c_2 u^4 + c_3 u^6), u = t / support, with c such that its
@@ -236,13 +267,14 @@ class _Kernel:
         low, first, second = convolve(centred, self.value, self.first, self.second)
         return low + q[:1], first, second
 
-    def decimator(self, length: int, at: NDArray[np.int64]) -> sparse.csr_array:
-        """(len(at), length) matrix: the low-pass evaluated at the samples ``at`` only."""
-        width = 2 * self.half + 1
-        columns = (at[:, None] - self.half + np.arange(width)).ravel()
-        values = np.tile(self.value[::-1], len(at))
-        starts = np.arange(len(at) + 1) * width
-        return sparse.csr_array((values, columns, starts), shape=(len(at), length))
+    def sampled(self, stride: int) -> _LowPass:
+        """The same low-pass on a grid ``stride`` times coarser: the same response below its rate."""
+        if stride == 1:
+            return self
+        offsets = np.arange(-(self.half // stride), self.half // stride + 1)
+        value = self.value[self.half + stride * offsets]
+        u = offsets / max(offsets[-1], 1)
+        return _LowPass(value * _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))(u))
 
 
 def convolve(x: Array, *kernels: Array) -> list[Array]:
