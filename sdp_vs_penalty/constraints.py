@@ -68,10 +68,26 @@ def cone_margin(cone: str, value: Array) -> float:
     1.0
     """
     if cone == "psd":
-        return float(np.linalg.eigvalsh(value)[0])
+        return float(smallest_eigenvalue(value))
     if cone == "soc":
         return float(value[0] - np.linalg.norm(value[1:]))
     return float(value.min())
+
+
+def smallest_eigenvalue(values: Array) -> Array:
+    """The smallest eigenvalue of symmetric matrices (..., d, d), its sign right in any system of units.
+
+    A matrix of a link holds its mass in one corner and, in kilometres, moments of 1e-9 in the others:
+    rounding relative to the corner would decide on them. The sign is therefore taken from T F T with
+    diagonals of size one (Sylvester), T of powers of two, which round nothing.
+    """
+    raw = np.linalg.eigvalsh(values)[..., 0]
+    diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
+    t = 2.0 ** -np.round(0.5 * np.log2(np.where(diagonal > 0.0, diagonal, 1.0)))
+    sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
+    # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of T^-2.
+    least = sign * np.min(t**-2, axis=-1)
+    return np.asarray(np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, least)))
 
 
 def project(cone: str, value: Array) -> Array:

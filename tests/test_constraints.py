@@ -10,7 +10,13 @@ from random_robots import link_parameters, rotation
 
 from sdp_vs_penalty import constraints as build
 from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet, cone_margin, project
+from sdp_vs_penalty.constraints import (
+    Constraint,
+    ConstraintSet,
+    cone_margin,
+    project,
+    smallest_eigenvalue,
+)
 from sdp_vs_penalty.problem import Problem
 
 seeds = st.integers(0, 2**32 - 1)
@@ -289,3 +295,19 @@ def test_rotating_a_link_rotates_its_margins() -> None:
     moved = inertia.transform(turn) @ theta
     constraint = build.minimum_thickness("link 1", np.arange(10), 0.02)
     assert constraint.margin(moved) == pytest.approx(constraint.margin(theta), rel=1e-9)
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-3, 1e3])
+def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length: float) -> None:
+    """A link in kilometres: its moments are 1e-9 of its mass, and rounding of the mass is larger."""
+    rng = np.random.default_rng(0)
+    t = np.diag([length, length, length, 1.0])
+    for smallest in (1e-9, -1e-9):
+        for _ in range(50):
+            q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+            c = np.append(rng.normal(size=3), 1.0)
+            matrix = 2.0 * np.outer(c, c)
+            matrix[:3, :3] += (q * [1e-2, 1e-3, smallest]) @ q.T
+            value = smallest_eigenvalue(t @ matrix @ t)
+            assert np.sign(value) == np.sign(smallest)
+            assert abs(value) <= max(length**2, 1.0) * 2e-9

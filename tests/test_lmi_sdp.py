@@ -306,7 +306,9 @@ def test_a_joint_that_never_reverses_keeps_its_certificate(two_link: Problem) ->
     _, certificate = certify(task, LmiSdp().fit(task))
     assert certificate.gap is not None
     assert certificate.gap < 1e-6
-    assert certificate.worst == 0.0
+    # The SDP does not receive what is not convex, and the data say nothing of it here.
+    convex = {c.family for c in task.constraints.convex}
+    assert max(v for family, v in certificate.violations.items() if family in convex) == 0.0
 
 
 def test_a_model_without_links_is_a_bounded_least_squares_problem(two_link: Problem) -> None:

@@ -23,7 +23,13 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet, cone_margin, project
+from sdp_vs_penalty.constraints import (
+    Constraint,
+    ConstraintSet,
+    cone_margin,
+    project,
+    smallest_eigenvalue,
+)
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.conic import Objective
@@ -258,13 +264,10 @@ def _spread(constraints: ConstraintSet) -> dict[int, Array]:
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     """The first feasible point on the way from theta to an interior point; theta itself if feasible."""
 
-    sizes = [_sizes(stack.cone, stack.values(interior)) for stack in constraints.stacks]
-
     def feasible(step: float) -> bool:
         point = theta + step * (interior - theta)
         return all(
-            cone_margin_batch(stack.cone, stack.values(point) * size) >= 0.0
-            for stack, size in zip(constraints.stacks, sizes, strict=True)
+            cone_margin_batch(stack.cone, stack.values(point)) >= 0.0 for stack in constraints.stacks
         )
 
     if feasible(0.0):
@@ -284,22 +287,10 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     return theta + high * (interior - theta)
 
 
-def _sizes(cone: str, inside: Array) -> Array | float:
-    """Factors that give matrices (g, d, d) diagonals of one inside: rounding must not depend on units.
-
-    Powers of two, so that the sign of no eigenvalue changes.
-    """
-    if cone != "psd":
-        return 1.0
-    diagonal = np.abs(np.diagonal(inside, axis1=1, axis2=2))
-    t = 2.0 ** -np.round(0.5 * np.log2(np.where(diagonal > 0.0, diagonal, 1.0)))
-    return np.asarray(t[:, :, None] * t[:, None, :])
-
-
 def cone_margin_batch(cone: str, values: Array) -> float:
     """The smallest margin among equal cones, values (g, ...)."""
     if cone == "psd":
-        return float(np.linalg.eigvalsh(values).min())
+        return float(smallest_eigenvalue(values).min())
     if cone == "soc":
         return float(np.min(values[:, 0] - np.linalg.norm(values[:, 1:], axis=1)))
     if cone == "nonnegative":
