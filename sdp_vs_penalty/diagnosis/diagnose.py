@@ -44,7 +44,7 @@ _SLOWEST_HUM = 0.8
 #: In units of the row rate: above, what the low-pass folds has no flat surroundings.
 _FASTEST_HUM = 0.45
 #: How often the noise is estimated anew where only the residual shows it.
-_ROUNDS = 3
+_ROUNDS = 12
 _PHASE_FOLDS = 5
 
 
@@ -86,29 +86,53 @@ def diagnose(
 
 
 def search_through(stage: Stage, estimate: Estimate) -> Stage:
-    """Run the search. Where the noise is only known as what the model leaves, begin with what it
-    leaves beside the best explanation, know it better after each round, and search again with it,
-    until nothing more is found."""
-    if stage.noise.source == "residual":
-        n = stage.rows.n
-        plain = replace(stage.noise, ar=np.zeros((n, ORDER)), sigma=stage.noise.floor)
-        search = with_noise(stage, estimate, plain).search
-        best = search.contenders(search.fit(), search.scaled)[:1]
-        stage = with_noise(stage, estimate, _noise_beside(stage, [h.effect for h in best]))
-    stage.search.run()
-    for _ in range(_ROUNDS if stage.noise.source == "residual" else 0):
-        picks = stage.search.picks
-        noise = _noise_beside(stage, [p.hypothesis.effect for p in picks])
-        stage = with_noise(stage, estimate, noise)
-        for pick in picks:
-            columns = stage.search.white_columns(pick.hypothesis.effect)
-            renewed = replace(pick.hypothesis, columns=columns)
-            stage.search.picks.append(replace(pick, hypothesis=renewed))
-        stage.search.settle()
+    """Run the search.
+
+    Where only the residual shows the noise, it begins as what the model leaves beside the best
+    explanation and is known better after each round. Its colour hides what resembles it; when
+    nothing more is found with it, one more look takes the noise as white.
+    """
+    if stage.noise.source != "residual":
         stage.search.run()
-        if len(stage.search.picks) == len(picks):
-            break
-    return stage
+        return stage
+    best = _with_white_noise(stage, estimate).search
+    contenders = best.contenders(best.fit(), best.scaled)[:1]
+    stage = with_noise(stage, estimate, _noise_beside(stage, [h.effect for h in contenders]))
+    stage.search.run()
+    for _ in range(_ROUNDS):
+        found = len(stage.search.picks)
+        stage = _renewed(stage, estimate)
+        stage.search.run()
+        if len(stage.search.picks) == found:
+            plain = _with_white_noise(stage, estimate)
+            plain.search.run()
+            if len(plain.search.picks) == found:
+                break
+            stage = plain
+    return _renewed(stage, estimate)
+
+
+def _renewed(stage: Stage, estimate: Estimate) -> Stage:
+    """The same picks with the noise as what is left beside them."""
+    noise = _noise_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
+    return _carried(stage, with_noise(stage, estimate, noise))
+
+
+def _with_white_noise(stage: Stage, estimate: Estimate) -> Stage:
+    """The same picks with white noise as large as what is left beside them."""
+    noise = _noise_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
+    plain = replace(noise, ar=np.zeros((stage.rows.n, ORDER)), sigma=noise.floor)
+    return _carried(stage, with_noise(stage, estimate, plain))
+
+
+def _carried(old: Stage, new: Stage) -> Stage:
+    """The picks of the old stage in the new one, their columns whitened anew."""
+    for pick in old.search.picks:
+        columns = new.search.white_columns(pick.hypothesis.effect)
+        hypothesis = replace(pick.hypothesis, columns=columns)
+        new.search.picks.append(replace(pick, hypothesis=hypothesis))
+    new.search.settle()
+    return new
 
 
 def _noise_beside(stage: Stage, effects: Sequence[Effect]) -> Noise:
