@@ -93,7 +93,10 @@ def _short(name: str, value: object) -> str:
 
 
 def by_problem(rows: Sequence[Row]) -> str:
-    """Markdown: problems down, solvers across, the class at the tightest accuracy asked for."""
+    """Markdown: problems down, solvers across, the class at the tightest accuracy asked for.
+
+    Beside a wrong answer stands the larger of its gap and its violation, both relative.
+    """
     mark = {
         "right": "right", "inaccurate": "inaccurate", "silently_wrong": "**WRONG**", "failed": "failed",
         "timeout": "timeout", "crash": "crash",
@@ -107,8 +110,9 @@ def by_problem(rows: Sequence[Row]) -> str:
             tightest = min(mine, key=lambda r: r["accuracy"], default=None)
             if tightest is None:
                 cells.append("n/a")
-            elif tightest["class"] == "silently_wrong" and np.isfinite(tightest["gap"]):
-                cells.append(f"**WRONG** {tightest['gap']:.0e}")
+            elif tightest["class"] == "silently_wrong":
+                worst = max(tightest["gap"], tightest.get("violation", 0.0))
+                cells.append(f"**WRONG** {worst:.0e}" if np.isfinite(worst) else "**WRONG**")
             else:
                 cells.append(mark[tightest["class"]])
         lines.append(f"| {problem} | " + " | ".join(cells) + " |")
