@@ -1,0 +1,204 @@
+"""The verb ``add``: an effect joins the model, and everything is identified again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.diagnosis.diagnose import Stage, prepare
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate, certify, covariance, versions
+from sdp_vs_penalty.estimators import DEFAULT_METHOD, identify, joint_weights, make_estimator
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.problem import Problem, _plausible, load_problem, problem_names
+from sdp_vs_penalty.regression import LeastSquares, compress
+
+Array = NDArray[np.float64]
+
+
+def add(
+    estimate: Estimate,
+    effect: str,
+    measurements: Measurements,
+    *,
+    problem: Problem | None = None,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Estimate:
+    """The model with an effect more, identified again by its own method under all constraints.
+
+    effect : ``name[:joints][@shape=value]``, several separated by commas; a shape constant that is
+    not given is estimated, joint by joint. problem : whose bounds hold (default: the estimate's, or
+    the stated defaults for a robot that came as a URDF). frozen : keep all other parameters, which
+    is the only way for a payload and its default.
+    Raises InputError for an effect that the model already has, or that cannot act.
+    """
+    if measurements.n != estimate.robot.n:
+        raise InputError(
+            f"The measurements have {measurements.n} joint(s), the model's robot has "
+            f"{estimate.robot.n}: choose the model that belongs to them."
+        )
+    problem = _problem_of(estimate) if problem is None else replace(problem, robot=estimate.robot)
+    wanted = parse_effects(effect, estimate.robot)
+    if not wanted:
+        raise InputError("No effect to add: name one, such as presliding_hysteresis:7.")
+    progress("estimating shape constants")
+    new = with_shapes(estimate, wanted, _given_shapes(effect), measurements, frozen, seed)
+    Model(estimate.robot, (*estimate.model.effects, *new))  # refuses what is there already
+    if frozen or any(e.frozen_only for e in new):
+        return _add_frozen(estimate, problem, new, measurements, seed, progress)
+    return identify(
+        problem,
+        measurements,
+        estimator_of(estimate),
+        effects=[*estimate.model.effects, *new],
+        preprocessing=estimate.preprocessing,
+        weighting=str(estimate.settings.get("weighting", "noise")),
+        seed=seed,
+        progress=progress,
+    )
+
+
+def estimator_of(estimate: Estimate) -> Estimator:
+    """The method of an estimate with the settings that it had."""
+    estimator = make_estimator(estimate.method)
+    known = {f.name for f in fields(estimator)}  # type: ignore[arg-type]
+    return replace(estimator, **{k: v for k, v in estimate.settings.items() if k in known})  # type: ignore[type-var]
+
+
+def _problem_of(estimate: Estimate) -> Problem:
+    if estimate.problem in problem_names():
+        return replace(load_problem(estimate.problem), robot=estimate.robot)
+    box = np.full((estimate.robot.n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.0
+    given = estimate.links if len(estimate.links) else np.zeros((estimate.robot.n, 10))
+    nominal = _plausible(estimate.robot, given)
+    return Problem(estimate.problem, estimate.problem, estimate.robot, box, nominal)
+
+
+def _given_shapes(text: str) -> list[frozenset[str]]:
+    """Per effect of the text the shape constants that it names."""
+    words = [word for word in text.split(",") if word.strip()]
+    return [frozenset(item.partition("=")[0].strip() for item in word.split("@")[1:]) for word in words]
+
+
+def with_shapes(
+    estimate: Estimate,
+    wanted: Sequence[Effect],
+    given: Sequence[frozenset[str]],
+    measurements: Measurements,
+    frozen: bool,
+    seed: int,
+) -> list[Effect]:
+    """The effects with all constants that were not given estimated, one effect a joint where so."""
+    out: list[Effect] = []
+    stage: Stage | None = None
+    for effect, fixed in zip(wanted, given, strict=True):
+        if fixed >= set(effect.shape_defaults) - {"t0", "v_s"} or not next(
+            iter(type(effect).shapes(effect.robot, effect.joints[0]))
+        ):
+            out.append(effect)
+            continue
+        if stage is None:
+            settings = estimate.preprocessing.resolve(measurements)
+            rows = diagnosis_rows(measurements, estimate, settings)
+            stage = prepare(rows, estimate, frozen, seed)
+        out += [_shaped(stage, effect, joint, fixed) for joint in effect.joints]
+    return out
+
+
+def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> Effect:
+    """One joint's effect with the shape that explains most of the residual; given ones stay."""
+    search = stage.search
+    fit = search.fit()
+    kind, keep = type(effect), {k: effect.shape[k] for k in fixed}
+    start = min(float(s.motion.t[0]) for s in stage.rows.segments)
+    if "t0" in kind.shape_defaults:
+        keep = {"t0": start, **keep}
+    trials = []
+    for shape in kind.shapes(effect.robot, joint):
+        one = kind(effect.robot, [joint], **{**shape, **keep})
+        trials.append(search.hypothesis(fit, (effect.name, joint), one, search.white_columns(one)))
+    best = max(trials, key=lambda h: h.chi2)
+    return search.tuned(fit, best, fixed).effect
+
+
+def _add_frozen(
+    estimate: Estimate,
+    problem: Problem,
+    new: Sequence[Effect],
+    measurements: Measurements,
+    seed: int,
+    progress: Progress,
+) -> Estimate:
+    """Fit only the new effects, under their own constraints, to what the model leaves."""
+    old = len(estimate.theta)
+    own = Model(estimate.robot, tuple(new))
+    reference = np.concatenate([estimate.theta, np.zeros(len(own.parameters))])
+    model = Model(estimate.robot, (*estimate.model.effects, *new))
+    if model.needs_reference:
+        known = estimate.model.reference
+        if known is not None:
+            reference[:old] = known
+        model = replace(model, reference=reference)
+    settings = estimate.preprocessing.resolve(measurements)
+    progress("compressing the measurements")
+    regression = compress(measurements, model, settings)
+    weights = np.ones(estimate.robot.n)
+    for _ in range(2):
+        data = _reduced(regression.least_squares(weights), estimate.theta)
+        theta = np.concatenate([estimate.theta, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0]])
+        weights = joint_weights(regression, theta)
+    task = Task(
+        own,
+        data,
+        ConstraintSet(problem.constraints(own).convex),
+        problem.parameter_bound(own),
+        problem.nominal(own),
+        problem.box,
+        None,
+        seed,
+        progress,
+    )
+    progress("estimating the new effects")
+    estimator = estimator_of(estimate)
+    if not hasattr(estimator, "solver"):  # a payload is a body, whatever the model was made by
+        estimator = make_estimator(DEFAULT_METHOD)
+    fit = estimator.fit(task)
+    part, certificate = certify(task, fit)
+    wide = np.full((old + len(part),) * 2, np.nan)
+    wide[:old, :old] = estimate.covariance
+    wide[old:, old:] = covariance(data, regression.oversampling)
+    return replace(
+        estimate,
+        model=model,
+        theta=np.concatenate([estimate.theta, part]),
+        covariance=wide,
+        certificate=certificate,
+        details={"frozen": [e.text for e in estimate.model.effects]},
+        provenance={
+            **estimate.provenance,
+            "seed": seed,
+            "data_hash": measurements.data_hash,
+            "runs": list(measurements.names),
+            "samples": len(measurements.t),
+            "versions": versions(),
+        },
+    )
+
+
+def _reduced(data: LeastSquares, fixed: Array) -> LeastSquares:
+    """The problem in the remaining parameters when the first ones are fixed."""
+    k = len(fixed)
+    rho = data.rho - data.R[:, :k] @ fixed
+    return LeastSquares(data.R[:, k:], rho, data.floor, float(rho @ rho) + data.floor**2, data.rows)
