@@ -9,6 +9,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.comparison import compare as compare
+    from sdp_vs_penalty.diagnosis import add as add
+    from sdp_vs_penalty.diagnosis import diagnose as diagnose
     from sdp_vs_penalty.estimate import Estimate as Estimate
     from sdp_vs_penalty.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimators import identify as identify
@@ -17,7 +19,9 @@ if TYPE_CHECKING:
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
 _HOME = {
+    "add": "diagnosis",
     "compare": "comparison",
+    "diagnose": "diagnosis",
     "Estimate": "estimate",
     "load_estimate": "estimate",
     "identify": "estimators",
@@ -27,7 +31,9 @@ _HOME = {
 __all__ = [
     "Estimate",
     "__version__",
+    "add",
     "compare",
+    "diagnose",
     "identify",
     "load_estimate",
     "load_measurements",
