@@ -107,9 +107,9 @@ def timed(work: Callable[[], object], repeats: int) -> tuple[float, float]:
 
 def single(instance: Instance) -> list[str]:
     rows = {
-        "conic form, set-up and solve": timed(lambda: conic_and_solve(instance), 30),
-        "the same with its proof (default path)": timed(lambda: certified(instance), 30),
-        "fresh CVXPY problem with Clarabel": timed(lambda: fresh_cvxpy(instance, instance.data), 15),
+        "conic form, set-up and solve": timed(lambda: conic_and_solve(instance), 60),
+        "the same with its proof (default path)": timed(lambda: certified(instance), 60),
+        "fresh CVXPY problem with Clarabel": timed(lambda: fresh_cvxpy(instance, instance.data), 30),
     }
     last = rows["fresh CVXPY problem with Clarabel"][1]
     lines = ["| what | wall [ms] | processor [ms] | CVXPY takes |", "| --- | --- | --- | --- |"]
@@ -164,7 +164,7 @@ def growth(links: Sequence[int]) -> list[str]:
         task = regular.chain_task(n)
         instance = regular.posed(f"chain {n}", "chains", task, "one-step", "gyration")
         _ = instance.interior, instance.sent
-        _, processor = timed(lambda instance=instance: conic_and_solve(instance), 5)  # type: ignore[misc]
+        _, processor = timed(lambda instance=instance: conic_and_solve(instance), 9)  # type: ignore[misc]
         seconds.append(processor)
         lines.append(f"| {n} | {len(task.bound)} | {1e3 * processor:.0f} |")
     slope, offset = np.polyfit(np.log(links), np.log(seconds), 1)
