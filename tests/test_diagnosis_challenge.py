@@ -1,0 +1,64 @@
+"""A small challenge: a handful of cases end to end, the report, and the real Panda run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from sdp_vs_penalty.challenge import run_case, run_challenge
+from sdp_vs_penalty.challenge_report import abstained, false_claim, first_right, identifiable, in_set
+from sdp_vs_penalty.diagnosis import diagnose
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators import identify
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.problem import Problem
+
+
+def test_a_small_challenge_is_won() -> None:
+    """Library effects at strong and medium, of which one may be missed; clean and unknown: none."""
+    records = [
+        run_case("panda", f"{name}/{seed}") for name, seed in (("strong", 9003), ("medium", 9016))
+    ]
+    records += [
+        run_case("two_link", f"{name}/{seed}") for name in ("strong", "medium") for seed in (1, 2)
+    ]
+    shown = [r for r in records if identifiable(r)]
+    assert len(shown) >= 3
+    assert sum(first_right(r) for r in shown) >= len(shown) - 1
+    assert sum(in_set(r) for r in shown) >= len(shown) - 1
+    assert not any(false_claim(run_case("two_link", f"clean/{seed}")) for seed in (1, 2))
+    assert abstained(run_case("panda", "unknown_strong/9001"))
+
+
+def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    written = run_challenge("two_link", 1, 5, tmp_path, jobs=1, classes=["clean", "weak"])
+    assert [p.name for p in written] == ["challenge.json", "challenge.csv", "challenge.md"]
+    first = json.loads(written[0].read_text())
+    first["cases"] = {k: {**v, "seconds": 123.0} for k, v in first["cases"].items()}
+    written[0].write_text(json.dumps(first))
+    run_challenge("two_link", 1, 5, tmp_path, jobs=1, classes=["clean", "weak"])
+    assert json.loads(written[0].read_text()) == first
+    assert "worst 123.00" in written[2].read_text()
+    assert "Wilson" in written[2].read_text()
+
+
+def test_an_unknown_class_is_said(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="class 'magic' is unknown"):
+        run_challenge("two_link", 1, 0, tmp_path, classes=["magic"])
+
+
+@pytest.mark.real_data
+def test_the_real_panda_misses_presliding_hysteresis(panda: Problem, panda_run: Measurements) -> None:
+    train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
+    effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
+    estimate = identify(panda, train, "ols", effects=effects)
+    result = diagnose(estimate, train, test)
+    first = result.effects[0]
+    assert (first.effect, first.joints) == ("presliding_hysteresis", (7,))
+    assert first.shape["d"] == pytest.approx(0.003, abs=0.001)
+    assert first.held_out_rmse_after[6] < 0.55 * first.held_out_rmse_before[6]
+    early = {f.joints[0] for f in result.effects[:4] if f.effect == "presliding_hysteresis"}
+    assert early == {4, 5, 6, 7}
+    assert (result.held_out_rmse / first.held_out_rmse_before).mean() < 0.82
