@@ -233,9 +233,10 @@ def write_summary(
         "",
         *(f"- {sentence}" for sentence in sentences(rows, time_limit)),
         "",
-        "Every answer is judged by our own proved interval around the optimum: right is what lies within "
-        "10 times the accuracy asked for, in certified relative gap after feasible repair and in relative "
-        "violation before it; silently wrong is a claim of success that is further off. Times are those of "
+        "Every answer is judged by our own proved interval around the optimum: right is what lies "
+        "within 10 times the accuracy asked for, in certified relative gap after feasible repair and in "
+        "relative violation before it; silently wrong is a claim of success that is further off. Times "
+        "are those of "
         f"set-up and solve, a run that is not right counts {time_limit:g} s. Made by "
         "`sdp-vs-penalty shootout`; the runs are in runs.csv.",
         "",
