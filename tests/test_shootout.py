@@ -86,7 +86,7 @@ def test_units_change_numbers_only(two_link: Instance, mass: float) -> None:
     assert [c.name for c in two_link.sent] == [c.name for c in other.sent]
     assert other.sdp.loss_scale == pytest.approx(torque * two_link.sdp.loss_scale, rel=1e-9)
     np.testing.assert_allclose(other.sdp.theta_scale, two_link.sdp.theta_scale * factor, rtol=1e-9)
-    size, same = (abs(i.sdp.conic.A).sum(axis=0) for i in (two_link, other))
+    size, same = (np.linalg.norm(i.sdp.conic.A.toarray(), axis=0) for i in (two_link, other))
     np.testing.assert_allclose(same, size, rtol=1e-6, atol=1e-6)
     for ours, theirs in zip(two_link.constraints.convex, other.constraints.convex, strict=True):
         assert np.sign(ours.margin(theta)) == np.sign(theirs.margin(theta * factor))
