@@ -24,7 +24,7 @@ def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
     centre = p + z**2 / (2 * count)
     half = z * np.sqrt(p * (1 - p) / count + z**2 / (4 * count**2))
     scale = 1 + z**2 / count
-    return float((centre - half) / scale), float((centre + half) / scale)
+    return max(0.0, float((centre - half) / scale)), min(1.0, float((centre + half) / scale))
 
 
 def first_right(record: Record) -> bool:
