@@ -6,9 +6,11 @@ cut-offs, same constraints, same estimate as the program's within what different
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -53,3 +55,25 @@ def all_rows(model: Any, q: Array, tau: Array, sign_width: float) -> Array:
 
 def triangle(rows: Array) -> Array:
     return np.linalg.qr(rows, mode="r")
+
+
+def solve(r: Array, rho: Array, scale: Array, unit: float, constraints: Sequence[Any]) -> Array:
+    """theta from CVXPY and Clarabel: |R theta - rho|^2 in the cones F_0 + sum theta_i F_i.
+
+    scale : of each parameter, unit : of the residual; without them Clarabel's answer is wrong. Each
+    constraint is one array expression, which CVXPY takes in half the time of one written out.
+    """
+    x = cp.Variable(len(scale))
+    demands = []
+    for c in constraints:
+        matrix = (c.coefficients.reshape(len(c.indices), -1) * scale[c.indices, None]).T
+        value = matrix @ x[c.indices] + c.constant.ravel()
+        if c.cone == "psd":
+            demands.append(cp.reshape(value, c.constant.shape, order="C") >> 0)
+        elif c.cone == "soc":
+            demands.append(cp.SOC(value[0], value[1:]))
+        else:
+            demands.append(value >= 0)
+    loss = cp.sum_squares((r * scale / unit) @ x - rho / unit)
+    cp.Problem(cp.Minimize(loss), demands).solve(solver=cp.CLARABEL)
+    return scale * x.value
