@@ -37,10 +37,12 @@ def add(
 ) -> Estimate:
     """The model with an effect more, identified again by its own method under all constraints.
 
+    estimate : the model to extend; measurements : the runs to identify it from again.
     effect : ``name[:joints][@shape=value]``, several separated by commas; a shape constant that is
     not given is estimated, joint by joint. problem : whose bounds hold (default: the estimate's, or
     the stated defaults for a robot that came as a URDF). frozen : keep all other parameters, which
-    is the only way for a payload and its default.
+    is the only way for a payload and its default. seed : of the method; progress : called with a short
+    text of where the work stands.
     Raises InputError for an effect that the model already has, or that cannot act.
     """
     if measurements.n != estimate.robot.n:

@@ -63,9 +63,11 @@ def diagnose(
 ) -> Diagnosis:
     """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
 
-    measurements : the runs to search in; test : a run only for the held-out errors (without it,
-    folds that no selection saw). frozen : keep the model's parameters, so that changes of the links
-    show (a payload); otherwise they are refitted along with every hypothesis.
+    estimate : the model in question; measurements : the runs to search in; test : a run only for the
+    held-out errors (without it, folds that no selection saw).
+    frozen : keep the model's parameters, so that changes of the links
+    show (a payload); otherwise they are refitted along with every hypothesis. seed : of the random
+    signs that the tests compare with; progress : called with a short text of where the search stands.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
