@@ -53,8 +53,8 @@ def _check_range(run: Measurements, j: int, joint: Joint) -> None:
         unit, advice = ("m", "millimetres to metres")
     raise InputError(
         f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of joint "
-        f"{j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit}): convert {advice}, or choose the problem "
-        "that belongs to this file."
+        f"{j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit}): convert {advice}, or choose the "
+        "problem that belongs to this file."
     )
 
 

@@ -87,7 +87,8 @@ def build(study: Study) -> Table:
             "No weight is tuned, on the test part or elsewhere: weight 1 means that the nominal robot "
             "counts like one torque sample a link, and a friction parameter that alone would make all "
             "of its joint's torque like one sample. That a prior on friction is needed at all was seen "
-            "on windows like these; its weight and scale are that definition, not the best found on them.",
+            "on windows like these; its weight and scale are that definition, not the best found on "
+            "them.",
         ),
     )
 
