@@ -45,7 +45,9 @@ class Comparison:
             "rmse": self.rmse.tolist(),
             "mse": self.mse.tolist(),
             "r2": [_number(x) for x in self.r2],
-            "noise_floor": None if self.noise_floor is None else self.noise_floor.tolist(),
+            "noise_floor": [None] * len(self.rmse)
+            if self.noise_floor is None
+            else self.noise_floor.tolist(),
             "relative_error_percent": _number(self.relative_error_percent),
             "band_hz": self.band_hz,
         }

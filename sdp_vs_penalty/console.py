@@ -91,8 +91,11 @@ def _gap(certificate: Certificate) -> str:
 def comparison_tables(
     results: Sequence[Comparison], units: Sequence[str], title: str = "Measured against modelled"
 ) -> None:
-    """One row a joint: RMSE, R^2 of every model beside the noise floor; the totals below."""
-    band = results[0].band_hz
+    """One row a joint: RMSE beside the noise floor; R^2 of a single model; the totals below.
+
+    Several models are columns [1], [2], ... so that figures stay readable in a narrow terminal.
+    """
+    band, several = results[0].band_hz, len(results) > 1
     table = Table(
         title=f"{title}, below {band:.3g} Hz",
         title_justify="left",
@@ -101,23 +104,21 @@ def comparison_tables(
     )
     table.add_column("joint", justify="right")
     table.add_column("unit")
-    for result in results:
-        head = f"{escape(result.name)}\n" if len(results) > 1 else ""
-        table.add_column(f"{head}RMSE", justify="right")
+    for k in range(len(results)):
+        table.add_column(rf"RMSE \[{k + 1}]" if several else "RMSE", justify="right", no_wrap=True)
+    if not several:
         table.add_column("R2", justify="right")
     floor = results[0].noise_floor
     table.add_column("noise floor", justify="right")
     for j, unit in enumerate(units):
-        cells = [str(j + 1), unit]
-        for result in results:
-            cells += [f"{result.rmse[j]:.4g}", f"{result.r2[j]:.4f}"]
+        cells = [str(j + 1), unit, *(f"{result.rmse[j]:.4g}" for result in results)]
+        if not several:
+            cells.append(f"{results[0].r2[j]:.4f}")
         cells.append("-" if floor is None else f"{floor[j]:.4g}")
         table.add_row(*cells)
     out.print(table)
-    for result in results:
-        out.print(
-            f"relative error {result.relative_error_percent:.3f} %"
-            + (f"  {escape(result.name)}" if len(results) > 1 else "")
-        )
+    for k, result in enumerate(results):
+        which = rf"\[{k + 1}] {escape(result.name)}: " if several else ""
+        out.print(f"{which}relative error {result.relative_error_percent:.3f} %")
     if floor is None:
         out.print("No motion repeats in these runs: the noise floor is unknown.")
