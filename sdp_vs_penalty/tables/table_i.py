@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import filtered_torque
+from sdp_vs_penalty.preprocessing import filtered_torque, rows_per_sample
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.sigmoid_friction import (
     RowsOf,
@@ -29,8 +29,6 @@ Array = NDArray[np.float64]
 _UNITS = ("N*m", "s/rad", "rad/s")
 #: Simulated runs with different noise from which the coverage of the intervals is counted.
 _REPLICATES = {"quick": 4, "paper": 40}
-#: Rows per independent sample behind the filters.
-_OVERSAMPLING = 2.0
 _LINEAR = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
 
@@ -48,7 +46,7 @@ def build(study: Study) -> Table:
     notes = [_identifiability("simulated", fits[0])]
     if study.measured is not None:
         study.progress("sigmoid friction of the real run")
-        fit = fit_sigmoid(study.problem, _rows(study.measured, study.measured.train), _OVERSAMPLING)
+        fit = _fit(study, study.measured, study.measured.train)
         rows += _with_interval("measured", fit, None)
         notes.append(_identifiability("measured", fit))
     for data in study.judged:
@@ -96,7 +94,7 @@ def _replicates(study: Study) -> list[SigmoidFit]:
     for k in range(count):
         study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
         run = study.simulated.train if k == 0 else study.experiment.training_run(study.seed + k)
-        fits.append(fit_sigmoid(study.problem, _rows(study.simulated, run), _OVERSAMPLING))
+        fits.append(_fit(study, study.simulated, run))
     return fits
 
 
@@ -141,11 +139,17 @@ def _binomial(count: int) -> float:
     return 196.0 * float(np.sqrt(0.95 * 0.05 / count))
 
 
+def _fit(study: Study, data: Data, run: Measurements) -> SigmoidFit:
+    """The sigmoid and the base parameters from one run behind the filters of a data set."""
+    repeats = rows_per_sample(run, data.preprocessing)
+    return fit_sigmoid(study.problem, _rows(data, run), repeats)
+
+
 def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
     """RMSE (n,) of three friction models on what is held out."""
     assert data.test is not None
     study.progress(f"friction models on held-out {data.label} data")
-    fit = fit_sigmoid(study.problem, _rows(data, data.train), _OVERSAMPLING)
+    fit = _fit(study, data, data.train)
     linear = _ordinary(study, data, _LINEAR)[1]
     grid = PreslidingHysteresis.shape_grid["d"]
     tried = [_ordinary(study, data, f"{_LINEAR},presliding_hysteresis@d={d}") for d in grid]
