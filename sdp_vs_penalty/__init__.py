@@ -9,8 +9,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.comparison import compare as compare
-    from sdp_vs_penalty.diagnosis import add as add
-    from sdp_vs_penalty.diagnosis import diagnose as diagnose
+    from sdp_vs_penalty.diagnosis.adding import add as add
+    from sdp_vs_penalty.diagnosis.diagnose import diagnose as diagnose
     from sdp_vs_penalty.estimate import Estimate as Estimate
     from sdp_vs_penalty.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimators import identify as identify
