@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__, cli_diagnosis, cli_files, cli_paper, cli_shootout
+from sdp_vs_penalty import __version__, cli_files, cli_paper, cli_shootout
+from sdp_vs_penalty.cli_arguments import expand_many, numbers, time_window
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,9 +27,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-
-#: Options that take all words up to the next option: --data run1.csv run2.csv.
-_MANY = frozenset({"--data"})
 
 Data = Annotated[
     list[Path],
@@ -136,8 +134,8 @@ def identify(
     from sdp_vs_penalty.problem import load_problem
 
     estimator = _estimator(method, solver)
-    robot = load_problem(problem, _numbers("--gravity", gravity, 3) if gravity is not None else None)
-    start, stop = _window(window)
+    robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
+    start, stop = time_window(window)
     with console.progress("reading the measurements") as progress:
         answers = load_answers(data, joints=robot.robot.n)
         names = [joint.name for joint in robot.robot.joints]
@@ -184,7 +182,7 @@ def compare(
     from sdp_vs_penalty.where_it_fails import where_it_fails
 
     estimates = {str(path): load_estimate(path) for path in models}
-    start, stop = _window(window)
+    start, stop = time_window(window)
     measurements = load_measurements(*data, start=start, stop=stop)
     results = compare_models(estimates, measurements)
     failures = where_it_fails(next(iter(estimates.values())), measurements)
@@ -259,6 +257,7 @@ def fetch(
 cli_files.register(app)
 cli_paper.register(app)
 cli_shootout.register(app)
+cli_diagnosis.register(app)
 
 
 def _estimator(method: str, solver_name: str | None) -> Estimator:
@@ -275,52 +274,6 @@ def _estimator(method: str, solver_name: str | None) -> Estimator:
         raise InputError(f"--solver {solver_name}: method {method} solves no SDP; leave --solver out.")
     solver(solver_name)
     return replace(estimator, solver=solver_name)
-
-
-def _numbers(option: str, text: str, count: int) -> list[float]:
-    try:
-        values = [float(word) for word in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count:
-        raise InputError(f"{option} {text!r}: {count} numbers separated by commas are needed.")
-    return values
-
-
-def _window(text: str | None) -> tuple[float, float]:
-    """START:STOP in seconds; either may be left out."""
-    if text is None:
-        return 0.0, float("inf")
-    first, colon, last = text.partition(":")
-    try:
-        start, stop = float(first or 0.0), float(last or "inf")
-    except ValueError:
-        start, stop = 0.0, -1.0
-    if not (colon and 0.0 <= start < stop):
-        raise InputError(
-            f"--window {text!r}: write START:STOP in seconds from a run's start, like 0:14 or 14.2:."
-        )
-    return start, stop
-
-
-def expand_many(arguments: Sequence[str]) -> list[str]:
-    """Repeat an option of several values before each.
-
-    >>> expand_many(["--data", "a", "b", "--out", "c"])
-    ['--data', 'a', '--data', 'b', '--out', 'c']
-    """
-    out: list[str] = []
-    many = ""
-    for word in arguments:
-        if word.startswith("-") and word != "-":
-            many = word if word in _MANY else ""
-        elif many and out[-1] != many:
-            out.append(many)
-        out.append(word)
-    return out
-
-
-cli_diagnosis.register(app)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

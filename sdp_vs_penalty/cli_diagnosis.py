@@ -57,7 +57,7 @@ def diagnose(
     Example: [cyan]sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv[/cyan]
     """
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.cli import _window
+    from sdp_vs_penalty.cli_arguments import time_window
     from sdp_vs_penalty.diagnosis import diagnose as run
     from sdp_vs_penalty.diagnosis import printing
     from sdp_vs_penalty.estimate import load_estimate
@@ -65,8 +65,8 @@ def diagnose(
     from sdp_vs_penalty.measurements import load_measurements
 
     estimate = load_estimate(model)
-    start, stop = _window(window)
-    first, last = _window(test_window)
+    start, stop = time_window(window)
+    first, last = time_window(test_window)
     with console.progress("reading the measurements") as progress:
         measurements = load_measurements(*data, start=start, stop=stop)
         held_out = None if test is None else load_measurements(test, start=first, stop=last)
@@ -100,7 +100,7 @@ def add(
     Example: [cyan]sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json[/cyan]
     """
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.cli import _window
+    from sdp_vs_penalty.cli_arguments import time_window
     from sdp_vs_penalty.comparison import compare
     from sdp_vs_penalty.diagnosis import add as run
     from sdp_vs_penalty.diagnosis import printing
@@ -109,8 +109,8 @@ def add(
     from sdp_vs_penalty.problem import load_problem
 
     estimate = load_estimate(model)
-    start, stop = _window(window)
-    first, last = _window(test_window)
+    start, stop = time_window(window)
+    first, last = time_window(test_window)
     bounds = None if problem is None else load_problem(problem)
     with console.progress("reading the measurements") as progress:
         measurements = load_measurements(*data, start=start, stop=stop)

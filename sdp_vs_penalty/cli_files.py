@@ -309,7 +309,7 @@ def write_report(
     import sys
 
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.cli import _window
+    from sdp_vs_penalty.cli_arguments import time_window
     from sdp_vs_penalty.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.measurements import load_measurements
@@ -317,7 +317,7 @@ def write_report(
     from sdp_vs_penalty.report import make_report
 
     estimates = {str(path): load_estimate(path) for path in models}
-    start, stop = _window(window)
+    start, stop = time_window(window)
     bounds = None if problem is None else load_problem(problem)
     names = [joint.name for joint in next(iter(estimates.values())).robot.joints]
     with console.progress("reading the measurements") as progress:

@@ -1,0 +1,54 @@
+"""How the words of a command line become values; shared by all verbs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sdp_vs_penalty.errors import InputError
+
+#: Options that take all words up to the next option: --data run1.csv run2.csv.
+_MANY = frozenset({"--data"})
+
+
+def numbers(option: str, text: str, count: int) -> list[float]:
+    """``count`` numbers separated by commas; InputError naming the option otherwise."""
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count:
+        raise InputError(f"{option} {text!r}: {count} numbers separated by commas are needed.")
+    return values
+
+
+def time_window(text: str | None) -> tuple[float, float]:
+    """START:STOP in seconds; either may be left out."""
+    if text is None:
+        return 0.0, float("inf")
+    first, colon, last = text.partition(":")
+    try:
+        start, stop = float(first or 0.0), float(last or "inf")
+    except ValueError:
+        start, stop = 0.0, -1.0
+    if not (colon and 0.0 <= start < stop):
+        raise InputError(
+            f"--window {text!r}: write START:STOP in seconds from a run's start, like 0:14 or 14.2:."
+        )
+    return start, stop
+
+
+def expand_many(arguments: Sequence[str]) -> list[str]:
+    """Repeat an option of several values before each.
+
+    >>> expand_many(["--data", "a", "b", "--out", "c"])
+    ['--data', 'a', '--data', 'b', '--out', 'c']
+    """
+    out: list[str] = []
+    many = ""
+    for word in arguments:
+        if word.startswith("-") and word != "-":
+            many = word if word in _MANY else ""
+        elif many and out[-1] != many:
+            out.append(many)
+        out.append(word)
+    return out
