@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__, cli_files, cli_paper, cli_shootout
+from sdp_vs_penalty import __version__, cli_diagnosis, cli_files, cli_paper, cli_shootout
 from sdp_vs_penalty.cli_arguments import expand_many, numbers, time_window
 from sdp_vs_penalty.errors import InputError
 
