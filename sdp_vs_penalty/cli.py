@@ -17,6 +17,7 @@ import typer
 from sdp_vs_penalty import __version__, cli_diagnosis, cli_files, cli_paper, cli_shootout
 from sdp_vs_penalty.cli_arguments import expand_many, numbers, time_window
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import protect
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.estimators.estimator import Estimator
@@ -283,6 +284,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
+        protect(_inputs(given))
         code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)
         if code == 130:  # what typer makes of Ctrl-C
             raise KeyboardInterrupt
@@ -295,7 +297,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
             traceback.print_exc()
         message, code = _explain(error)
         print(f"sdp-vs-penalty: {message}", file=sys.stderr)
+    finally:
+        protect([])
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _inputs(given: Sequence[str]) -> list[str]:
+    """The files among the arguments that are not named as outputs."""
+    outputs = {"--out", "--json"}
+    return [
+        word
+        for before, word in zip(["", *given], given, strict=False)
+        if before not in outputs and not word.startswith("-")
+    ]
 
 
 def _explain(error: BaseException) -> tuple[str, int]:

@@ -63,6 +63,9 @@ def estimate_summary(estimate: Estimate, fit: Comparison | None, seconds: float)
     if certificate.positive_mass_matrices is not None:
         share = 100.0 * certificate.positive_mass_matrices
         lines.append(("M(q) positive definite", f"at {share:.4g} % of 10 000 random poses"))
+    bounds = estimate.details.get("on_bounds") or []
+    if bounds:
+        lines.append(("on their bounds", ", ".join(bounds) + ": widen them, or measure more"))
     grid = Table.grid(padding=(0, 2))
     for name, text in lines:
         grid.add_row(name, text)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import pandas
 
     from sdp_vs_penalty.black_box import BlackBox
+    from sdp_vs_penalty.constraints import ConstraintSet
     from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
     from sdp_vs_penalty.problem import Problem
     from sdp_vs_penalty.regression import LeastSquares, Regression
@@ -203,6 +204,7 @@ def build_estimate(
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     theta, certificate = certify(task, fit)
+    bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {
         **dataclasses.asdict(estimator),  # type: ignore[call-overload]
         "weighting": weighting,
@@ -223,9 +225,20 @@ def build_estimate(
         certificate,
         preprocessing,
         settings,
-        {k: v for k, v in fit.details.items() if k != "interior"},
+        {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
         provenance,
     )
+
+
+def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
+    """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
+    found = []
+    for c in constraints.convex:
+        if c.family in ("mass", "bounding ellipsoid", "range"):
+            size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
+            if np.any(c.value(theta) <= 1e-6 * size):
+                found.append(f"{c.family} of {c.name}")
+    return found
 
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:

@@ -13,6 +13,7 @@ import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,10 @@ class Measurements:
         """The single runs, in order."""
         if self.run is None:
             return [self]
+        if np.all(np.diff(self.run) >= 0):  # one after the other: views, no copies
+            edges = np.searchsorted(self.run, np.arange(len(self.names) + 1))
+            slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
+            return [self._rows(s, (name,)) for s, name in zip(slices, self.names, strict=True)]
         return [self._rows(self.run == k, (name,)) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
@@ -60,7 +65,7 @@ class Measurements:
         parts = [r._rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop), r.names) for r in self.runs()]
         return concatenate(parts)
 
-    def _rows(self, keep: NDArray[np.bool_], names: tuple[str, ...]) -> Measurements:
+    def _rows(self, keep: NDArray[np.bool_] | slice, names: tuple[str, ...]) -> Measurements:
         dq = None if self.dq is None else self.dq[keep]
         return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names)
 
@@ -117,6 +122,7 @@ def load_measurements(
         part = read_run(path, joints, names)
         _check(path, part)
         parts.append(part)
+    _refuse_twice(paths, parts)
     whole = concatenate(parts)
     if start > 0.0 or np.isfinite(stop):
         whole = whole.window(start, stop)
@@ -162,6 +168,15 @@ def read_run(
             "choose the problem that belongs to this file."
         )
     return part
+
+
+def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
+    """The same samples again would count as a repetition without noise."""
+    first: dict[str, int] = {}
+    for k, (path, part) in enumerate(zip(paths, parts, strict=True)):
+        other = first.setdefault(part.data_hash, k)
+        if other != k:
+            raise InputError(f"{path}: holds the same samples as {paths[other]}: name each run once.")
 
 
 def _csv_columns(path: Path) -> dict[str, Array]:

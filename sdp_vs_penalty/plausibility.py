@@ -29,6 +29,8 @@ _DEGREES = (38.0, 86.0)
 def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """InputError where positions cannot be this robot's, or are not in radians and metres."""
     for run in measurements.runs():
+        if not np.any(run.tau):
+            raise InputError(f"{run.names[0]}: every torque is zero: log the torque, or the current.")
         _check_derivative(robot, run)
         for j, joint in enumerate(robot.joints):
             q = run.q[:, j]

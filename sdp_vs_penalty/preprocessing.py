@@ -109,26 +109,27 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
     coarse = column.sampled(stride)
     reach = stride * coarse.half
     found = False
-    for t, q, tau in _segments(run, dt):
-        outputs = np.arange(margin, len(t) - margin, step)
+    for part in _stretches(run, dt):
+        outputs = np.arange(margin, part.count - margin, step)
         per_chunk = len(outputs) if whole else max(1, _CHUNK // step)
         for number in range(0, len(outputs), max(per_chunk, 1)):
             at = outputs[number : number + per_chunk]
             # From first to last: the samples whose columns the low-pass of these outputs needs.
             first, last = at[0] - reach, at[-1] + reach
-            keep = moving.at(t[at])
+            keep = moving.at(part.clock(at))
             if not keep.any():
                 continue
             found = True
-            around = q[first - state.half : last + 1 + state.half]
+            around = part.resampled(part.q, first - state.half, last + 1 + state.half)
             low, velocity, acceleration = (x[::stride] for x in state.states(around))
-            motion = Motion(t[first : last + 1 : stride], low, velocity, acceleration)
+            clock = part.clock(np.arange(first, last + 1, stride))
+            motion = Motion(clock, low, velocity, acceleration)
             local = (at[keep] - first) // stride
             low_pass = coarse.decimator(len(motion.t), local)
             begin, end = at[0] - column.half, at[-1] + column.half + 1
             yield Rows(
                 Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
-                column.decimator(end - begin, at[keep] - begin) @ tau[begin:end],
+                column.decimator(end - begin, at[keep] - begin) @ part.resampled(part.tau, begin, end),
                 [JointColumns(c.indices, low_pass @ c.columns) for c in model.columns(motion)],
             )
     if not found:
@@ -308,12 +309,11 @@ class _Movement:
 
     def __init__(self, run: Measurements, share: float) -> None:
         half = 0.25
-        before, after = (
-            np.column_stack([np.interp(run.t + s, run.t, q) for q in run.q.T]) for s in (-half, half)
-        )
-        travel = np.abs(after - before)[:, _moving_joints(run)]
         self.t = run.t
-        self.moves = np.any(travel > share * travel.max(axis=0, initial=0.0), axis=1)
+        self.moves = np.zeros(len(run.t), bool)
+        for q in run.q.T[_moving_joints(run)]:
+            travel = np.abs(np.interp(run.t + half, run.t, q) - np.interp(run.t - half, run.t, q))
+            self.moves |= travel > share * travel.max()
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         return self.moves[np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)]
@@ -329,8 +329,8 @@ def _moving_joints(run: Measurements) -> NDArray[np.bool_]:
     From row to row a noisy position changes as much as it ever does (the ratio is 0.7 for white
     noise, up to 1.5 for the idle joints of a real arm), a smooth motion far less (over 100).
     """
-    spread = run.q.std(axis=0)
-    step = np.sqrt(np.mean(np.diff(run.q, axis=0) ** 2, axis=0))
+    spread = np.array([q.std() for q in run.q.T])
+    step = np.array([np.sqrt(np.mean(np.diff(q) ** 2)) for q in run.q.T])
     return np.asarray((spread > 4.0 * step) | (spread > _LARGEST_NOISE))
 
 
@@ -338,19 +338,40 @@ def _rate(run: Measurements) -> float:
     return 1.0 / float(np.median(np.diff(run.t)))
 
 
-def _segments(run: Measurements, dt: float) -> Iterator[tuple[Array, Array, Array]]:
-    """(t, q, tau) on a uniform grid, one piece between gaps of the clock."""
+@dataclass(frozen=True)
+class _Stretch:
+    """What lies between two gaps of a run's clock, resampled to t[0] + k dt where it is asked for."""
+
+    t: Array
+    q: Array
+    tau: Array
+    dt: float
+
+    @property
+    def count(self) -> int:
+        return int((self.t[-1] - self.t[0]) / self.dt) + 1
+
+    def clock(self, k: NDArray[np.int64]) -> Array:
+        return np.asarray(self.t[0] + self.dt * k)
+
+    def resampled(self, values: Array, start: int, stop: int) -> Array:
+        """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
+        grid = self.clock(np.arange(start, stop))
+        return np.column_stack([np.interp(grid, self.t, x) for x in values.T])
+
+
+def _stretches(run: Measurements, dt: float) -> Iterator[_Stretch]:
     breaks = np.flatnonzero(np.diff(run.t) > max(20.0 * dt, 0.05)) + 1
-    for part in np.split(np.arange(len(run.t)), breaks):
-        t = run.t[part]
-        if len(t) < 2:
-            continue
-        grid = t[0] + dt * np.arange(int((t[-1] - t[0]) / dt) + 1)
-        q, tau = (
-            np.column_stack([np.interp(grid, t, x) for x in values[part].T])
-            for values in (run.q, run.tau)
-        )
-        yield grid, q, tau
+    for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
+        if stop - start >= 2:
+            yield _Stretch(run.t[start:stop], run.q[start:stop], run.tau[start:stop], dt)
+
+
+def _segments(run: Measurements, dt: float) -> Iterator[tuple[Array, Array, Array]]:
+    """(t, q, tau) of whole stretches on a uniform grid."""
+    for part in _stretches(run, dt):
+        q, tau = (part.resampled(x, 0, part.count) for x in (part.q, part.tau))
+        yield part.clock(np.arange(part.count)), q, tau
 
 
 def _highest_harmonic(run: Measurements) -> float:

@@ -31,6 +31,7 @@ from sdp_vs_penalty.urdf import load_urdf
 Array = NDArray[np.float64]
 
 #: Defaults that keep the feasible set of a robot without published bounds (a URDF) bounded.
+#: A file's own inertials widen them: three times their mass, twice their extent.
 DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not one
 #: A link's mass lies in a ball around its frame: this times the link's reach, at least the radius.
 DEFAULT_REACH_FACTOR = 1.5
@@ -176,12 +177,20 @@ class Problem:
         reach = max(self.robot.link_reach()[link], *known[np.isfinite(known)], 0.0)
         joint = self.robot.joints[link]
         stroke = joint.upper - joint.lower if joint.kind == "prismatic" else 0.0
-        return max(DEFAULT_REACH_FACTOR * reach, DEFAULT_RADIUS, stroke if np.isfinite(stroke) else 0.0)
+        # The given inertials' own extent: the root mean square distance of the mass from the frame.
+        mass = self.nominal_links[link, 0]
+        second = np.trace(inertia.pseudo_inertia(self.nominal_links[link])[:3, :3])
+        extent = np.sqrt(max(second / mass, 0.0)) if mass > 0.0 else 0.0
+        stroke = stroke if np.isfinite(stroke) else 0.0
+        return max(DEFAULT_REACH_FACTOR * reach, DEFAULT_RADIUS, stroke, 2.0 * float(extent))
+
+    def _default_mass(self, link: int) -> float:
+        return float(max(DEFAULT_LINK_MASS[1], 3.0 * self.nominal_links[link, 0]))
 
     def _link_size(self, link: int) -> tuple[float, Array, Array]:
         """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
         box = self.box[link]
-        mass = box[0, 1] if np.isfinite(box[0, 1]) else DEFAULT_LINK_MASS[1]
+        mass = box[0, 1] if np.isfinite(box[0, 1]) else self._default_mass(link)
         if np.isfinite(self.total_mass[1]):
             mass = min(mass, self.total_mass[1])
         com = self._centre_of_mass(link)
@@ -316,6 +325,7 @@ def _from_urdf(path: Path) -> Problem:
     robot, nominal = load_urdf(path)
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
     box[:, 0] = DEFAULT_LINK_MASS
+    box[:, 0, 1] = np.maximum(box[:, 0, 1], 3.0 * nominal[:, 0])  # a file's own mass, with room
     return Problem(
         robot.name,
         f"{robot.name} from {path.name}",
@@ -363,7 +373,31 @@ def _load_folder(folder: Path) -> Problem:
         raise InputError(f"{file}: a field has the wrong content ({error}).") from error
 
 
+#: What a problem.toml may hold: a misspelt demand must not be dropped in silence.
+_KEYS: Mapping[str, tuple[str, ...]] = {
+    "": ("title", "torque_side", "links", "effects", "kinematics", "bounds", "centre_of_mass_cone",
+         "preprocessing", "base_parameters"),
+    "kinematics": ("urdf", "convention", "a", "alpha_over_pi", "d", "gravity", "lower", "upper",
+                   "velocity", "effort"),
+    "bounds": ("tables", "total_mass"),
+    "centre_of_mass_cone": ("link", "axis", "radius", "slope"),
+    "preprocessing": ("state_cutoff", "torque_cutoff", "standstill"),
+    "base_parameters": ("independent",),
+}  # fmt: skip
+
+
+def _check_keys(data: Mapping[str, Any]) -> None:
+    for section, known in _KEYS.items():
+        part = data if section == "" else data.get(section, {})
+        for item in part if isinstance(part, list) else [part]:
+            for key in item:
+                if key not in known:
+                    where = f"[{section}]" if section else "the top level"
+                    raise InputError(f"{key!r} is unknown in {where}; there are: {', '.join(known)}.")
+
+
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
+    _check_keys(data)
     kinematics = data["kinematics"]
     given: Array | None = None
     if "urdf" in kinematics:
@@ -382,6 +416,8 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
             kinematics.get("gravity", STANDARD_GRAVITY),
             [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
         )
+    if data.get("links", robot.n) != robot.n:
+        raise InputError(f"links = {data['links']}, the kinematics have {robot.n}.")
     bounds = data.get("bounds", {})
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0

@@ -280,7 +280,13 @@ def test_the_problem_of_these_tests_is_a_good_one(tmp_path: Path) -> None:
 
 PROBLEM_CASES = {
     "not TOML": ("title", "title = = ", ["problem.toml", "not a TOML file"]),
-    "no kinematics": ("[kinematics]", "[kinematic]", ["problem.toml", "'kinematics' is missing"]),
+    "no kinematics": ("[kinematics]", "[kinematic]", ["problem.toml", "'kinematic' is unknown"]),
+    "links": ('title = "t"', 'title = "t"\nlinks = 9', ["links = 9"]),
+    "a misspelt demand": (
+        'title = "t"',
+        'title = "t"\ntotal_maas = [1.0, 2.0]',
+        ["'total_maas' is unknown"],
+    ),
     "no title": ('title = "t"', "", ["'title' is missing"]),
     "lengths differ": ("d = [0.3, 0.0]", "d = [0.3]", ["problem.toml"]),
     "limits too few": ("lower = [-3.0, -3.0]", "lower = [-3.0]", ["problem.toml"]),

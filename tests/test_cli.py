@@ -310,3 +310,45 @@ def test_another_pinocchio_is_told_from_ours(content: str, words: list[str], tmp
     result = subprocess.run(command, capture_output=True, text=True, env={**HERE, "PYTHONPATH": path})
     assert result.returncode == 2
     assert_one_sentence(result.stderr, *words)
+
+
+def test_an_input_is_never_overwritten(run: Run, runs: list[Path], model: Path) -> None:
+    before = runs[0].read_bytes()
+    code, _, err = run("identify", "two_link", "--data", runs[0], "--out", runs[0])
+    assert code == 2
+    assert_one_sentence(err, runs[0].name, "input")
+    assert runs[0].read_bytes() == before
+    code, _, err = run("compare", model, "--data", runs[0], "--json", model)
+    assert code == 2
+    assert_one_sentence(err, model.name, "input")
+    assert load_estimate(model).method == "lmi-sdp"
+
+
+def test_the_same_run_twice_is_refused(run: Run, runs: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "m.json"
+    code, _, err = run("identify", "two_link", "--data", runs[0], runs[1], runs[0], "--out", out)
+    assert code == 2
+    assert_one_sentence(err, runs[0].name, "same samples")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("effect", ["coulomb_friction@v_s=0", "stribeck_friction@vs=-1"])
+def test_shape_constants_without_sense(run: Run, runs: list[Path], tmp_path: Path, effect: str) -> None:
+    out = tmp_path / "m.json"
+    code, _, err = run(
+        "identify", "two_link", "--data", runs[0], "--effects", f"rigid_body,{effect}", "--out", out
+    )
+    assert code == 2
+    assert_one_sentence(err, "above 0")
+
+
+def test_torques_of_zero(run: Run, runs: list[Path], tmp_path: Path) -> None:
+    lines = runs[0].read_text().splitlines()
+    dead = [lines[0], *(",".join([*line.split(",")[:-2], "0", "0"]) for line in lines[1:])]
+    file = tmp_path / "dead.csv"
+    file.write_text("\n".join(dead) + "\n")
+    for verb in (["identify", "two_link", "--data", file, "--out", tmp_path / "m.json"],
+                 ["check", file, "--problem", "two_link"]):  # fmt: skip
+        code, _, err = run(*verb)
+        assert code == 2
+        assert_one_sentence(err, "zero")

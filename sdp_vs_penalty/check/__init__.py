@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty.check import clock, dynamics, events, excitation, scale, signals
 from sdp_vs_penalty.check.finding import Finding
 from sdp_vs_penalty.check.physics import Physics
@@ -70,8 +72,13 @@ def check(
 
     thorough : also look for one-off events and at the excitation; without, only for what would make
         an identification wrong (what `identify` does by itself).
-    Raises InputError where robot and measurements differ in their number of joints.
+    Raises InputError where robot and measurements differ in their number of joints, or every torque
+    is zero.
     """
+    if not np.any(measurements.tau):
+        raise InputError(
+            f"{measurements.names[0]}: every torque is zero: log the torque, or the current."
+        )
     if measurements.n != problem.robot.n:
         raise InputError(
             f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "

@@ -118,6 +118,10 @@ class Block:
     columns: Array
 
 
+#: Shape constants that are no width, exponent or period: they may be zero or negative.
+_SIGNED_SHAPES = ("form", "i", "t0")
+
+
 class Effect(ABC):
     """One effect on the joints it is given (from 0), with its shape constants fixed.
 
@@ -166,6 +170,10 @@ class Effect(ABC):
                 raise InputError(f"effect {self.name}: no shape constant {key!r} (it has: {known}).")
             if not np.isfinite(value):
                 raise InputError(f"effect {self.name}: shape constant {key} must be finite.")
+            if key not in _SIGNED_SHAPES and not value > 0.0:
+                raise InputError(
+                    f"effect {self.name}: shape constant {key} must be above 0, not {value:g}."
+                )
         self.shape: dict[str, float] = {**self.shape_defaults, **shape}
 
     @property

@@ -40,13 +40,13 @@ DEFAULT_THICKNESS = 0.02  # m: costs about 1 % of the Panda's loss
 class LmiSdp(Estimator):
     """thickness : smallest radius of gyration of a link in any direction [m]; 0 for none.
 
-    entropy : weight of the Bregman divergence from the nominal robot, in units of the variance of
-        one independent torque sample (1: the nominal counts like one such sample a link); 0: none.
+    entropy : weight of the Bregman divergence from the nominal robot, in units of the residual
+        variance of one filtered torque row (1: the nominal counts like one row a link); 0: none.
     joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
-        to zero; one that alone would make all of its joint's torque costs one sample (0: none). Where
+        to zero; one that alone would make all of its joint's torque costs one row (0: none). Where
         a joint does not reverse, Coulomb friction and offset have the same column and only this
-        keeps them from growing against each other without end. On the Panda it costs 7e-8 of the
-        loss at 14 s of motion; at 1 s the held-out error is 6 to 20 % with it, hundreds without.
+        keeps them from growing against each other without end. On the Panda it costs under
+        1e-7 of the loss at 14 s of motion; results/table_data shows what it saves at 1 s.
     solver : one of solvers/; accuracy : what it is asked for.
     """
 

@@ -41,7 +41,9 @@ class Penalty(Estimator):
     thickness : smallest radius of gyration of a link [m], as for ``lmi-sdp``; 0 for none.
     starts : runs; the first from the problem's nominal robot, the others from seeded random points
         of the barycentric box, moved towards it until the convex constraints hold. With convex
-        constraints only, all end at the same loss.
+        constraints only and motion that excites the arm, all end at the same loss; on a second or two
+        of motion, where the data leave directions open, a run may stop some per cent above the optimum,
+        and its certified gap says so.
     tolerance : of violation and complementarity, relative to the size of each constraint's values.
     """
 

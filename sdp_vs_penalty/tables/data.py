@@ -21,7 +21,7 @@ SLOW = True
 
 Array = NDArray[np.float64]
 
-#: One start of `penalty` is enough: it solves the same convex problem as `lmi-sdp`.
+#: One start of `penalty` stands for all; it has no prior on friction, unlike `lmi-sdp`.
 _ESTIMATORS: dict[str, Estimator] = {
     "ols": Ols(),
     "lmi-sdp-plain": LmiSdpPlain(),
@@ -85,8 +85,8 @@ def build(study: Study) -> Table:
             "points comes out is chance (large spread). lmi-sdp and lmi-sdp-entropic pull friction "
             "to zero with the weight of one sample, 'joint prior' does that alone.",
             "No weight is tuned, on the test part or elsewhere: weight 1 means that the nominal robot "
-            "counts like one torque sample a link, and a friction parameter that alone would make all "
-            "of its joint's torque like one sample. That a prior on friction is needed at all was seen "
+            "counts like one filtered torque row a link, and a friction parameter that alone would make "
+            "all of its joint's torque like one row. That a prior on friction is needed at all was seen "
             "on windows like these; its weight and scale are that definition, not the best found on "
             "them.",
         ),
