@@ -308,15 +308,29 @@ class _Movement:
     """Which instants belong to motion rather than standstill, from positions half a second apart."""
 
     def __init__(self, run: Measurements, share: float) -> None:
-        half = 0.25
         self.t = run.t
         self.moves = np.zeros(len(run.t), bool)
-        for q in run.q.T[_moving_joints(run)]:
-            travel = np.abs(np.interp(run.t + half, run.t, q) - np.interp(run.t - half, run.t, q))
-            self.moves |= travel > share * travel.max()
+        parts = [slice(k, k + _PART) for k in range(0, len(run.t), _PART)]
+        for j in np.flatnonzero(_moving_joints(run)).tolist():
+            largest = max(_travel(run, j, part).max() for part in parts)
+            for part in parts:
+                self.moves[part] |= _travel(run, j, part) > share * largest
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         return self.moves[np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)]
+
+
+#: Samples judged at a time, so that long runs cost no more memory than short ones.
+_PART = 1 << 14
+
+
+def _travel(run: Measurements, j: int, part: slice) -> Array:
+    """How far a joint comes within half a second, at the samples of a part."""
+    t = run.t[part]
+    first, last = np.searchsorted(run.t, [t[0] - 0.25, t[-1] + 0.25])
+    around = slice(max(int(first) - 1, 0), int(last) + 1)
+    known, q = run.t[around], run.q[around, j]
+    return np.abs(np.interp(t + 0.25, known, q) - np.interp(t - 0.25, known, q))
 
 
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle one's noise.
