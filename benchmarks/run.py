@@ -166,7 +166,7 @@ def flat_in_samples(problem: Problem, run: Measurements, times: int = 8) -> list
             f"memory of filtering and compression, {len(longer.t)} against {len(long.t)} samples",
             *(memory[2], memory[1], "MB", memory[2] / memory[1]),
             *("flat (within 25 %)", memory[2] <= 1.25 * memory[1]),
-            f"beyond the samples; {memory[0]:.3g} MB for {len(run.t)}, whose blocks are not yet full triangles",
+            f"beyond the samples; {memory[0]:.3g} MB for {len(run.t)} (blocks not yet full triangles)",
         ),
     ]
 
