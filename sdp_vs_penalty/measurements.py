@@ -172,6 +172,8 @@ def read_run(
 
 def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
     """The same samples again would count as a repetition without noise."""
+    if len(parts) < 2:  # nothing to compare with: no need to hash the samples
+        return
     first: dict[str, int] = {}
     for k, (path, part) in enumerate(zip(paths, parts, strict=True)):
         other = first.setdefault(part.data_hash, k)

@@ -184,13 +184,10 @@ class Problem:
         stroke = stroke if np.isfinite(stroke) else 0.0
         return max(DEFAULT_REACH_FACTOR * reach, DEFAULT_RADIUS, stroke, 2.0 * float(extent))
 
-    def _default_mass(self, link: int) -> float:
-        return float(max(DEFAULT_LINK_MASS[1], 3.0 * self.nominal_links[link, 0]))
-
     def _link_size(self, link: int) -> tuple[float, Array, Array]:
         """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
         box = self.box[link]
-        mass = box[0, 1] if np.isfinite(box[0, 1]) else self._default_mass(link)
+        mass = box[0, 1] if np.isfinite(box[0, 1]) else _default_mass(self.nominal_links[link, 0])
         if np.isfinite(self.total_mass[1]):
             mass = min(mass, self.total_mass[1])
         com = self._centre_of_mass(link)
@@ -252,6 +249,11 @@ class Problem:
             for entry, (low, high) in enumerate(self.box[link, 4:])
             if np.isfinite(low) or np.isfinite(high)
         ]
+
+
+def _default_mass(given: float) -> float:
+    """Upper bound of a link's mass where none is published: a file's own mass, with room."""
+    return float(max(DEFAULT_LINK_MASS[1], 3.0 * given))
 
 
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:
@@ -324,8 +326,7 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
 def _from_urdf(path: Path) -> Problem:
     robot, nominal = load_urdf(path)
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0] = DEFAULT_LINK_MASS
-    box[:, 0, 1] = np.maximum(box[:, 0, 1], 3.0 * nominal[:, 0])  # a file's own mass, with room
+    box[:, 0] = [(DEFAULT_LINK_MASS[0], _default_mass(mass)) for mass in nominal[:, 0]]
     return Problem(
         robot.name,
         f"{robot.name} from {path.name}",

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import inertia
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import Joint, Robot
 
 Array = NDArray[np.float64]
@@ -132,3 +135,17 @@ def uicker_torques(robot: Robot, theta: Array, q: Array, dq: Array, ddq: Array) 
         for j in range(n):
             tau[j] += np.trace(partial[i][j] @ joint.link_frame @ pseudo @ force.T)
     return tau
+
+
+def task_of(problem: Problem) -> Task:
+    """A task whose data say nothing in particular: for what depends on the constraints alone."""
+    model = problem.model()
+    p = len(model.parameters)
+    return Task(
+        model,
+        LeastSquares(np.eye(p), np.zeros(p), 1.0, 1.0, p),
+        problem.constraints(model),
+        problem.parameter_bound(model),
+        problem.nominal(model),
+        problem.box,
+    )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, tree
+from random_robots import link_parameters, task_of, tree
 
 from sdp_vs_penalty import inertia
 from sdp_vs_penalty.constraints import ConstraintSet
@@ -225,19 +225,6 @@ def with_box(problem: Problem, link: int, entry: int, low: float, high: float) -
     box = problem.box.copy()
     box[link, entry] = low, high
     return replace(problem, box=box)
-
-
-def task_of(problem: Problem) -> Task:
-    model = problem.model()
-    p = len(model.parameters)
-    return Task(
-        model,
-        LeastSquares(np.eye(p), np.zeros(p), 1.0, 1.0, p),
-        problem.constraints(model),
-        problem.parameter_bound(model),
-        problem.nominal(model),
-        problem.box,
-    )
 
 
 def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]]]:

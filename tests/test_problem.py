@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, sines, tree
+from random_robots import link_parameters, sines, task_of, tree
 
 from sdp_vs_penalty import inertia
 from sdp_vs_penalty.estimators import identify
-from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.problem import Problem, _plausible, load_problem
-from sdp_vs_penalty.regression import LeastSquares, base_parameters
+from sdp_vs_penalty.regression import base_parameters
 from sdp_vs_penalty.robot import Joint, Robot
 
 seeds = st.integers(0, 2**32 - 1)
@@ -29,19 +28,6 @@ def bare(robot: Robot, given: np.ndarray | None = None) -> Problem:
     box[:, 0, 0] = 0.01
     links = np.zeros((robot.n, 10)) if given is None else given
     return Problem("odd", "odd", robot, box, _plausible(robot, links))
-
-
-def task_of(problem: Problem) -> Task:
-    model = problem.model()
-    p = len(model.parameters)
-    return Task(
-        model,
-        LeastSquares(np.eye(p), np.zeros(p), 1.0, 1.0, p),
-        problem.constraints(model),
-        problem.parameter_bound(model),
-        problem.nominal(model),
-        problem.box,
-    )
 
 
 def odd_robots() -> dict[str, Robot]:

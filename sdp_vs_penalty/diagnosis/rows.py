@@ -26,7 +26,15 @@ from sdp_vs_penalty.effects.effect import Block, CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import Preprocessing, _Kernel, _Movement, _rate, _segments, convolve
+from sdp_vs_penalty.preprocessing import (
+    Preprocessing,
+    _Kernel,
+    _LowPass,
+    _Movement,
+    _rate,
+    _segments,
+    convolve,
+)
 
 Array = NDArray[np.float64]
 
@@ -162,7 +170,7 @@ def _run_segments(
     wider = _Kernel(1.6 * settings.state_cutoff, dt)
     stride = max(1, int(1.0 / (_COLUMN_RATE * cutoff * dt)))
     coarse = _sampled(torque_kernel, stride)
-    half = len(coarse) // 2
+    half = coarse.half
     step = max(1, int(1.0 / (2.0 * cutoff * dt * stride)))
     dense_step = max(1, int(1.0 / (_DENSE_RATE * cutoff * dt * stride)))
     moving = _Movement(run, settings.standstill)
@@ -183,7 +191,7 @@ def _run_segments(
         )
         rows = np.arange(half, count - half, step)
         dense = np.arange(half, count - half, dense_step)
-        low_pass, low_dense = _matrix(coarse, rows, count), _matrix(coarse, dense, count)
+        low_pass, low_dense = coarse.decimator(count, rows), coarse.decimator(count, dense)
 
         # Two state filters that disagree on the acceleration: the motion is too sharp for them.
         (second,) = convolve(q - q[:1], wider.second)
@@ -215,15 +223,8 @@ def _links(estimate: Estimate) -> Array:
     return links if len(links) else np.zeros((estimate.robot.n, 10))
 
 
-def _sampled(kernel: _Kernel, stride: int) -> Array:
+def _sampled(kernel: _Kernel, stride: int) -> _LowPass:
     """The kernel on a grid ``stride`` times coarser: the same response below the coarse grid's rate."""
     reach = kernel.half // stride
     values = kernel.value[kernel.half + stride * np.arange(-reach, reach + 1)]
-    return values / values.sum()
-
-
-def _matrix(kernel: Array, at: NDArray[np.int64], length: int) -> sparse.csr_array:
-    half = len(kernel) // 2
-    columns = (at[:, None] - half + np.arange(len(kernel))).ravel()
-    starts = np.arange(len(at) + 1) * len(kernel)
-    return sparse.csr_array((np.tile(kernel, len(at)), columns, starts), shape=(len(at), length))
+    return _LowPass(values / values.sum())

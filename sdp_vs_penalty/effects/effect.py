@@ -207,8 +207,8 @@ class Effect(ABC):
         return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
 
 
-class JointEffect(Effect):
-    """An effect with one column a joint, on that joint's own torque."""
+class OneAJoint(Effect):
+    """An effect with one parameter a joint, wherever its torque acts."""
 
     #: Prefix of the parameter's name: symbol "f_v" gives f_v1 ... f_vn.
     symbol: ClassVar[str]
@@ -216,10 +216,6 @@ class JointEffect(Effect):
     units: ClassVar[tuple[str, str]]
     #: Lower bound of the parameter: 0 where physics fixes the sign.
     lower: ClassVar[float] = -np.inf
-
-    @abstractmethod
-    def column(self, motion: Motion, joint: int) -> Array:
-        """The (N,) column of the torque on ``joint`` (from 0)."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -233,6 +229,14 @@ class JointEffect(Effect):
             )
             for j in self.joints
         )
+
+
+class JointEffect(OneAJoint):
+    """An effect with one column a joint, on that joint's own torque."""
+
+    @abstractmethod
+    def column(self, motion: Motion, joint: int) -> Array:
+        """The (N,) column of the torque on ``joint`` (from 0)."""
 
     def blocks(self, motion: Motion) -> list[Block]:
         return [

@@ -6,33 +6,17 @@ from abc import abstractmethod
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Block, Motion, OneAJoint
 
 
-class LinkDeviation(Effect):
+class LinkDeviation(OneAJoint):
     """One parameter a joint j; its columns act on every joint whose torque depends on that of j."""
 
-    symbol: str
-    units: tuple[str, str]
-    lower: float = -np.inf
     needs_links = True
 
     @abstractmethod
     def torques(self, motion: Motion, joint: int) -> Array:
         """(N, n) torque on all joints from one unit of the deviation of ``joint``."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(
-                f"{self.symbol}{j + 1}",
-                self.units[self.robot.joints[j].kind == "prismatic"],
-                self.name,
-                j + 1,
-                self.lower,
-            )
-            for j in self.joints
-        )
 
     def blocks(self, motion: Motion) -> list[Block]:
         torques = [self.torques(motion, j) for j in self.joints]
