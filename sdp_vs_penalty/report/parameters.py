@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import inertia
+from sdp_vs_penalty.plots import COLOURS, MEASURED
 from sdp_vs_penalty.report.section import (
-    COLOURS,
-    MEASURED,
     Material,
     Section,
     figure,

@@ -14,16 +14,13 @@ from sdp_vs_penalty.check import Report
 from sdp_vs_penalty.comparison import Comparison
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.plots import styled
 from sdp_vs_penalty.preprocessing import Rows
 from sdp_vs_penalty.problem import Problem
 from sdp_vs_penalty.uncertainty import Uncertainty
 from sdp_vs_penalty.where_it_fails import JointFailure
 
 Array = NDArray[np.float64]
-
-#: Okabe, Ito, "Color universal design" (2008); readable on white and on black.
-MEASURED = "#888888"
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#B8A800")
 
 
 @dataclass(frozen=True)
@@ -85,20 +82,8 @@ def figure(plot: Any, caption: str, height: int) -> str:
     """A plotly figure without its script, which the page holds once."""
     from plotly.io import to_html
 
-    plot.update_layout(
-        height=height,
-        margin={"l": 55, "r": 15, "t": 30, "b": 45},
-        paper_bgcolor="rgba(0,0,0,0)",
-        plot_bgcolor="rgba(0,0,0,0)",
-        font={"family": "system-ui, sans-serif", "color": MEASURED, "size": 12},
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
-        hovermode="closest",
-    )
-    axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
-    plot.update_xaxes(**axis)
-    plot.update_yaxes(**axis)
     options = {"displayModeBar": False, "responsive": True}
-    inner = to_html(plot, include_plotlyjs=False, full_html=False, config=options)
+    inner = to_html(styled(plot, height), include_plotlyjs=False, full_html=False, config=options)
     return f"<figure>{inner}<figcaption>{escape(caption)}</figcaption></figure>"
 
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.comparison import predicted
 from sdp_vs_penalty.model import JointColumns
+from sdp_vs_penalty.plots import POINTS, Curves, ladder_figure, torque_figure
 from sdp_vs_penalty.report.section import (
-    COLOURS,
-    MEASURED,
     Material,
     Section,
     figure,
@@ -21,9 +20,6 @@ from sdp_vs_penalty.report.section import (
 )
 
 Array = NDArray[np.float64]
-
-#: Points of a curve: more than a screen is wide, few enough to draw at once.
-_POINTS = 1200
 
 
 def summary(material: Material) -> Section:
@@ -55,46 +51,25 @@ def summary(material: Material) -> Section:
 
 def torques(material: Material) -> Section:
     """Measured and modelled torque of each joint, and what is left."""
-    from plotly.graph_objects import Figure, Scatter
-    from plotly.subplots import make_subplots
-
     n, units = material.last.robot.n, material.last.robot.torque_units
-    plot: Figure = make_subplots(
-        rows=n,
-        cols=2,
-        shared_xaxes=True,
-        horizontal_spacing=0.07,
-        vertical_spacing=0.12 / n,
-        column_widths=[0.62, 0.38],
-    )
-    runs = next(iter(material.rows.values()))
+    runs = [
+        Curves(
+            run.motion.t,
+            run.torque,
+            {
+                name: predicted(material.rows[name][index], estimate.theta)
+                for name, estimate in material.models.items()
+            },
+        )
+        for index, run in enumerate(next(iter(material.rows.values())))
+    ]
+    plot = torque_figure(runs, range(n), units)
     start = 0.0
     for index, run in enumerate(runs):
-        t = run.motion.t - run.motion.t[0] + start
-        keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), _POINTS)).astype(int))
-        for j in range(n):
-            first = index == 0 and j == 0
-            plot.add_trace(
-                Scatter(x=t[keep], y=run.torque[keep, j], name="measured", legendgroup="measured",
-                        showlegend=first, line={"color": MEASURED, "width": 2}),
-                row=j + 1, col=1,
-            )  # fmt: skip
-            for k, (name, estimate) in enumerate(material.models.items()):
-                rows = material.rows[name][index]
-                modelled = predicted(rows, estimate.theta)[keep, j]
-                look = {"color": COLOURS[k % len(COLOURS)], "width": 1.2}
-                for column, values in ((1, modelled), (2, rows.torque[keep, j] - modelled)):
-                    plot.add_trace(
-                        Scatter(x=t[keep], y=values, name=name, legendgroup=name, line=look,
-                                showlegend=first and column == 1),
-                        row=j + 1, col=column,
-                    )  # fmt: skip
+        t = run.t - run.t[0] + start
+        keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
         _add_band(plot, material, index, t, keep)
         start = float(t[-1]) + 1.0
-    for j, unit in enumerate(units):
-        plot.update_yaxes(title_text=f"joint {j + 1} [{unit}]", row=j + 1, col=1)
-    for column, title in ((1, "time [s]"), (2, "time [s]; measured - modelled")):
-        plot.update_xaxes(title_text=title, row=n, col=column)
     caption = (
         "Left: measured torque and each model's. Right: what is left of it. Click a name to hide it."
     )
@@ -136,24 +111,7 @@ def _add_band(plot: Any, material: Material, index: int, t: Array, keep: NDArray
 
 def ladder(material: Material) -> Section:
     """The error of every joint, model by model, above the noise."""
-    from plotly.graph_objects import Figure, Scatter
-
-    plot = Figure()
     names = list(material.models)
-    for j, unit in enumerate(material.last.robot.torque_units):
-        plot.add_trace(
-            Scatter(
-                x=names,
-                y=[c.rmse[j] for c in material.comparisons],
-                mode="lines+markers",
-                name=f"joint {j + 1} [{unit}]",
-                line={
-                    "color": COLOURS[j % len(COLOURS)],
-                    "dash": "dot" if j >= len(COLOURS) else "solid",
-                },
-            )
-        )
-    plot.update_yaxes(title_text="RMS error", type="log", dtick="D2", tickformat=".3~g")
     heads = ["joint"]
     for c in material.comparisons:
         heads += [f"RMSE {c.name}", "R2"]
@@ -176,6 +134,8 @@ def ladder(material: Material) -> Section:
         known |= set(new)
     body = table(("model", "method", "effects that are new"), made, numbers_from=3)
     if len(names) > 1:
+        errors = [c.rmse for c in material.comparisons]
+        plot = ladder_figure(names, errors, material.last.robot.torque_units)
         body += figure(plot, "RMS error of each joint from model to model.", 380)
     body += table([*heads, "noise floor"], rows)
     if floor is None:

@@ -1,0 +1,138 @@
+"""Plotly figures that the report and the workbench page share; light to import."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Okabe, Ito, "Color universal design" (2008); readable on white and on black.
+MEASURED = "#888888"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#B8A800")
+
+#: Points of a curve: more than a screen is wide, few enough to draw at once.
+POINTS = 1200
+
+
+@dataclass(frozen=True)
+class Curves:
+    """One run behind the filters: t (M,) [s]; torque (M, n) measured; modelled : (M, n) by model."""
+
+    t: Array
+    torque: Array
+    modelled: Mapping[str, Array]
+
+
+def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, Array]:
+    """At most ``points`` of the curve y(x): the lowest and the highest of each stretch, in order.
+
+    Drawn at that many pixels it looks as all of it would; every peak stays.
+
+    >>> envelope([0, 1, 2, 3, 4, 5], [0, 9, 1, 1, -5, 1], points=4)
+    (array([0., 1., 4., 5.]), array([ 0.,  9., -5.,  1.]))
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if len(y) <= points:
+        return x, y
+    edges = np.linspace(0, len(y), max(points // 2, 1) + 1).astype(int)
+    lengths = np.diff(edges)
+    padded = np.full((len(lengths), lengths.max()), np.nan)
+    inside = np.arange(lengths.max()) < lengths[:, None]
+    padded[inside] = y
+    low = edges[:-1] + np.argmin(np.where(inside, padded, np.inf), axis=1)
+    high = edges[:-1] + np.argmax(np.where(inside, padded, -np.inf), axis=1)
+    keep = np.unique(np.concatenate([low, high]))
+    return x[keep], y[keep]
+
+
+def torque_figure(
+    runs: Sequence[Curves], joints: Sequence[int], units: Sequence[str], beside: bool = True
+) -> Any:
+    """Measured and modelled torque of joints (from 0) and what is left, run after run.
+
+    units : of every joint; beside : what is left stands at the right of the torques, else below them.
+    """
+    from plotly.graph_objects import Scatter
+    from plotly.subplots import make_subplots
+
+    n = len(joints)
+    if beside:
+        shape = {"rows": n, "cols": 2, "column_widths": [0.62, 0.38], "horizontal_spacing": 0.07}
+    else:
+        shape = {"rows": 2 * n, "cols": 1}
+    plot = make_subplots(shared_xaxes=True, vertical_spacing=0.12 / n, **shape)
+
+    def place(k: int, what: int) -> dict[str, int]:
+        return {"row": k + 1, "col": what} if beside else {"row": 2 * k + what, "col": 1}
+
+    def curve(t: Array, values: Array, name: str, colour: str, width: float, shown: bool) -> Scatter:
+        x, y = envelope(t, values)
+        line = {"color": colour, "width": width}
+        return Scatter(x=x, y=y, name=name, legendgroup=name, showlegend=shown, line=line)
+
+    start = 0.0
+    for index, run in enumerate(runs):
+        t = run.t - run.t[0] + start
+        for k, j in enumerate(joints):
+            first = index == 0 and k == 0
+            plot.add_trace(curve(t, run.torque[:, j], "measured", MEASURED, 2.0, first), **place(k, 1))
+            for m, (name, modelled) in enumerate(run.modelled.items()):
+                colour = COLOURS[m % len(COLOURS)]
+                plot.add_trace(curve(t, modelled[:, j], name, colour, 1.2, first), **place(k, 1))
+                left = run.torque[:, j] - modelled[:, j]
+                plot.add_trace(curve(t, left, name, colour, 1.2, False), **place(k, 2))
+        start = float(t[-1]) + 1.0
+    for k, j in enumerate(joints):
+        plot.update_yaxes(title_text=f"joint {j + 1} [{units[j]}]", **place(k, 1))
+        if not beside:
+            plot.update_yaxes(title_text=f"left [{units[j]}]", **place(k, 2))
+    if beside:
+        plot.update_xaxes(title_text="time [s]", **place(n - 1, 1))
+        plot.update_xaxes(title_text="time [s]; measured - modelled", **place(n - 1, 2))
+    else:
+        plot.update_xaxes(title_text="time [s]", **place(n - 1, 2))
+    return plot
+
+
+def ladder_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequence[str]) -> Any:
+    """RMS error of each joint, one (n,) array a model, from model to model."""
+    from plotly.graph_objects import Figure, Scatter
+
+    plot = Figure()
+    for j, unit in enumerate(units):
+        plot.add_trace(
+            Scatter(
+                x=list(names),
+                y=[float(np.asarray(errors)[j]) for errors in rmse],
+                mode="lines+markers",
+                name=f"joint {j + 1} [{unit}]",
+                line={
+                    "color": COLOURS[j % len(COLOURS)],
+                    "dash": "dot" if j >= len(COLOURS) else "solid",
+                },
+            )
+        )
+    plot.update_yaxes(title_text="RMS error", type="log", dtick="D2", tickformat=".3~g")
+    return plot
+
+
+def styled(plot: Any, height: int) -> Any:
+    """The plot in colours that suit a light and a dark page alike."""
+    plot.update_layout(
+        height=height,
+        margin={"l": 55, "r": 15, "t": 30, "b": 45},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        font={"family": "system-ui, sans-serif", "color": MEASURED, "size": 12},
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        hovermode="closest",
+    )
+    axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
+    plot.update_xaxes(**axis)
+    plot.update_yaxes(**axis)
+    return plot
