@@ -121,10 +121,17 @@ def identify(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
     window: Window = None,
+    no_check: Annotated[
+        bool,
+        typer.Option(
+            "--no-check", help="Identify also from data that the data check calls meaningless."
+        ),
+    ] = False,
     debug: Debug = False,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
 
+    The cheap part of `check` runs first: its errors stop the identification (exit code 2).
     Example: [cyan]sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json[/cyan]
     """
     from sdp_vs_penalty import console
@@ -143,9 +150,9 @@ def identify(
         given = answers or load_measurements(
             *data, joints=robot.robot.n, start=start, stop=stop, names=names
         )
-        if isinstance(given, Measurements):
+        if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
-            cli_files.warn(robot, given)
+            cli_files.refuse_meaningless(robot, given)
         begin = time.perf_counter()
         estimate = run_identification(
             robot, given, estimator, effects=effects, seed=seed, progress=progress
@@ -304,7 +311,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _inputs(given: Sequence[str]) -> list[str]:
     """The files among the arguments that are not named as outputs."""
-    outputs = {"--out", "--json"}
+    outputs = {"--out", "--json", "--fix"}
     return [
         word
         for before, word in zip(["", *given], given, strict=False)

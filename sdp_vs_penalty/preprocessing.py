@@ -133,11 +133,7 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
                 [JointColumns(c.indices, low_pass @ c.columns) for c in model.columns(motion)],
             )
     if not found:
-        raise InputError(
-            f"{run.names[0]}: no rows are left after filtering: the run lasts "
-            f"{run.t[-1] - run.t[0]:.3g} s, the filters need more than {2 * margin * dt:.3g} s in which "
-            "the robot moves; record longer, or raise the cut-offs."
-        )
+        raise _no_rows(run, 2 * margin * dt)
 
 
 def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
@@ -200,14 +196,30 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
         pieces.append((inner[keep], *(x[keep] for x in (*kernel.states(q), smooth, rate))))
     count = sum(len(piece[0]) for piece in pieces)
     if count == 0:
-        raise InputError(
-            f"{run.names[0]}: no rows are left after filtering: the run lasts "
-            f"{run.t[-1] - run.t[0]:.3g} s, the filter needs more than {2 * kernel.half * dt:.3g} s in "
-            "which the robot moves; record longer, or raise the cut-offs."
-        )
+        raise _no_rows(run, 2 * kernel.half * dt)
     chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
     t, q, dq, ddq, tau, rate = (np.concatenate(parts)[chosen] for parts in zip(*pieces, strict=True))
     return Motion(t, q, dq, ddq), tau, rate
+
+
+def _no_rows(run: Measurements, seconds: float) -> InputError:
+    """For a run of which nothing is left; ``seconds`` are what the filters need."""
+    if not _moving_joints(run).any():
+        return _no_motion(run)
+    lasts = float(run.t[-1] - run.t[0])
+    if lasts <= seconds:
+        return InputError(
+            f"{run.names[0]}: the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s: "
+            "record longer, or raise the cut-offs."
+        )
+    return InputError(
+        f"{run.names[0]}: no rows are left after filtering: the robot does not move for more than the "
+        f"{seconds:.3g} s on end that the filters need: record a longer motion, or raise the cut-offs."
+    )
+
+
+def _no_motion(run: Measurements) -> InputError:
+    return InputError(f"{run.names[0]}: the robot does not move in this run: record a motion.")
 
 
 class _LowPass:
@@ -402,5 +414,10 @@ def _highest_harmonic(run: Measurements) -> float:
         present = np.any(amplitude > 0.01 * amplitude.max(axis=0, initial=1e-300), axis=1)
         highest = max(highest, int(np.flatnonzero(present)[-1]) / (len(t) * dt))
     if highest == 0.0:
-        raise InputError(f"{run.names[0]}: the robot does not move in this run.")
+        if not moving.any():
+            raise _no_motion(run)
+        raise InputError(
+            f"{run.names[0]}: {len(run.t)} samples, and never 16 without a gap in time between them: "
+            "record longer."
+        )
     return highest

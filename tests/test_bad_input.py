@@ -238,7 +238,7 @@ def test_a_run_too_short_for_the_filters(two_link: Problem) -> None:
 def test_a_robot_that_does_not_move(two_link: Problem) -> None:
     run = small_run(two_link)
     still = Measurements(run.t, np.zeros_like(run.q), run.tau)
-    refusal(lambda: identify(load_problem("two_link"), still), "moves")
+    refusal(lambda: identify(load_problem("two_link"), still), "does not move")
 
 
 # --- problems -------------------------------------------------------------------------------------

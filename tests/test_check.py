@@ -457,18 +457,39 @@ def holed_two(run: Measurements) -> Measurements:
     return replace(run, q=q)
 
 
-def test_identify_warns_by_itself(
+def test_identify_refuses_meaningless_data_by_itself(
     tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bad, good = tmp_path / "bad.csv", tmp_path / "good.csv"
+    """In one sentence and without a model, unless it is told not to check."""
+    bad, good, model = tmp_path / "bad.csv", tmp_path / "good.csv", tmp_path / "model.json"
     run = experiment(two_link).training_run(0)
     save_csv(flipped(2)(run), bad)
     save_csv(run, good)
-    for path in (good, bad):
-        model = tmp_path / "model.json"
-        assert run_cli("identify", "two_link", "--data", path, "--method", "ols", "--out", model) == 0
-        said = capsys.readouterr().err
-        assert ("torque of joint 2 has the wrong sign" in said) == (path == bad)
+    to = ("--method", "ols", "--out", model)
+    assert run_cli("identify", "two_link", "--data", bad, *to) == 2
+    said = capsys.readouterr().err
+    assert not model.exists()
+    assert len(said.splitlines()) == 1
+    for words in ("bad.csv: the torque of joint 2 has the wrong sign: turn", "--fix", "--no-check"):
+        assert words in said
+    assert run_cli("identify", "two_link", "--data", bad, "--no-check", *to) == 0
+    assert model.exists()
+    assert run_cli("identify", "two_link", "--data", good, *to) == 0
+
+
+@pytest.mark.parametrize("spoil", [still, lambda run: rows(run, np.arange(len(run.t)) < 150)])
+def test_a_run_without_rows_is_named_once(
+    spoil: Spoil, tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "lame.csv"
+    save_csv(spoil(experiment(two_link).training_run(0)), path)
+    assert run_cli("check", path, "--problem", "two_link") == 1
+    assert capsys.readouterr().out.count("lame.csv") == 1
+    assert run_cli("identify", "two_link", "--data", path, "--out", tmp_path / "model.json") == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert said.count("lame.csv") == 1
+    assert said.count(": record") == 1
 
 
 def test_report_orders_by_gravity(simulated: tuple[Problem, Measurements]) -> None:
@@ -478,3 +499,33 @@ def test_report_orders_by_gravity(simulated: tuple[Problem, Measurements]) -> No
         (f.severity for f in report.findings), key=("error", "warning", "note").index
     )
     assert report.to_dict()["findings"][0]["can_fix"] is True
+
+
+CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+
+
+@pytest.mark.parametrize("velocity", ["none", "rad/s", "deg/s"])
+@pytest.mark.parametrize("unit", CLOCKS)
+def test_a_clock_in_another_unit_is_named_and_mended(
+    unit: str, velocity: str, simulated: tuple[Problem, Measurements]
+) -> None:
+    problem, run = simulated
+    if velocity != "none":
+        run = with_velocity(run)
+        assert run.dq is not None
+        run = replace(run, dq=run.dq * (180.0 / np.pi if velocity == "deg/s" else 1.0))
+    report = check(problem, replace(run, t=CLOCKS[unit] * run.t), thorough=False)[0]
+    wanted = {"time unit"} | ({"velocity channel"} if velocity == "deg/s" else set())
+    assert {f.kind for f in report.problems} == wanted
+    assert unit in report.findings[0].what
+    assert report.meaningless
+    assert report.mended.t == pytest.approx(run.t)
+
+
+def test_a_slow_log_keeps_its_seconds(simulated: tuple[Problem, Measurements]) -> None:
+    """Few samples a second are a finding of their own, a quasi-static motion is none."""
+    problem, run = simulated
+    slow = replace(run, t=run.t[0] + 50.0 * (run.t - run.t[0]))
+    for changed in (sparse(run), slow):
+        kinds = {f.kind for f in check(problem, changed, thorough=False)[0].findings}
+        assert "time unit" not in kinds

@@ -95,10 +95,17 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
     try:
         unexplained = work.check_content(thorough)
     except InputError as error:
-        sentence = str(error)
-        sure = "certain: the filters cannot be filled"
+        sentence = str(error).removeprefix(f"{run.names[0]}: ")  # a finding belongs to its run
+        what, _, remedy = sentence.rstrip(".").rpartition(": ")
         work.found.append(
-            Finding("too little data", "error", "the run", sentence, sure, "record a longer motion")
+            Finding(
+                "too little data",
+                "error",
+                "the run",
+                f"{what or remedy}.",
+                "certain: the filters cannot be filled",
+                remedy if what else "record a longer motion",
+            )
         )
     order = ("error", "warning", "note")
     findings = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))

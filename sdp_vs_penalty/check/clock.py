@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.finding import Array, Finding
 from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import _moving_joints
 
 #: A time step above this many medians is no jitter any more.
 _LONG = 5.0
@@ -26,7 +27,7 @@ def find(run: Measurements) -> Iterator[Finding]:
         run = _rows(run, _finite(run))
     if len(run.t) < 3:
         return
-    for step in (_backwards, _repeats, _clock_step, _gap, _jitter):
+    for step in (_time_unit, _backwards, _repeats, _clock_step, _gap, _jitter):
         finding = step(run)
         if finding is not None:
             yield finding
@@ -63,6 +64,89 @@ def _missing(run: Measurements) -> Finding | None:
         lambda r: _rows(r, _finite(r)),
         {"rows": [_row(k) for k in bad[:100]]},
     )
+
+
+#: Units of time that loggers write, in seconds.
+_TIME_UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+#: Ratios of a velocity channel to the velocity in rad/s that have nothing to do with time.
+_VELOCITY_UNITS = np.array([1.0, 180.0 / np.pi, 30.0 / np.pi])
+#: Time steps [s] and speeds [rad/s or m/s] of a log that somebody would identify from.
+_STEPS, _SPEEDS = (2e-5, 0.5), (3e-3, 100.0)
+
+
+def _time_unit(run: Measurements) -> Finding | None:
+    """A clock that does not count seconds: taken for seconds, it makes the motion far too slow."""
+    steps = np.diff(run.t)
+    moving = _moving_joints(run)
+    if not np.any(steps > 0.0) or not moving.any():
+        return None
+    step, speed = float(np.median(steps[steps > 0.0])), float(np.median(_speeds(run)[moving]))
+    ratio, name, sure = _speed_ratio(run, moving), None, ""
+    if ratio is not None:
+        name = _unit_by_velocity(ratio)
+        sure = f"certain: dq is {ratio:.4g} times the derivative of q by this clock"
+    if name is None:
+        name = _unit_by_size(step, speed)
+        sure = f"likely: in seconds, one row in {step:.3g} s of a motion at {speed:.2g} rad/s (or m/s)"
+    if name == "seconds":
+        return None
+    unit = _TIME_UNITS[name]
+    return Finding(
+        "time unit",
+        "error",
+        "column t",
+        f"time is in {name}, not in seconds (it advances by {step:.4g} from row to row).",
+        sure,
+        f"multiply t by {unit:g}",
+        lambda r: replace(r, t=r.t * unit),
+        {"unit": name, "median_step": step},
+    )
+
+
+def _unit_by_velocity(ratio: float) -> str | None:
+    """The unit of time that explains the ratio of velocity channels to the derivative of positions."""
+    off = {
+        name: float(np.abs(np.log(ratio * unit / _VELOCITY_UNITS)).min())
+        for name, unit in _TIME_UNITS.items()
+    }
+    name = min(off, key=lambda key: off[key])
+    return name if off[name] < 0.1 else None
+
+
+def _unit_by_size(step: float, speed: float) -> str:
+    """Seconds unless another unit alone makes sampling and motion those of a robot.
+
+    Of several such units, the one whose speeds are nearest to 1 rad/s.
+    """
+    possible = {
+        name: abs(float(np.log(speed / unit)))
+        for name, unit in _TIME_UNITS.items()
+        if _STEPS[0] <= step * unit <= _STEPS[1] and _SPEEDS[0] <= speed / unit <= _SPEEDS[1]
+    }
+    if "seconds" in possible or not possible:
+        return "seconds"
+    return min(possible, key=lambda key: possible[key])
+
+
+def _speeds(run: Measurements, half: int = 5) -> Array:
+    """(n,) nearly the largest speed of each joint, from positions some rows apart."""
+    span = run.t[2 * half :] - run.t[: -2 * half]
+    rows = span > 0.0
+    if not rows.any():
+        return np.zeros(run.n)
+    travel = np.abs(run.q[2 * half :] - run.q[: -2 * half])[rows]
+    return np.asarray(np.quantile(travel / span[rows, None], 0.9, axis=0))
+
+
+def _speed_ratio(run: Measurements, moving: NDArray[np.bool_]) -> float | None:
+    """The velocity channels over the derivative of the positions, where most joints agree on it."""
+    if run.dq is None:
+        return None
+    measured = np.quantile(np.abs(run.dq), 0.9, axis=0)
+    ratios = np.log(measured[moving] / np.maximum(_speeds(run)[moving], 1e-300) + 1e-300)
+    middle = float(np.median(ratios))
+    agree = np.mean(np.abs(ratios - middle) < 0.1)
+    return float(np.exp(middle)) if agree > 0.5 else None
 
 
 def _backwards(run: Measurements) -> Finding | None:
