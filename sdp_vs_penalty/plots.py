@@ -34,7 +34,7 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     Drawn at that many pixels it looks as all of it would; every peak stays.
 
     >>> envelope([0, 1, 2, 3, 4, 5], [0, 9, 1, 1, -5, 1], points=4)
-    (array([0., 1., 4., 5.]), array([ 0.,  9., -5.,  1.]))
+    (array([0., 1., 3., 4.]), array([ 0.,  9.,  1., -5.]))
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
     if len(y) <= points:
