@@ -124,7 +124,7 @@ def identify(
     no_check: Annotated[
         bool,
         typer.Option(
-            "--no-check", help="Identify also from data that the data check calls meaningless."
+            "--no-check", help="Identify even where the check says it is meaningless."
         ),
     ] = False,
     debug: Debug = False,

@@ -121,7 +121,10 @@ def _show(report: Report) -> None:
         verdict = (
             f"the arm's dynamics leave {100.0 * report.unexplained**0.5:.2g} % of the torque unexplained"
         )
-    out.print(f"[bold]{escape(report.run)}[/bold]: {len(report.problems)} problem(s); {verdict}")
+    out.print(
+        f"[bold]{escape(report.run)}[/bold]: {len(report.problems)} problem(s); {verdict}",
+        soft_wrap=True,
+    )
     for f in report.findings:
         word = f"[{colours[f.severity]}]{f.severity}[/]"
         out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")

@@ -501,6 +501,40 @@ def test_report_orders_by_gravity(simulated: tuple[Problem, Measurements]) -> No
     assert report.to_dict()["findings"][0]["can_fix"] is True
 
 
+#: What a problem says wrongly : (field, value, effort limits known, kind of the finding, its words)
+WRONG_PROBLEMS: dict[str, tuple[str, object, bool, str, str]] = {
+    "no gravity": ("gravity", (0.0, 0.0, 0.0), True, "gravity of the problem", "(0, 0, -9.81)"),
+    "gravity in mm/s^2": ("gravity", (0, 0, -9810.0), True, "gravity of the problem", "(0, 0, -9.81)"),
+    "too light": ("total_mass", (0.5, 1.0), True, "masses of the problem", "masses are wrong"),
+    "too heavy": ("total_mass", (900.0, 1000.0), True, "masses of the problem", "masses are wrong"),
+    "too light, no limits": ("total_mass", (0.5, 1.0), False, "torque unit", "0.5 to 1 kg"),
+    "too heavy, no limits": ("total_mass", (900.0, 1e3), False, "torque channel kind", "900 to 1000 kg"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_PROBLEMS)
+def test_a_wrong_problem_is_named_rather_than_the_data(
+    name: str, simulated: tuple[Problem, Measurements]
+) -> None:
+    """Where effort limits witness the torques' size, masses are doubted; torques are never rescaled."""
+    problem, run = simulated
+    field, value, limits, kind, words = WRONG_PROBLEMS[name]
+    joints = problem.robot.joints
+    if not limits:
+        joints = tuple(replace(joint, effort=np.inf) for joint in joints)
+    wrong = replace(problem, robot=replace(problem.robot, joints=joints))
+    if field == "gravity":
+        wrong = wrong.with_gravity(value)  # type: ignore[arg-type]
+    else:
+        wrong = replace(wrong, total_mass=value)  # type: ignore[arg-type]
+    report = check(wrong, run, thorough=False)[0]
+    (finding,) = report.problems
+    assert finding.kind == kind
+    assert words in finding.what
+    assert "masses" in finding.remedy or field == "gravity" or "total_mass" in finding.remedy
+    assert report.mended.tau is run.tau
+
+
 CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 

@@ -13,6 +13,8 @@ from sdp_vs_penalty.check.physics import FreeGravity, Physics
 
 #: Gravity is said to point elsewhere from this angle on; smaller ones are the effect base_tilt.
 _SMALLEST_ANGLE = 5.0
+#: What gravity can be on Earth, with room for rounding [m/s^2]; otherwise it is tried at this size.
+_EARTH, _STANDARD = (9.6, 10.0), 9.81
 #: Within this angle of an axis of the base gravity is said to point along it [degrees].
 _STRAIGHT = 3.0
 #: Correlation of the torque with a plausible arm's weight below minus this: weight acts upwards.
@@ -20,14 +22,15 @@ _OPPOSED = 0.5
 
 
 def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Gravity along another direction of the base, or of another size than the problem says."""
     robot = physics.model.robot
-    size = float(np.linalg.norm(robot.gravity))
-    if size == 0.0:
-        return
-    direction, _ = FreeGravity(physics.part(few_rows(physics))).best()
-    assumed = np.array(robot.gravity) / size
+    given = float(np.linalg.norm(robot.gravity))
+    earthly = _EARTH[0] <= given <= _EARTH[1]
+    size = given if earthly else _STANDARD
+    direction, _ = FreeGravity(physics.part(few_rows(physics))).best(size)
+    assumed = np.array(robot.gravity) / max(given, 1e-300)
     angle = float(np.degrees(np.arccos(np.clip(direction @ assumed, -1.0, 1.0))))
-    if angle < _SMALLEST_ANGLE:
+    if earthly and angle < _SMALLEST_ANGLE:
         return
     nearest = np.eye(3)[int(np.argmax(np.abs(direction)))] * np.sign(
         direction[np.argmax(np.abs(direction))]
@@ -39,17 +42,22 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
     def apply(p: Physics) -> Physics:
         return p.with_gravity((x, y, z))
 
+    kind, mend = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
+    what = (
+        f"gravity does not point along {_vector(robot.gravity)} of the base but {angle:.0f} degrees "
+        f"beside it, along {_vector((x, y, z))} m/s^2: {_mounting(angle)}."
+    )
+    if not earthly:
+        kind, mend = "gravity of the problem", f"{mend}, or correct the problem's gravity"
+        what = (
+            f"the problem says that gravity is {_vector(robot.gravity)} m/s^2, the torques hold a "
+            f"weight along {_vector((x, y, z))} m/s^2."
+        )
     yield propose(
         physics,
         apply,
         2,
-        (
-            "gravity direction",
-            "the base",
-            f"gravity does not point along {_vector(robot.gravity)} of the base but {angle:.0f} degrees "
-            f"beside it, along {_vector((x, y, z))} m/s^2: {_mounting(angle)}.",
-            f"identify with --gravity {x:g},{y:g},{z:g}",
-        ),
+        (kind, "the base", what, mend),
         None,
         (x, y, z),
         angle_degrees=angle,

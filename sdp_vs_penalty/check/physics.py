@@ -241,9 +241,8 @@ class FreeGravity:
         b = mix.T @ cross
         return max(1.0 - float(b @ solve(mix.T @ gram @ mix, b[:, None])[:, 0]), 1e-12)
 
-    def best(self) -> tuple[Array, float]:
-        """The direction of gravity (unit vector) that explains the torque best, and its E."""
-        size = np.linalg.norm(self.physics.model.robot.gravity)
+    def best(self, size: float) -> tuple[Array, float]:
+        """The direction (unit vector) of gravity of this size that explains the torque best; its E."""
         grid = [np.array(d, float) for d in product((-1, 0, 1), repeat=3) if any(d)]
         grid = [d / np.linalg.norm(d) for d in grid]
         start = min(grid, key=lambda d: self.unexplained(size * d))

@@ -33,59 +33,106 @@ def possible_scale(problem: Problem) -> tuple[float, float] | None:
 
 
 def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Finding]:
-    """Torques that this arm cannot need: another unit, a motor current, the motor's side of a gear."""
+    """Torques that this arm cannot need, and which of file and problem is wrong.
+
+    Two witnesses: the joints' effort limits, and what an arm of the problem's masses needs on the same
+    motion. Where the limits say that the size is right, the problem's masses are not.
+    """
+    over = _times_limit(run, physics)
     scale = possible_scale(problem)
-    robot = physics.model.robot
-    effort = np.array([joint.effort for joint in robot.joints])
-    known = np.isfinite(effort) & (effort > 0.0)
-    over = float((np.abs(run.tau).max(axis=0)[known] / effort[known]).max(initial=0.0))
-    ratio = _ratio_to_nominal(physics) if scale is not None else None
-    low, high = (None, None) if scale is None else scale
-    too_large = over > 3.0 and (ratio is None or high is None or ratio > high)
-    if ratio is not None and high is not None and ratio > high:
-        too_large = True
-    if too_large:
-        factor, unit = _unit(ratio if ratio is not None and high is not None else None, over, low, high)
-        size = f"{over:.3g} times what the joints are made for" if over > 0 else ""
-        against = f"{ratio:.3g} times what an arm of this mass needs" if ratio is not None else ""
-        yield Finding(
-            "torque unit",
-            "error",
-            "all torque channels",
-            f"the torques are too large, {' and '.join(x for x in (size, against) if x)}: "
-            f"{f'they are in {unit}' if factor else 'their unit is not N m'}.",
-            "likely: judged by the size alone",
-            f"multiply them by {factor:g}"
-            if factor
-            else "convert them to N m (N for a prismatic joint)",
-            (lambda r: replace(r, tau=r.tau * factor)) if factor else None,
-            {"times_effort_limit": over, "times_nominal": ratio},
-        )
-    elif ratio is not None and low is not None and ratio < low:
+    if scale is None:
+        if over is not None and over > _FAR_OVER:
+            yield _too_large(None, over, _unit(over, (1e-2, 1.0)))
+        return
+    ratio = _ratio_to_nominal(physics)
+    small, large = ratio < scale[0], ratio > scale[1]
+    if over is not None and over > _FAR_OVER and large:
+        yield _too_large(ratio, over, _unit(ratio, scale))
+    elif over is not None and _USED <= over <= _FAR_OVER and (small or large):
+        yield _wrong_masses(ratio, over, problem)
+    elif large:
+        yield _too_large(ratio, over, _unit(ratio, scale), _masses(problem))
+    elif small:
         yield Finding(
             "torque channel kind",
             "error",
             "all torque channels",
-            f"the torques are {1.0 / ratio:.0f} times too small for an arm of this mass: they are motor "
-            "currents, or torques on the motor's side of the gear.",
+            f"the torques are {1.0 / ratio:.3g} times too small for an arm of {_masses(problem)}: they "
+            "are motor currents, or torques on the motor's side of the gear.",
             "likely: judged by the size alone",
-            "multiply each channel by its drive gain (N m per A, gear ratio included)",
+            "multiply each channel by its drive gain (N m per A, gear ratio included); if the torques "
+            "are right, correct the problem's masses",
             None,
-            {"times_nominal": ratio},
+            {"times_nominal": ratio, "times_effort_limit": over},
         )
 
 
-def _unit(
-    ratio: float | None, over: float, low: float | None, high: float | None
-) -> tuple[float | None, str]:
-    """The factor that brings torques to a possible size, and the unit's name."""
+#: Torques above so many times the effort limits are no torques of these joints.
+_FAR_OVER = 3.0
+#: Torques that use at least this share of the effort limits have the right unit: a current of the same
+#: joint, in A, is an order of magnitude smaller.
+_USED = 0.2
+
+
+def _times_limit(run: Measurements, physics: Physics) -> float | None:
+    """The largest torque over its joint's effort limit; None where no limit is known."""
+    effort = np.array([joint.effort for joint in physics.model.robot.joints])
+    known = np.isfinite(effort) & (effort > 0.0)
+    return float((np.abs(run.tau).max(axis=0)[known] / effort[known]).max()) if known.any() else None
+
+
+def _masses(problem: Problem) -> str:
+    low, high = problem.total_mass
+    if np.isfinite(high):
+        return f"{low:g} to {high:g} kg"
+    return f"{float(problem.nominal_links[:, 0].sum()):.3g} kg"
+
+
+def _too_large(
+    ratio: float | None, over: float | None, unit: tuple[float, str] | None, masses: str | None = None
+) -> Finding:
+    """masses : of the problem, where they may be wrong instead: mending torques is not safe then."""
+    parts = [] if over is None or masses else [f"{over:.3g} times what the joints are made for"]
+    if ratio is not None:
+        parts.append(f"{ratio:.3g} times what an arm of {masses or 'this mass'} needs")
+    factor = None if unit is None or masses else unit[0]
+    remedy = (
+        "convert them to N m (N for a prismatic joint)" if unit is None else f"multiply by {unit[0]:g}"
+    )
+    return Finding(
+        "torque unit",
+        "error",
+        "all torque channels",
+        f"the torques are too large, {' and '.join(parts)}: "
+        f"{'their unit is not N m' if unit is None else f'they are in {unit[1]}'}.",
+        "likely: judged by the size alone",
+        remedy + ("; if the torques are right, correct the problem's masses" if masses else ""),
+        None if factor is None else (lambda r: replace(r, tau=r.tau * factor)),
+        {"times_effort_limit": over, "times_nominal": ratio},
+    )
+
+
+def _wrong_masses(ratio: float, over: float, problem: Problem) -> Finding:
+    size = f"{ratio:.3g} times what" if ratio > 1.0 else f"{1.0 / ratio:.3g} times less than"
+    return Finding(
+        "masses of the problem",
+        "error",
+        "the problem",
+        f"the torques are {size} an arm of {_masses(problem)} needs, yet they reach {100.0 * over:.0f} % "
+        "of the joints' effort limits, as torques do: the problem's masses are wrong.",
+        "likely: judged by the size alone",
+        "correct total_mass in problem.toml (the inertials of a URDF)",
+        None,
+        {"times_effort_limit": over, "times_nominal": ratio},
+    )
+
+
+def _unit(size: float, possible: tuple[float, float]) -> tuple[float, str] | None:
+    """The factor that brings a size into its possible range, and the unit's name."""
     for factor, unit in ((1e-3, "mN m"), (1e-2, "N cm")):
-        if ratio is not None and low is not None and high is not None:
-            if low <= ratio * factor <= high:
-                return factor, unit
-        elif 1e-2 < over * factor < 1.0:
+        if possible[0] <= size * factor <= possible[1]:
             return factor, unit
-    return None, ""
+    return None
 
 
 def _ratio_to_nominal(physics: Physics) -> float:
