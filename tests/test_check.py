@@ -523,10 +523,7 @@ def test_a_wrong_problem_is_named_rather_than_the_data(
     if not limits:
         joints = tuple(replace(joint, effort=np.inf) for joint in joints)
     wrong = replace(problem, robot=replace(problem.robot, joints=joints))
-    if field == "gravity":
-        wrong = wrong.with_gravity(value)  # type: ignore[arg-type]
-    else:
-        wrong = replace(wrong, total_mass=value)  # type: ignore[arg-type]
+    wrong = wrong.with_gravity(value) if field == "gravity" else replace(wrong, total_mass=value)
     report = check(wrong, run, thorough=False)[0]
     (finding,) = report.problems
     assert finding.kind == kind

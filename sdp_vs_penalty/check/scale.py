@@ -118,8 +118,8 @@ def _wrong_masses(ratio: float, over: float, problem: Problem) -> Finding:
         "masses of the problem",
         "error",
         "the problem",
-        f"the torques are {size} an arm of {_masses(problem)} needs, yet they reach {100.0 * over:.0f} % "
-        "of the joints' effort limits, as torques do: the problem's masses are wrong.",
+        f"the torques are {size} an arm of {_masses(problem)} needs, yet they reach {100.0 * over:.0f} "
+        "% of the joints' effort limits, as torques do: the problem's masses are wrong.",
         "likely: judged by the size alone",
         "correct total_mass in problem.toml (the inertials of a URDF)",
         None,
