@@ -25,6 +25,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.model import Model
 from sdp_vs_penalty.preprocessing import Preprocessing
+from sdp_vs_penalty.problem_fields import check_fields
 from sdp_vs_penalty.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.urdf import load_urdf
 
@@ -374,31 +375,8 @@ def _load_folder(folder: Path) -> Problem:
         raise InputError(f"{file}: a field has the wrong content ({error}).") from error
 
 
-#: What a problem.toml may hold: a misspelt demand must not be dropped in silence.
-_KEYS: Mapping[str, tuple[str, ...]] = {
-    "": ("title", "torque_side", "links", "effects", "kinematics", "bounds", "centre_of_mass_cone",
-         "preprocessing", "base_parameters"),
-    "kinematics": ("urdf", "convention", "a", "alpha_over_pi", "d", "gravity", "lower", "upper",
-                   "velocity", "effort"),
-    "bounds": ("tables", "total_mass"),
-    "centre_of_mass_cone": ("link", "axis", "radius", "slope"),
-    "preprocessing": ("state_cutoff", "torque_cutoff", "standstill"),
-    "base_parameters": ("independent",),
-}  # fmt: skip
-
-
-def _check_keys(data: Mapping[str, Any]) -> None:
-    for section, known in _KEYS.items():
-        part = data if section == "" else data.get(section, {})
-        for item in part if isinstance(part, list) else [part]:
-            for key in item:
-                if key not in known:
-                    where = f"[{section}]" if section else "the top level"
-                    raise InputError(f"{key!r} is unknown in {where}; there are: {', '.join(known)}.")
-
-
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
-    _check_keys(data)
+    check_fields(data)
     kinematics = data["kinematics"]
     given: Array | None = None
     if "urdf" in kinematics:
@@ -427,6 +405,9 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
     if not low <= high:
         raise InputError(f"total_mass has its lower bound {low:g} above its upper {high:g}.")
+    for c in data.get("centre_of_mass_cone", ()):
+        if c["axis"] not in tuple(_AXES):
+            raise InputError(f"centre_of_mass_cone axis {c['axis']!r} is unknown; there are: x, y, z.")
     cones = tuple(
         CentreOfMassCone(
             int(c["link"]) - 1, _AXES.index(c["axis"]), float(c["radius"]), float(c["slope"])

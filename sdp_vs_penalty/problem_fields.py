@@ -1,0 +1,148 @@
+"""What a problem.toml may and must hold: fields, kinds, lengths; checked before anything is built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError
+
+
+@dataclass(frozen=True)
+class Field:
+    """kind : "text", "texts", "whole", "number" or "numbers"; length : of numbers, or "joints" for one
+    a joint; needed : whether it must be there; hint : how to write it.
+    """
+
+    kind: str
+    length: int | str | None = None
+    needed: bool = False
+    hint: str = ""
+
+
+_LIMIT = Field("numbers", "joints")
+_DH = Field("numbers", "joints", needed=True)
+TOP = {
+    "title": Field("text", needed=True),
+    "torque_side": Field("text", hint='"link" or "motor"'),
+    "links": Field("whole"),
+    "effects": Field("texts", hint='["rigid_body", "viscous_friction"]'),
+}
+SECTIONS: Mapping[str, Mapping[str, Field]] = {
+    "kinematics": {
+        "urdf": Field("text", hint='"robot.urdf"'),
+        "convention": Field("text", needed=True, hint='"standard" or "modified"'),
+        "a": _DH,
+        "alpha_over_pi": _DH,
+        "d": _DH,
+        "gravity": Field("numbers", 3, hint="[0.0, 0.0, -9.81] in m/s^2"),
+        "lower": _LIMIT,
+        "upper": _LIMIT,
+        "velocity": _LIMIT,
+        "effort": _LIMIT,
+    },
+    "bounds": {
+        "tables": Field("texts", hint='["bounds.csv"]'),
+        "total_mass": Field("numbers", 2, hint="[lower, upper] in kg"),
+    },
+    "centre_of_mass_cone": {
+        "link": Field("whole", needed=True),
+        "axis": Field("text", needed=True, hint='"x", "y" or "z"'),
+        "radius": Field("number", needed=True),
+        "slope": Field("number", needed=True),
+    },
+    "preprocessing": {
+        "state_cutoff": Field("number"),
+        "torque_cutoff": Field("number"),
+        "standstill": Field("number"),
+    },
+    "base_parameters": {"independent": Field("texts", hint='["Izz1", "mx2"]')},
+}
+#: Sections that come any number of times, [[name]].
+_MANY = ("centre_of_mass_cone",)
+
+
+def check_fields(data: Mapping[str, Any]) -> None:
+    """InputError naming the section and the field that is unknown, missing or of the wrong kind."""
+    _table("", data, {**TOP, **{name: Field("table") for name in SECTIONS}})
+    if "kinematics" not in data:
+        raise InputError("the section [kinematics] is missing: give the robot's DH table or its URDF.")
+    for section, fields in SECTIONS.items():
+        if section not in data:
+            continue
+        given = data[section]
+        brackets = f"[[{section}]]" if section in _MANY else f"[{section}]"
+        if section in _MANY:
+            if not (isinstance(given, list) and all(isinstance(x, dict) for x in given)):
+                raise InputError(f"{section} is no list of sections: write {brackets} above its fields.")
+        elif not isinstance(given, dict):
+            raise InputError(f"{section} is no section: write {brackets} above its fields.")
+        for part in given if section in _MANY else [given]:
+            wanted = fields
+            if section == "kinematics" and "urdf" in part:
+                wanted = {name: replace(field, needed=False) for name, field in fields.items()}
+            _table(brackets, part, wanted)
+
+
+def _table(section: str, data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
+    where = section or "the top level"
+    for key in data:
+        if key not in fields:
+            raise InputError(f"{key!r} is unknown in {where}; there are: {', '.join(fields)}.")
+    for key, field in fields.items():
+        if field.needed and key not in data:
+            raise InputError(f"the field {key!r} is missing in {where}.")
+    joints = data.get("a")
+    for name, value in data.items():
+        field = fields[name]
+        if field.kind == "table":
+            continue
+        label = f"{section} {name}".strip()
+        _kind(label, value, field)
+        length = field.length
+        if length == "joints":
+            length = len(joints) if isinstance(joints, list) else None
+        if length is not None and len(value) != length:
+            needed = "one a joint, as in a" if field.length == "joints" else f"write {field.hint}"
+            raise InputError(f"{label} has {len(value)} entries, {length} are needed: {needed}.")
+
+
+def _kind(label: str, value: Any, field: Field) -> None:
+    hint = f": write {field.hint}" if field.hint else ""
+    if field.kind in ("texts", "numbers"):
+        what = "texts" if field.kind == "texts" else "numbers"
+        if not isinstance(value, list):
+            raise InputError(
+                f"{label} is {_shown(value)}, not a list of {what}{hint or _EXAMPLE[what]}."
+            )
+        for k, entry in enumerate(value, start=1):
+            if not _is(entry, field.kind[:-1]):
+                raise InputError(
+                    f"{label}: entry {k} is {_shown(entry)}, not a {what[:-1]}: correct it."
+                )
+    elif not _is(value, field.kind):
+        a = {"text": "a text", "whole": "a whole number", "number": "a number"}[field.kind]
+        raise InputError(f"{label} is {_shown(value)}, not {a}{hint or ': correct it'}.")
+
+
+_EXAMPLE = {"numbers": ": write [0.0, 0.1]", "texts": ': write ["one", "two"]'}
+
+
+def _is(value: Any, kind: str) -> bool:
+    if kind == "text":
+        return isinstance(value, str)
+    if isinstance(value, bool):
+        return False
+    return isinstance(value, int) if kind == "whole" else isinstance(value, int | float)
+
+
+def _shown(value: Any) -> str:
+    """A value as TOML writes it, shortened."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value[:40]}"'
+    if isinstance(value, dict):
+        return "a section"
+    return str(value)[:40]
