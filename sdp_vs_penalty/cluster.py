@@ -12,7 +12,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.measurements import load_measurements
 from sdp_vs_penalty.preprocessing import Preprocessing
 from sdp_vs_penalty.problem import load_problem
@@ -59,9 +59,7 @@ def _connected(scheduler: str) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(
-            "--scheduler needs Dask: install the extra, pip install 'sdp-vs-penalty[cluster]'."
-        ) from None
+        raise missing_extra("--scheduler needs Dask,", "cluster") from None
     try:
         return Client(scheduler, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:

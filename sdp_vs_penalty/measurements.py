@@ -184,7 +184,7 @@ def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) ->
 def _csv_columns(path: Path) -> dict[str, Array]:
     """All columns of a CSV file with a header of any names."""
     lines = _lines(path)
-    header = [name.strip() for name in lines[0].split(",")]
+    header = _header(path, lines[0])
     if len(set(header)) != len(header):
         raise InputError(f"{path}: row 1 names a column twice.")
     rows = _numbers(path, lines[1:], len(header))
@@ -207,7 +207,7 @@ def _read_csv(path: Path) -> Measurements:
     lines = _lines(path)
     if not lines or not lines[0].strip():
         raise InputError(f"{path}: row 1 is empty; it must hold the header {_HEADER}.")
-    header = [name.strip() for name in lines[0].split(",")]
+    header = _header(path, lines[0])
     n, has_dq = _joints_of(path, header)
     rows = _numbers(path, lines[1:], len(header))
     column = {name: k for k, name in enumerate(header)}
@@ -217,6 +217,45 @@ def _read_csv(path: Path) -> Measurements:
 
     dq = group("dq") if has_dq else None
     return Measurements(rows[:, column["t"]].copy(), group("q"), group("tau"), dq, None, (path.name,))
+
+
+def _header(path: Path, line: str) -> list[str]:
+    """The names in row 1; InputError where it holds numbers, or cells that no commas separate."""
+    names = [name.strip() for name in line.split(",")]
+    cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
+    if cells and all(_is_number(cell) for cell in cells):
+        raise InputError(f"{path}: {_no_header(path, len(cells))}")
+    if len(names) == 1 and len(cells) > 1:
+        what = "semicolons" if ";" in line else "white space"
+        raise InputError(
+            f"{path}: row 1 separates its {len(cells)} names by {what}: separate all cells by commas, "
+            "and write decimal points."
+        )
+    return names
+
+
+def _no_header(path: Path, count: int) -> str:
+    """What is wrong with a file that starts with numbers, and what to do about it."""
+    from sdp_vs_penalty.datasets import DATASETS
+
+    known = [d.name for d in DATASETS.values() if path.name in {Path(f.path).name for f in d.files}]
+    if known:
+        return (
+            f"row 1 holds numbers, there is no header: this is a raw file of the data set {known[0]}, "
+            f"which `sdp-vs-penalty fetch {known[0]}` downloads and writes as RUN.csv."
+        )
+    return (
+        f"row 1 holds {count} numbers, there is no header: put {_HEADER} above them and separate cells "
+        "by commas, or name the columns as you like and use `sdp-vs-penalty convert --rename`."
+    )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _lines(path: Path) -> list[str]:

@@ -111,16 +111,13 @@ def _table(section: str, data: Mapping[str, Any], fields: Mapping[str, Field]) -
 def _kind(label: str, value: Any, field: Field) -> None:
     hint = f": write {field.hint}" if field.hint else ""
     if field.kind in ("texts", "numbers"):
-        what = "texts" if field.kind == "texts" else "numbers"
         if not isinstance(value, list):
-            raise InputError(
-                f"{label} is {_shown(value)}, not a list of {what}{hint or _EXAMPLE[what]}."
-            )
+            hint = hint or _EXAMPLE[field.kind]
+            raise InputError(f"{label} is {_shown(value)}, not a list of {field.kind}{hint}.")
+        one = field.kind[:-1]
         for k, entry in enumerate(value, start=1):
-            if not _is(entry, field.kind[:-1]):
-                raise InputError(
-                    f"{label}: entry {k} is {_shown(entry)}, not a {what[:-1]}: correct it."
-                )
+            if not _is(entry, one):
+                raise InputError(f"{label}: entry {k} is {_shown(entry)}, not a {one}: correct it.")
     elif not _is(value, field.kind):
         a = {"text": "a text", "whole": "a whole number", "number": "a number"}[field.kind]
         raise InputError(f"{label} is {_shown(value)}, not {a}{hint or ': correct it'}.")

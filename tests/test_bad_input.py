@@ -83,7 +83,7 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
     "a velocity is missing": (csv_with(setting(1, "t,q1,q2,dq1,x,tau1,tau2")), ["dq2 is missing"]),
     "a column is misnamed": (csv_with(setting(1, HEADER + ",temp1")), ["'temp1' is unknown"]),
     "a column comes twice": (csv_with(setting(1, "t,q1,q1,dq1,dq2,tau1,tau2")), ["q1 comes twice"]),
-    "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "header"]),
+    "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "by semicolons", "commas"]),
     "a word": (csv_with(setting(4, "0.02,x,0,0,0,1,2")), ["row 4, column 2 holds 'x'", "correct it"]),
     "not a number": (csv_with(setting(5, "0.03,0,0,0,0,nan,2")), ["row 5, column tau1", "finite"]),
     "infinite": (csv_with(setting(5, "0.03,0,-inf,0,0,1,2")), ["row 5, column q2", "finite"]),

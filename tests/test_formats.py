@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +69,7 @@ def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
     run = some_run(2)
     path, out = tmp_path / "data.mat", tmp_path / "run.csv"
     savemat(path, {"time": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
-    with pytest.raises(InputError, match=r"no variable t \(there are: force, gain, qm, time\)"):
+    with pytest.raises(InputError, match=r"q or tau \(there are: force, gain, qm, time\)"):
         load_measurements(path)
     assert run_cli("convert", path, "--out", out, "--rename", "t=time,q=qm,tau=force") == 0
     assert load_measurements(out).data_hash == run.data_hash
@@ -75,6 +77,43 @@ def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
     assert run_cli("convert", path, "--out", out, "--rename", "t") == 2
     savemat(path, {"data": {"t": run.t, "q": run.q, "tau": run.tau}})
     assert load_measurements(path).data_hash == run.data_hash
+
+
+def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the verbs that have no --rename themselves too; the command works as it is written."""
+    path, run = tmp_path / "axis.mat", some_run(1)
+    savemat(path, {"t": run.t, "qm": run.q, "force": run.tau})
+    assert run_cli("identify", "emps", "--data", path, "--out", tmp_path / "model.json") == 2
+    said = capsys.readouterr().err
+    assert "nothing is called q or tau (there are: force, qm, t)" in said
+    (command,) = re.findall("`sdp-vs-penalty (.*)`", said)
+    words = command.replace("q=NAME", "q=qm").replace("tau=NAME", "tau=force").split()
+    words[-1] = str(tmp_path / words[-1])
+    assert run_cli(*words) == 0
+    same(replace(run, dq=None), load_measurements(tmp_path / "run.csv"))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("mine.csv", "0.1,2,3\n0.2,2,3\n", ["row 1 holds 3 numbers", "no header", "convert --rename"]),
+        ("mine.csv", "0.1;2;3;4\n0.2;2;3;4\n", ["row 1 holds 4 numbers", "no header", "commas"]),
+        ("mine.csv", "0.1 2 -3e-4\n", ["row 1 holds 3 numbers", "no header"]),
+        ("mine.csv", "t;q1;tau1\n0;1;2\n", ["3 names by semicolons", "commas"]),
+        ("mine.csv", "t\tq1\ttau1\n0\t1\t2\n", ["3 names by white space", "commas"]),
+        ("ur-20_02_12-50sec_12harm.csv", "0.1,2\n", ["raw file", "sdp-vs-penalty fetch ur10e"]),
+    ],
+)
+def test_csv_without_header_or_commas(name: str, content: str, words: list[str], tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    for rename in (None, {"q": "b"}):
+        with pytest.raises(InputError) as caught:
+            read_run(path, rename=rename)
+        for word in (str(path), *words):
+            assert word in str(caught.value)
 
 
 def test_csv_with_other_column_names(tmp_path: Path) -> None:
@@ -212,7 +251,7 @@ def test_hdf5_and_other_matlab_surprises(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="q 2, tau 3"):
         load_measurements(path)
     savemat(path, {"t": np.arange(4.0), "q": np.zeros((4, 2)) * 1j, "tau": np.zeros((4, 2))})
-    with pytest.raises(InputError, match="neither q nor q1"):
+    with pytest.raises(InputError, match="nothing is called q "):
         load_measurements(path)
 
 

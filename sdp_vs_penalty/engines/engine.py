@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty import inertia
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, install_command
 from sdp_vs_penalty.export.content import Content, require_consistent
 from sdp_vs_penalty.robot import Robot
 
@@ -51,7 +51,7 @@ class Engine(ABC):
     #: How bodies and joints are described inside, and how time is stepped.
     formulation: ClassVar[str]
     #: What to install where it is absent.
-    install: ClassVar[str] = "pip install 'sdp-vs-penalty[engines]'"
+    install: ClassVar[str] = install_command("engines")
 
     def __init__(self, robot: Robot, links: ArrayLike) -> None:
         """links (n, 10) standard parameters. Raises InputError naming the link that it rejects."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.engines.engine import Array, Engine, Followed
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, install_command
 from sdp_vs_penalty.export.mjcf import make_mjcf
 
 
@@ -18,7 +18,7 @@ class MuJoCo(Engine):
     moves the robot."""
 
     name = "MuJoCo"
-    install = "pip install 'sdp-vs-penalty[engines]' (3.14 or newer: older ones ignore inertial rpy)"
+    install = f"{install_command('engines')}; 3.14 or newer: older ones ignore inertial rpy"
     formulation = "generalised coordinates, semi-implicit Euler"
 
     @classmethod

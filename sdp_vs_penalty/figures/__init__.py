@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem import load_problem
@@ -83,5 +83,5 @@ def _require_matplotlib() -> None:
     try:
         import matplotlib
     except ImportError:
-        raise InputError("Figures need matplotlib: pip install 'sdp-vs-penalty[plot]'.") from None
+        raise missing_extra("Figures need matplotlib,", "plot") from None
     matplotlib.use("Agg")

@@ -86,21 +86,21 @@ def from_columns(
             raise InputError(f"{path}: there is no {theirs!r} to take as {ours} (there are: {known}).")
     named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
 
-    if "t" not in named:
+    given = {"t": named.get("t"), **{group: _block(named, group) for group in ("q", "dq", "tau")}}
+    missing = [group for group, block in given.items() if block is None and group != "dq"]
+    if missing:
         known = ", ".join(sorted(columns)) or "none"
-        raise InputError(f"{path}: no variable t (there are: {known}); name it with --rename t=NAME.")
+        pairs = ",".join(f"{group}=NAME" for group in missing)
+        raise InputError(
+            f"{path}: nothing is called {' or '.join(missing)} (there are: {known}): say what they are "
+            f"called, with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`."
+        )
     t = np.ravel(named["t"])
     blocks = {}
     for group in ("q", "dq", "tau"):
-        block = _block(named, group)
+        block = given[group]
         if block is None:
-            if group == "dq":
-                continue
-            known = ", ".join(sorted(columns))
-            raise InputError(
-                f"{path}: neither {group} nor {group}1 is there (there are: {known}); name them with "
-                f"--rename {group}=NAME."
-            )
+            continue
         if block.shape[0] != len(t) and block.ndim == 2 and block.shape[1] == len(t):
             block = block.T
         if block.shape[0] != len(t):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.formats import LARGEST, Choice
 from sdp_vs_penalty.measurements import Measurements
 
@@ -25,9 +25,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise InputError(
-            "ROS bags and MCAP files need the extra [formats]: pip install 'sdp-vs-penalty[formats]'."
-        ) from error
+        raise missing_extra("ROS bags and MCAP files need", "formats") from error
     try:
         _stay_inside(path)
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.formats import LARGEST, Choice, columns_of, from_columns
 from sdp_vs_penalty.measurements import Measurements
@@ -18,9 +18,7 @@ def _module() -> tuple[object, object]:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise InputError(
-            "Parquet files need the extra [formats]: pip install 'sdp-vs-penalty[formats]'."
-        ) from error
+        raise missing_extra("Parquet files need", "formats") from error
     return pyarrow, pyarrow.parquet
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.comparison import compare
 from sdp_vs_penalty.diagnosis.adding import _problem_of
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.measurements import Measurements
@@ -48,9 +48,7 @@ def make_report(
     try:
         from plotly.offline import get_plotlyjs
     except ImportError as error:
-        raise InputError(
-            "The report needs the extra [report]: pip install 'sdp-vs-penalty[report]'."
-        ) from error
+        raise missing_extra("The report needs", "report") from error
     progress("comparing")
     comparisons = compare(models, measurements)
     last = list(models.values())[-1]
