@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import time
 import traceback
@@ -123,9 +124,7 @@ def identify(
     window: Window = None,
     no_check: Annotated[
         bool,
-        typer.Option(
-            "--no-check", help="Identify even where the check says it is meaningless."
-        ),
+        typer.Option("--no-check", help="Identify even where the check says it is meaningless."),
     ] = False,
     debug: Debug = False,
 ) -> None:
@@ -220,16 +219,25 @@ class Kind(StrEnum):
 
 @app.command("list")
 def list_names(
-    what: Annotated[Kind, typer.Argument(help="Which names to list.")], debug: Debug = False
+    what: Annotated[Kind, typer.Argument(help="Which names to list.")],
+    name: Annotated[str | None, typer.Argument(help="Everything about this one.")] = None,
+    debug: Debug = False,
 ) -> None:
-    """List the names that the other verbs take.
+    """List the names that the other verbs take, or say all about one of them.
 
-    Example: [cyan]sdp-vs-penalty list effects[/cyan]
+    Example: [cyan]sdp-vs-penalty list effects presliding_hysteresis[/cyan]
     """
     from sdp_vs_penalty import console, registry
 
-    headings, rows = registry.listing(what.value)
+    if name is not None:
+        console.details(*registry.details(what.value, name))
+        return
+    headings, rows = registry.short_listing(what.value)
     console.listing(what.value, headings, rows)
+    if len(headings) < len(registry.listing(what.value)[0]):
+        console.out.print(
+            f"More about one of them: sdp-vs-penalty list {what.value} NAME", soft_wrap=True
+        )
 
 
 @app.command()
@@ -319,6 +327,14 @@ def _inputs(given: Sequence[str]) -> list[str]:
     ]
 
 
+def _plain(message: str) -> str:
+    """A usage error without the words of the library that converts the values."""
+    message = message.rstrip(".").replace("Value error, ", "")
+    for kind, words in (("integer", "a whole number"), ("number", "a number")):
+        message = re.sub(rf"Input should be a valid {kind}\b.*", f"{words} is needed", message)
+    return message.replace("Input should be", "it must be")
+
+
 def _explain(error: BaseException) -> tuple[str, int]:
     """One sentence about an error and the exit code that it deserves."""
     if isinstance(error, KeyboardInterrupt | typer.Abort):
@@ -330,6 +346,6 @@ def _explain(error: BaseException) -> tuple[str, int]:
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer's usage errors
         context = getattr(error, "ctx", None)
         verb = "sdp-vs-penalty" if context is None else context.command_path
-        return f"{error.format_message().rstrip('.')}; see `{verb} --help`.", int(error.exit_code)
+        return f"{_plain(error.format_message())}; see `{verb} --help`.", int(error.exit_code)
     what = f"{type(error).__name__}: {error}"
     return f"an error of the program's own ({what}): run again with --debug and report it.", 1

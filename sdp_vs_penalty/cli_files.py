@@ -233,6 +233,14 @@ def export_model(
 
     left_out = export(load_estimate(model), out, urdf)
     console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+    if urdf is None and out.suffix.lower() in (".urdf", ".xml"):
+        own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
+        console.err.print(
+            "moving links are named link1, link2 ...: a model.json knows only the joints' names"
+            f"{own if out.suffix.lower() == '.urdf' else ''}.",
+            markup=False,
+            soft_wrap=True,
+        )
     if left_out:
         console.err.print(
             f"{out.suffix} has no place for: {', '.join(left_out)}; export to .json or .py has them.",
@@ -258,13 +266,23 @@ def check_urdf_file(
     """
     from sdp_vs_penalty import console
     from sdp_vs_penalty.files import write_text
-    from sdp_vs_penalty.urdf_check import check_urdf, write_nearest
+    from sdp_vs_penalty.urdf_check import check_urdf, massless_links, write_nearest
 
-    checks = check_urdf(urdf)
+    checks, massless = check_urdf(urdf), massless_links(urdf)
     if json_file is not None:
-        content = {"urdf": str(urdf), "links": [c.to_dict() for c in checks]}
+        content = {
+            "urdf": str(urdf),
+            "links": [c.to_dict() for c in checks],
+            "moving_links_without_inertial": massless,
+        }
         write_text(json_file, json.dumps(content, indent=1).replace("NaN", "null") + "\n")
     _urdf_table(checks)
+    if massless:
+        console.out.print(
+            f"No inertial, though a joint moves them: {', '.join(massless)}. Simulators refuse or drop "
+            "such links; `identify` needs none to begin with, and `export --urdf` adds them.",
+            markup=False,
+        )
     if fix is not None:
         write_nearest(urdf, checks, fix)
         console.out.print(f"written: {fix}", markup=False, soft_wrap=True)
@@ -274,13 +292,11 @@ def check_urdf_file(
 
 def _urdf_table(checks: Sequence[LinkCheck]) -> None:
     """One row a link: margins, verdict, and the nearest consistent inertia where one is needed."""
-    from rich import box
     from rich.markup import escape
-    from rich.table import Table
 
-    from sdp_vs_penalty.console import out
+    from sdp_vs_penalty.console import out, titled_table
 
-    table = Table(title="Inertials", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+    table = titled_table("Inertials")
     for heading in ("link", "mass [kg]", "triangle margin [kg m^2]", "pseudo-inertia margin", "verdict"):
         table.add_column(heading, justify="left" if heading in ("link", "verdict") else "right")
     for c in checks:
@@ -291,13 +307,13 @@ def _urdf_table(checks: Sequence[LinkCheck]) -> None:
         out.print("The file has no inertial at all.")
     for c in checks:
         if c.nearest is not None:
-            text = " ".join(f'{k}="{v}"' for k, v in c.nearest.urdf_attributes.items())
             out.print(
                 f"{c.link}: nearest consistent inertia about the centre of mass, axes of the link "
-                f"(Frobenius norm, {c.distance:.3g} kg m^2 away; mass and centre of mass kept): {text}",
+                f"(Frobenius norm, {c.distance:.3g} kg m^2 away; mass and centre of mass kept):",
                 markup=False,
-                soft_wrap=True,
             )
+            for key, value in c.nearest.urdf_attributes.items():
+                out.print(f'  {key}="{value}"', markup=False, soft_wrap=True)
 
 
 def write_report(

@@ -11,12 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sdp_vs_penalty.constraints import BarycentricBound
-
 if TYPE_CHECKING:
     from sdp_vs_penalty.comparison import Comparison
     from sdp_vs_penalty.estimate import Estimate
-    from sdp_vs_penalty.solvers.certificate import Certificate
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
@@ -32,14 +29,30 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
         yield lambda text: status.update(escape(text))
 
 
+def titled_table(title: str) -> Table:
+    """An empty table below its title, which is printed now: rich breaks it at the table's width."""
+    out.print(f"[italic]{escape(title)}[/italic]", soft_wrap=True)
+    return Table(box=box.SIMPLE_HEAD, show_edge=False)
+
+
 def listing(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table whose first column is never wrapped: it holds the names to type."""
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+    table = titled_table(title)
     for k, heading in enumerate(headings):
         table.add_column(heading, no_wrap=k == 0, overflow="fold")
     for row in rows:
         table.add_row(*(escape(cell) for cell in row))
     out.print(table)
+
+
+def details(headings: Sequence[str], row: Sequence[str]) -> None:
+    """Everything about one thing that can be chosen, a line each."""
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(no_wrap=True)
+    for heading, cell in zip(headings, row, strict=True):
+        if cell:
+            grid.add_row(heading, escape(cell))
+    out.print(grid)
 
 
 def estimate_summary(estimate: Estimate, fit: Comparison | None, seconds: float) -> None:
@@ -53,16 +66,7 @@ def estimate_summary(estimate: Estimate, fit: Comparison | None, seconds: float)
         f"[bold]{escape(estimate.problem)}[/bold] by [bold]{estimate.method}[/bold] from {samples} "
         f"samples in {runs} run(s), {len(estimate.theta)} parameters, {seconds:.1f} s"
     )
-    lines = [
-        ("loss", f"{certificate.loss:.6g} (sum of squared weighted torque errors)"),
-        ("worst violation", _violations(certificate)),
-        ("optimality gap", _gap(certificate)),
-    ]
-    if certificate.smallest_thickness is not None:
-        lines.append(("smallest thickness", f"{1e3 * certificate.smallest_thickness:.1f} mm"))
-    if certificate.positive_mass_matrices is not None:
-        share = 100.0 * certificate.positive_mass_matrices
-        lines.append(("M(q) positive definite", f"at {share:.4g} % of 10 000 random poses"))
+    lines = certificate.summary()
     bounds = estimate.details.get("on_bounds") or []
     if bounds:
         lines.append(("on their bounds", ", ".join(bounds) + ": widen them, or measure more"))
@@ -74,23 +78,6 @@ def estimate_summary(estimate: Estimate, fit: Comparison | None, seconds: float)
         comparison_tables([fit], estimate.robot.torque_units, title="Fit to these measurements")
 
 
-def _violations(certificate: Certificate) -> str:
-    broken = {family: v for family, v in certificate.violations.items() if v > 0.0}
-    if not broken:
-        return "0 (every constraint holds)"
-    worst = sorted(broken.items(), key=lambda item: -item[1])
-    text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
-    if certificate.gap is not None and set(broken) == {BarycentricBound.family}:
-        return f"{text} (not convex, hence not imposed); every other constraint holds"
-    return text
-
-
-def _gap(certificate: Certificate) -> str:
-    if certificate.gap is None:
-        return "no lower bound: this method is not convex, or has no constraints"
-    return f"{certificate.gap:.1e} of the loss (certified lower bound)"
-
-
 def comparison_tables(
     results: Sequence[Comparison], units: Sequence[str], title: str = "Measured against modelled"
 ) -> None:
@@ -99,12 +86,7 @@ def comparison_tables(
     Several models are columns [1], [2], ... so that figures stay readable in a narrow terminal.
     """
     band, several = results[0].band_hz, len(results) > 1
-    table = Table(
-        title=f"{title}, below {band:.3g} Hz",
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-    )
+    table = titled_table(f"{title}, below {band:.3g} Hz")
     table.add_column("joint", justify="right")
     table.add_column("unit")
     for k in range(len(results)):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from sdp_vs_penalty.errors import InputError
+
 Rows = list[tuple[str, ...]]
 Listing = tuple[tuple[str, ...], Rows]
 
@@ -11,6 +13,26 @@ Listing = tuple[tuple[str, ...], Rows]
 def listing(kind: str) -> Listing:
     """Headings and rows of one kind of thing that can be chosen; names come first."""
     return _KINDS[kind]()
+
+
+#: Columns of a long listing that fit beside each other; all of them are shown of a single thing.
+_SHORT = {"effects": 2}
+
+
+def short_listing(kind: str) -> Listing:
+    """The columns to choose by: a line or two a name."""
+    headings, rows = listing(kind)
+    columns = _SHORT.get(kind, len(headings))
+    return headings[:columns], [row[:columns] for row in rows]
+
+
+def details(kind: str, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Headings and the whole row of one name; InputError where there is none."""
+    headings, rows = listing(kind)
+    for row in rows:
+        if row[0] == name:
+            return headings, row
+    raise InputError(f"{kind}: {name!r} is unknown; there are: {', '.join(row[0] for row in rows)}.")
 
 
 def _problems() -> Listing:
@@ -29,8 +51,11 @@ def _effects() -> Listing:
     rows: Rows = []
     for name, kind in effect_types().items():
         shape = ", ".join(f"{key}={value:g}" for key, value in kind.shape_defaults.items())
-        rows.append((name, kind.equation, shape, kind.explanation))
-    return ("name", "torque", "shape constants", "what it is"), rows
+        acts = "whole robot" if kind.whole_robot else "joint by joint"
+        if kind.frozen_only:
+            acts += "; seen with --frozen only"
+        rows.append((name, kind.equation, shape, acts, kind.explanation, kind.reference))
+    return ("name", "torque", "shape constants", "acts on", "what it is", "reference"), rows
 
 
 def _methods() -> Listing:

@@ -73,6 +73,19 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     return checks
 
 
+def massless_links(path: str | Path) -> list[str]:
+    """Names of the links that a joint moves and that have no inertial, nor anything fixed to them has.
+
+    Simulators refuse them or drop them. Raises InputError as :func:`check_urdf` does.
+    """
+    robot, nominal = load_urdf(path)
+    child = {
+        joint.get("name"): str(joint.find("child").get("link"))
+        for joint in Document.read(path).root.findall("joint")
+    }
+    return [child[j.name] for j, theta in zip(robot.joints, nominal, strict=True) if not theta.any()]
+
+
 def _check(name: str, theta: Array) -> LinkCheck:
     mass = float(theta[0])
     pseudo = inertia.pseudo_inertia(theta)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.measurements import Measurements, save_csv
@@ -35,3 +37,39 @@ def small_run(
 def write_run(path: Path, problem: Problem, seconds: float = 6.0, seed: int = 0) -> Path:
     save_csv(small_run(problem, seconds, seed), path)
     return path
+
+
+def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: Any) -> None:
+    """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the same topic."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+    state, header, stamp = (
+        kinds[f"{name}"]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    names = change.get("names", ["c", "a", "b"])
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        topics = change.get("topics", ["/joint_states"])
+        connections = [
+            writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
+            for topic in topics
+        ]
+        for k, t in enumerate(run.t):
+            nanoseconds = round(t * 1e9) + 1_700_000_000 * 10**9
+            at = stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            if change.get("no_stamps"):
+                at = stamp(sec=0, nanosec=0)
+            order = np.roll(np.arange(run.n), 1)
+            effort = np.zeros(0) if change.get("no_effort") else run.tau[k, order]
+            velocity = run.dq[k, order] if run.dq is not None else np.zeros(0)
+            arm = state(header(at, ""), names, run.q[k, order], velocity, effort)
+            gripper = state(header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1))
+            for connection in connections:
+                for message in (gripper, arm):
+                    raw = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
+                    writer.write(connection, nanoseconds, raw)

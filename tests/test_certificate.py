@@ -18,7 +18,7 @@ from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, interior_point, solve_sdp
 from sdp_vs_penalty.problem import Problem
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.solvers.certificate import lower_bound, repair
+from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
 from sdp_vs_penalty.solvers.conic import Objective
 
 seeds = st.integers(0, 2**32 - 1)
@@ -285,3 +285,18 @@ def test_a_set_without_constraints_has_the_least_squares_optimum() -> None:
     best = np.asarray(np.linalg.lstsq(known.task.data.R, known.task.data.rho)[0], np.float64)
     lowest = known.objective.value(best)
     assert known.objective.value(fit.theta) == pytest.approx(lowest, rel=1e-9)
+
+
+def test_a_certificate_reads_as_text() -> None:
+    """Every family, the objective and its bound by str; every digit by repr."""
+    certificate = Certificate(
+        {"mass": 0.0, "barycentric inertia": 0.0123}, 12.5, 12.75, 12.25, 0.04, 0.875, 0.02
+    )
+    shown = str(certificate)
+    for words in ("mass 0, barycentric inertia 0.012", "12.75", "12.25", "4.0e-02", "87.5 %", "20.0 mm"):
+        assert words in shown
+    assert max(map(len, shown.splitlines())) <= 120
+    assert "0.0123" in repr(certificate)
+    plain = str(Certificate({}, 1.0))
+    assert "no lower bound" in plain
+    assert "None" not in plain

@@ -16,8 +16,9 @@ import typer.main
 from small_runs import write_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty import __version__, registry
+from sdp_vs_penalty import __version__, console, registry
 from sdp_vs_penalty.cli import app, expand_many, main
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimate import load_estimate
 from sdp_vs_penalty.problem import Problem
 
@@ -100,6 +101,22 @@ def test_help_of_every_verb_has_an_example(run: Run, verb: str) -> None:
     assert f"Example: sdp-vs-penalty {verb}" in out
 
 
+def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Path) -> None:
+    """A folder that it wrote itself, with its truth.json, is written again."""
+    own, folder = tmp_path / "own", tmp_path / "made"
+    own.mkdir()
+    (own / "run2.csv").write_text("mine")
+    hide = ("simulate", "two_link", "--hide", "joint_spring:1", "--out")
+    code, _, err = run(*hide, own)
+    assert code == 2
+    assert_one_sentence(err, "run2.csv is there already", "another folder")
+    assert [path.name for path in own.iterdir()] == ["run2.csv"]
+    assert (own / "run2.csv").read_text() == "mine"
+    for _ in range(2):
+        assert run(*hide, folder)[0] == 0
+    assert len(list(folder.iterdir())) == 5
+
+
 def test_version(run: Run) -> None:
     assert run("--version")[:2] == (0, f"sdp-vs-penalty {__version__}\n")
 
@@ -108,6 +125,40 @@ def test_no_verb_shows_the_help(run: Run) -> None:
     code, out, _ = run()
     assert code == 0
     assert "Commands" in out
+
+
+def test_a_wrong_choice_is_said_in_our_words(run: Run) -> None:
+    for words, said in (
+        (("list", "nothing"), "'nothing' is not one of 'problems', 'effects'"),
+        (("identify", "panda", "--data", "a", "--out", "b", "--seed", "x"), "a whole number is needed"),
+        (("identify", "panda", "--data", "a", "--out", "b", "--seed", -1), "it must be greater than"),
+    ):
+        code, _, err = run(*words)
+        assert code == 2
+        assert said in err
+        assert "Value error" not in err
+        assert "Input should" not in err
+
+
+def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console.out, "_width", 80)
+    code, out, _ = run("list", "effects")
+    assert code == 0
+    names = [row[0] for row in registry.listing("effects")[1]]
+    assert len(out.splitlines()) <= 2 * len(names)
+    assert all(len(line) <= 80 for line in out.splitlines())
+    for name in names:
+        code, out, _ = run("list", "effects", name)
+        assert code == 0
+        kind = effect_types()[name]
+        shown = " ".join(out.split())
+        for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shape_defaults):
+            assert " ".join(text.split()) in shown
+    code, _, err = run("list", "effects", "ether")
+    assert code == 2
+    assert "'ether' is unknown" in err
 
 
 @pytest.mark.parametrize("kind", ["problems", "effects", "methods", "solvers", "datasets"])

@@ -32,7 +32,7 @@ from sdp_vs_penalty.problem import load_problem
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.solvers.certificate import Certificate
 from sdp_vs_penalty.urdf import load_urdf
-from sdp_vs_penalty.urdf_check import check_urdf, nearest_inertia
+from sdp_vs_penalty.urdf_check import check_urdf, massless_links, nearest_inertia
 
 PARITY = 1e-9  # N m
 
@@ -518,6 +518,7 @@ def test_check_urdf_names_the_link_and_mends_it(
     shown = capsys.readouterr().out
     assert "upper" in shown
     assert "Frobenius" in shown
+    assert max(map(len, shown.splitlines())) <= 100
     links = json.loads((tmp_path / "c.json").read_text())["links"]
     assert [x["link"] for x in links if not x["consistent"]] == ["upper"]
     assert all(c.consistent for c in check_urdf(fixed))
@@ -531,6 +532,31 @@ def test_check_urdf_names_the_link_and_mends_it(
     assert exit_code.value.code == 2
 
 
+def test_check_urdf_names_moving_links_without_inertial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Unless something with an inertial is fixed to them; the base and fixed links need none."""
+    path = tmp_path / "bare.urdf"
+    joint = '<joint name="{0}" type="{2}"><parent link="{1}"/><child link="{0}"/></joint>'
+    tensor = " ".join(f'{k}="{v}"' for k, v in zip(("ixx", "iyy", "izz"), "111", strict=True))
+    body = f'<inertial><mass value="1"/><inertia {tensor}/></inertial>'
+    path.write_text(
+        '<robot name="r"><link name="base"/><link name="bare"/><link name="hand"/><link name="tip"/>'
+        f'<link name="tool">{body}</link>'
+        + joint.format("bare", "base", "continuous")
+        + joint.format("hand", "bare", "continuous")
+        + joint.format("tool", "hand", "fixed")
+        + joint.format("tip", "base", "fixed")
+        + "</robot>"
+    )
+    assert massless_links(path) == ["bare"]
+    with pytest.raises(SystemExit) as exit_code:
+        cli.main(["check-urdf", str(path), "--json", str(tmp_path / "c.json")])
+    assert exit_code.value.code == 0
+    assert "a joint moves them: bare. " in capsys.readouterr().out
+    assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
+
+
 def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     estimate = estimate_of(load_problem("two_link").robot, f"{FULL},torque_offset", 3)
     model, out = tmp_path / "model.json", tmp_path / "out.urdf"
@@ -541,6 +567,8 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shown = capsys.readouterr()
     assert "rotor_inertia" in shown.err
     assert "torque_offset" in shown.err
+    assert "link1, link2" in shown.err
+    assert "--urdf" in shown.err
     reloaded, links = load_urdf(out)
     frames = [inertia.transform(j.link_frame) for j in estimate.robot.joints]
     assert links == pytest.approx(np.einsum("kab,kb->ka", frames, estimate.links), abs=1e-12)

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
+from small_runs import write_bag
 
 from sdp_vs_penalty import cli
 from sdp_vs_penalty.errors import InputError
@@ -131,42 +132,6 @@ def test_the_emps_file_of_its_authors(data_folder: Path, tmp_path: Path) -> None
     source = data_folder / "emps" / "DATA_EMPS.mat"
     assert run_cli("convert", source, "--out", out, "--rename", "q=qm,tau=vir") == 0
     assert load_measurements(out, joints=1).q.shape == (24841, 1)
-
-
-def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: Any) -> None:
-    """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the same topic."""
-    pytest.importorskip("rosbags")
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kinds = store.types
-    state, header, stamp = (
-        kinds[f"{name}"]
-        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
-    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
-    names = change.get("names", ["c", "a", "b"])
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        topics = change.get("topics", ["/joint_states"])
-        connections = [
-            writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
-            for topic in topics
-        ]
-        for k, t in enumerate(run.t):
-            nanoseconds = round(t * 1e9) + 1_700_000_000 * 10**9
-            at = stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-            if change.get("no_stamps"):
-                at = stamp(sec=0, nanosec=0)
-            order = [2, 0, 1]
-            effort = np.zeros(0) if change.get("no_effort") else run.tau[k, order]
-            velocity = run.dq[k, order] if run.dq is not None else np.zeros(0)
-            arm = state(header(at, ""), names, run.q[k, order], velocity, effort)
-            gripper = state(header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1))
-            for connection in connections:
-                for message in (gripper, arm):
-                    raw = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
-                    writer.write(connection, nanoseconds, raw)
 
 
 @pytest.mark.parametrize("mcap", [False, True])

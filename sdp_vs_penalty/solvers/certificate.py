@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints import (
+    BarycentricBound,
     Constraint,
     ConstraintSet,
     cone_margin,
@@ -61,6 +62,46 @@ class Certificate:
     @property
     def worst(self) -> float:
         return max(self.violations.values(), default=0.0)
+
+    def __str__(self) -> str:
+        """Everything in words, a line each; repr has every digit."""
+        families = ", ".join(f"{family} {value:.2g}" for family, value in self.violations.items())
+        lines = self.summary()
+        lines.insert(1, ("violation by family", families or "there are no constraints"))
+        if self.upper is not None:
+            lines.insert(3, ("objective", f"{self.upper:.9g}"))
+        if self.lower is not None:
+            lines.insert(4, ("certified lower bound", f"{self.lower:.9g}"))
+        return "\n".join(["certificate", *(f"  {name:22} {text}" for name, text in lines)])
+
+    def summary(self) -> list[tuple[str, str]]:
+        """What matters of it: names and texts."""
+        out = [
+            ("worst violation", self._violations_text()),
+            ("loss", f"{self.loss:.6g} (sum of squared weighted torque errors)"),
+            ("optimality gap", self._gap_text()),
+        ]
+        if self.smallest_thickness is not None:
+            out.append(("smallest thickness", f"{1e3 * self.smallest_thickness:.1f} mm"))
+        if self.positive_mass_matrices is not None:
+            share = 100.0 * self.positive_mass_matrices
+            out.append(("M(q) positive definite", f"at {share:.4g} % of 10 000 random poses"))
+        return out
+
+    def _violations_text(self) -> str:
+        broken = {family: v for family, v in self.violations.items() if v > 0.0}
+        if not broken:
+            return "0 (every constraint holds)"
+        worst = sorted(broken.items(), key=lambda item: -item[1])
+        text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
+        if self.gap is not None and set(broken) == {BarycentricBound.family}:
+            return f"{text} (not convex, hence not imposed); every other constraint holds"
+        return text
+
+    def _gap_text(self) -> str:
+        if self.gap is None:
+            return "no lower bound: this method is not convex, or has no constraints"
+        return f"{self.gap:.1e} of the loss (certified lower bound)"
 
 
 def lower_bound(

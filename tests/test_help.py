@@ -1,0 +1,65 @@
+"""The example in every verb's --help does what it says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer.main
+from small_runs import small_run, write_bag, write_run
+
+from sdp_vs_penalty.cli import app, expand_many, main
+from sdp_vs_penalty.problem import Problem
+
+COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+EXAMPLES = {
+    verb: re.findall(r"Example: \[cyan\](.*?)\[/cyan\]", command.help, re.DOTALL)
+    for verb, command in COMMANDS.items()
+}
+#: In the order in which one example makes what the next one reads.
+RUN = (
+    *("identify", "compare", "check", "list", "export", "check-urdf", "convert", "add", "report"),
+    *("diagnose", "simulate", "export-sdp"),
+)
+#: Minutes, the network or a window: their own tests run them.
+NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "page"}
+
+
+@pytest.mark.parametrize("verb", sorted(EXAMPLES))
+def test_there_is_one_example_and_it_parses(verb: str) -> None:
+    (example,) = EXAMPLES[verb]
+    program, called, *words = expand_many(shlex.split(example))
+    assert (program, called) == ("sdp-vs-penalty", verb)
+    COMMANDS[verb].make_context(verb, list(words))
+
+
+def test_every_verb_is_run_here_or_said_not_to_be() -> None:
+    assert set(EXAMPLES) <= set(RUN) | NOT_RUN
+    assert not set(RUN) & NOT_RUN
+
+
+def test_the_examples_run(
+    tmp_path: Path, panda: Problem, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for seed, name in enumerate(("run.csv", "run1.csv", "run2.csv", "test.csv")):
+        write_run(tmp_path / name, panda, seed=seed)
+    joints = [joint.name for joint in panda.robot.joints]
+    bag = small_run(panda, seed=9)
+    write_bag(tmp_path / "rosbag2_folder", bag, names=np.roll(joints, 1).tolist())
+    for verb in RUN:
+        words = shlex.split(EXAMPLES[verb][0])[1:]
+        before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+        with pytest.raises(SystemExit) as stop:
+            main(words)
+        said = capsys.readouterr()
+        assert stop.value.code == 0, f"{words}\n{said.err}"
+        if "--out" in words:
+            out = tmp_path / words[words.index("--out") + 1]
+            assert out.exists()
+            assert before.get(out) != out.stat().st_mtime_ns
+        else:
+            assert said.out
