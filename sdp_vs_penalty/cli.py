@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__, cli_diagnosis, cli_files, cli_paper, cli_shootout
+from sdp_vs_penalty import __version__, cli_diagnosis, cli_files, cli_page, cli_paper, cli_shootout
 from sdp_vs_penalty.cli_arguments import expand_many, numbers, time_window
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import protect
@@ -274,6 +274,7 @@ cli_files.register(app)
 cli_paper.register(app)
 cli_shootout.register(app)
 cli_diagnosis.register(app)
+cli_page.register(app)
 
 
 def _estimator(method: str, solver_name: str | None) -> Estimator:

@@ -1,0 +1,127 @@
+"""Plain HTML controls for NiceGUI: what a browser makes accessible by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from nicegui import ui
+from nicegui.elements.mixins.text_element import TextElement
+
+Handler = Callable[..., Any]
+
+
+def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
+    """An element with escaped text; ``style`` are its CSS classes, ``for_`` and ``aria_label`` work."""
+    made = TextElement(tag=name, text=text)
+    if style:
+        made.classes(style)
+    for key, value in attributes.items():
+        made.props[key.rstrip("_").replace("_", "-")] = value
+    return made
+
+
+def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
+    """A button; key : by which focus finds it again after a redraw."""
+    made = tag("button", text, f"action {style}", type="button", data_key=key, **attributes)
+    return made.on("click", lambda _: do(), args=[])
+
+
+def choice(
+    label: str,
+    options: Sequence[tuple[str, str]],
+    value: str,
+    do: Callable[[str], Any],
+    key: str,
+    hidden_label: bool = False,
+) -> None:
+    """A labelled <select>; options are (value, text)."""
+    with tag("label", style="field"):
+        tag("span", label, "unseen" if hidden_label else "")
+        with tag("select", data_key=key, aria_label=label) as select:
+            for name, text in options:
+                extra: dict[str, Any] = {"selected": True} if name == value else {}
+                tag("option", text, value=name, **extra)
+        select.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
+
+
+def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
+    """A labelled field for a whole number from 0."""
+
+    def take(event: Any) -> None:
+        try:
+            do(max(0, int(str(event.args))))
+        except ValueError:
+            return  # the browser shows that it is no number
+
+    with tag("label", style="field short"):
+        tag("span", label)
+        field = tag("input", type="number", min="0", step="1", value=str(value), data_key=key)
+        field.on("change", take, js_handler="(e) => emit(e.target.value)")
+
+
+def check(label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = "") -> None:
+    """A labelled checkbox."""
+    with tag("label", style="check", title=hint):
+        extra: dict[str, Any] = {"checked": True} if on else {}
+        box = tag("input", type="checkbox", data_key=key, **extra)
+        box.on("change", lambda e: do(bool(e.args)), js_handler="(e) => emit(e.target.checked)")
+        tag("span", label)
+
+
+def drop(text: str, hint: str, kind: str, accept: Sequence[str], several: bool) -> None:
+    """A zone to drop files on, which is also a file chooser; workbench.js sends them."""
+    with tag("label", style="drop", data_drop=kind):
+        extra: dict[str, Any] = {"multiple": True} if several else {}
+        tag(
+            "input",
+            type="file",
+            accept=",".join(accept),
+            data_key=f"drop-{kind}",
+            data_send=kind,
+            aria_label=text,
+            **extra,
+        )
+        tag("strong", text)
+        tag("span", hint)
+
+
+def details(title: str, key: str) -> Any:
+    """Something that opens on demand, to be filled by ``with``."""
+    made = tag("details")
+    with made:
+        tag("summary", title, data_key=key)
+    return made
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]], caption: str, style: str = "") -> None:
+    """A table with its first column as row headings; wide ones scroll inside their frame."""
+    frame = tag("div", style="wide", tabindex="0", role="region", aria_label=caption)
+    with frame, tag("table", style=style):
+        tag("caption", caption, "unseen")
+        with tag("thead"), tag("tr"):
+            for heading in headings:
+                tag("th", heading, scope="col")
+        with tag("tbody"):
+            for row in rows:
+                with tag("tr"):
+                    tag("th", row[0], scope="row")
+                    for cell in row[1:]:
+                        tag("td", cell)
+
+
+def figures(items: Mapping[str, str]) -> None:
+    """Names and values, side by side."""
+    with tag("dl", style="figures"):
+        for name, value in items.items():
+            with tag("div"):
+                tag("dt", name)
+                tag("dd", value)
+
+
+def chart(options: Mapping[str, Any], label: str) -> Any:
+    """A plotly chart with a text alternative."""
+    made = ui.plotly(dict(options)).classes("chart")
+    made.props["role"] = "img"
+    made.props["aria-label"] = label
+    return made

@@ -1,0 +1,304 @@
+"""What a worker can be asked to do: one function a job, from a request to an answer, both plain JSON.
+
+Every job loads what it needs from files of the session's folder and leaves its models there, so that
+a job that is killed has changed nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.check import check
+from sdp_vs_penalty.datasets import DATASETS, cache_folder
+from sdp_vs_penalty.diagnosis import add, diagnose
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import load_estimate
+from sdp_vs_penalty.estimators import estimator_types, identify
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.formats.table import write_npz
+from sdp_vs_penalty.hidden_effects import LEVELS, hideable
+from sdp_vs_penalty.hidden_runs import hidden_runs
+from sdp_vs_penalty.measurements import Measurements, concatenate, load_measurements
+from sdp_vs_penalty.page.summary import summary
+from sdp_vs_penalty.problem import Problem, load_problem, problem_names
+from sdp_vs_penalty.real_data import real_data_folder
+from sdp_vs_penalty.report import make_report
+
+Request = Mapping[str, Any]
+Answer = dict[str, Any]
+Progress = Callable[[str], None]
+
+
+def catalogue(request: Request, progress: Progress) -> Answer:
+    """Everything that the page offers to choose from."""
+    problems = []
+    for name in problem_names():
+        problem = load_problem(name)
+        problems.append({"name": name, "title": problem.title, "joints": problem.robot.n})
+    return {
+        "problems": problems,
+        "effects": [
+            {"name": name, "explanation": kind.explanation, "frozen_only": kind.frozen_only}
+            for name, kind in effect_types().items()
+        ],
+        "methods": [
+            {"name": name, "description": kind.description}
+            for name, kind in estimator_types().items()
+            if not kind.needs_black_box
+        ],
+        "hideable": [name for name in hideable() if not effect_types()[name].frozen_only],
+        "whole_robot": [name for name, kind in effect_types().items() if kind.whole_robot],
+        "levels": list(LEVELS),
+        "real": {d.problem: d.title for d in DATASETS.values() if _real_files(d.name)},
+    }
+
+
+def _real_files(name: str) -> list[Path]:
+    """Runs of a data set that `fetch` has left in the cache, or in the folder that is named."""
+    for root in (real_data_folder(), cache_folder()):
+        if root is None:
+            continue
+        runs = sorted((root / name / "runs").glob("*.csv"))
+        if runs:
+            return runs
+        if (root / name / "exciting_traj_time.txt").is_file():
+            return [root / name]
+    return []
+
+
+def robot(request: Request, progress: Progress) -> Answer:
+    """source : a built-in name or a URDF file; what the page shows of that robot."""
+    problem = load_problem(request["source"], request.get("gravity"))
+    return {
+        "title": problem.title
+        if problem.folder is not None
+        else f"{problem.robot.n} joint(s) from URDF",
+        "name": problem.name,
+        "n": problem.robot.n,
+        "joints": [j.name for j in problem.robot.joints],
+        "units": [unit.replace("*", " ") for unit in problem.robot.torque_units],
+        "effects": list(problem.default_effects),
+        "torque_side": problem.torque_side,
+    }
+
+
+def read(request: Request, progress: Progress) -> Answer:
+    """files : {path, name} of each; those that can be used become runs, the others a sentence each."""
+    problem = _problem(request)
+    hashes = {run["hash"]: run["name"] for run in request["runs"]}
+    runs, refused = [], []
+    for file in request["files"]:
+        progress(f"reading {file['name']}")
+        path = Path(file["path"])
+        try:
+            part = load_measurements(path, joints=problem.robot.n, names=_joint_names(problem))
+            twin = hashes.get(part.data_hash)
+            if twin is not None:
+                raise InputError(f"{path}: holds the same samples as {twin}: name each run once.")
+            progress(f"checking {file['name']}")
+            run = _keep(problem, part, Path(request["folder"]), file["name"])
+        except InputError as error:
+            refused.append(str(error).replace(str(path), file["name"]))
+            continue
+        hashes[run["hash"]] = run["name"]
+        runs.append(run)
+    return {"runs": runs, "refused": refused}
+
+
+def real(request: Request, progress: Progress) -> Answer:
+    """The real runs of a robot that are on this computer."""
+    (name,) = [d.name for d in DATASETS.values() if d.problem == request["robot"]["source"]]
+    files = [{"path": str(path), "name": path.stem} for path in _real_files(name)]
+    return read({**request, "files": files}, progress)
+
+
+def simulate(request: Request, progress: Progress) -> Answer:
+    """Three runs and one for testing, with an effect hidden in them; the truth is not shown."""
+    problem = _problem(request)
+    level: str | float = request["level"]
+    progress("simulating four runs of 20 s")
+    joints = [j - 1 for j in request["joints"]]
+    hidden = [] if request["effect"] == "none" else [(request["effect"], joints)]
+    made = hidden_runs(problem, hidden, level, int(request["seed"]))
+    runs = []
+    for name, part in zip(("run 1", "run 2", "run 3", "test run"), made.runs, strict=True):
+        progress(f"checking {name}")
+        run = _keep(problem, part, Path(request["folder"]), name)
+        runs.append({**run, "use": "test" if name == "test run" else "train"})
+    return {"runs": runs, "refused": [], "effects": made.truth["model_effects"]}
+
+
+def fit(request: Request, progress: Progress) -> Answer:
+    """Identify a model and look where it fails."""
+    problem, (train, test) = _problem(request), _runs(request)
+    begin = time.perf_counter()
+    estimate = identify(
+        problem,
+        train,
+        request["method"],
+        effects=request["effects"],
+        seed=int(request["seed"]),
+        progress=progress,
+    )
+    seconds = time.perf_counter() - begin
+    return summary(estimate, train, test, Path(request["out"]), seconds, progress)
+
+
+def extend(request: Request, progress: Progress) -> Answer:
+    """Add effects to a model: what `sdp-vs-penalty add` does."""
+    train, test = _runs(request)
+    begin = time.perf_counter()
+    estimate = add(
+        load_estimate(request["model"]),
+        request["effect"],
+        train,
+        problem=_problem(request),
+        frozen=bool(request["frozen"]),
+        seed=int(request["seed"]),
+        progress=progress,
+    )
+    seconds = time.perf_counter() - begin
+    return summary(estimate, train, test, Path(request["out"]), seconds, progress)
+
+
+def find(request: Request, progress: Progress) -> Answer:
+    """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
+    train, test = _runs(request)
+    begin = time.perf_counter()
+    result = diagnose(
+        load_estimate(request["model"]),
+        train,
+        test,
+        frozen=bool(request["frozen"]),
+        seed=int(request["seed"]),
+        progress=progress,
+    )
+    return {
+        **result.to_dict(),
+        "texts": [f.text for f in result.effects],
+        "std": [f.std for f in result.effects],
+        "remarks": list(result.remarks),
+        "unexplained": result.unexplained.tolist(),
+        "band_hz": result.band_hz,
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def methods(request: Request, progress: Progress) -> Answer:
+    """The same effects by other methods, judged alike."""
+    from sdp_vs_penalty.comparison import compare
+
+    problem, (train, test) = _problem(request), _runs(request)
+    effects = load_estimate(request["model"]).model.effects
+    rows = []
+    for name in request["methods"]:
+        begin = time.perf_counter()
+        try:
+            made = identify(
+                problem,
+                train,
+                name,
+                effects=effects,
+                seed=int(request["seed"]),
+                progress=lambda text, name=name: progress(f"{name}: {text}"),  # type: ignore[misc]
+            )
+        except InputError as error:
+            rows.append({"method": name, "failed": str(error)})
+            continue
+        seconds = time.perf_counter() - begin
+        c = compare({name: made}, train if test is None else test)[0]
+        rows.append(
+            {
+                "method": name,
+                "rmse": c.rmse.tolist(),
+                "relative": c.relative_error_percent,
+                "violation": made.certificate.worst,
+                "gap": made.certificate.gap,
+                "thickness": made.certificate.smallest_thickness,
+                "loss": made.certificate.loss,
+                "seconds": seconds,
+            }
+        )
+    return {"rows": rows}
+
+
+def take(request: Request, progress: Progress) -> Answer:
+    """Export a model to the format of a suffix; names the effects that have no place in it."""
+    from sdp_vs_penalty.export import export
+
+    out = Path(request["out"])
+    urdf = request.get("urdf") if out.suffix == ".urdf" else None
+    progress(f"writing {out.name}")
+    return {"left_out": list(export(load_estimate(request["model"]), out, urdf))}
+
+
+def report(request: Request, progress: Progress) -> Answer:
+    """The self-contained report about the ladder of models."""
+    train, test = _runs(request)
+    made = make_report(
+        {m["label"]: load_estimate(m["file"]) for m in request["models"]},
+        train if test is None else test,
+        problem=_problem(request),
+        commands=request["commands"],
+        progress=progress,
+    )
+    write_text(request["out"], made)
+    return {}
+
+
+def _problem(request: Request) -> Problem:
+    return load_problem(request["robot"]["source"], request["robot"].get("gravity"))
+
+
+def _joint_names(problem: Problem) -> list[str]:
+    return [j.name for j in problem.robot.joints]
+
+
+def _runs(request: Request) -> tuple[Measurements, Measurements | None]:
+    """Runs to identify from, and those to judge on (None without one), under their shown names."""
+    train = _load(request["folder"], [r for r in request["runs"] if r["use"] == "train"])
+    test = _load(request["folder"], [r for r in request["runs"] if r["use"] == "test"])
+    if train is None:
+        raise InputError("No run is there to identify from: use at least one run for training.")
+    return train, test
+
+
+def _load(folder: str, runs: Sequence[Mapping[str, Any]]) -> Measurements | None:
+    if not runs:
+        return None
+    loaded = load_measurements(*(Path(folder) / run["file"] for run in runs))
+    return replace(loaded, names=tuple(run["name"] for run in runs))
+
+
+def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[str, Any]:
+    """Write a run into the session's folder; what the page shows of it."""
+    part = replace(concatenate([part]), names=(name,))
+    (found,) = check(problem, part, thorough=False)
+    file = f"run-{part.data_hash[:16]}.npz"
+    write_npz(part, folder / file)
+    seconds = float(part.t[-1] - part.t[0])
+    return {
+        "file": file,
+        "name": name,
+        "use": "train",
+        "hash": part.data_hash,
+        "samples": part.samples,
+        "seconds": seconds,
+        "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
+        "findings": [
+            {"severity": f.severity, "kind": f.kind, "what": f.what, "remedy": f.remedy}
+            for f in found.problems
+        ],
+    }
+
+
+#: By the name in a request.
+JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
+    job.__name__: job
+    for job in (catalogue, robot, read, real, simulate, fit, extend, find, methods, take, report)
+}

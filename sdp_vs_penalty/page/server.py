@@ -1,0 +1,215 @@
+"""The local server: addresses, who may ask, start and end."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import contextlib
+import errno
+import socket
+import webbrowser
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI, Request, Response
+from fastapi.responses import FileResponse, JSONResponse, RedirectResponse
+from nicegui import app as nicegui_app
+from nicegui import ui
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.page import uploads
+from sdp_vs_penalty.page.gate import Gate
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.steps.take_away import FILES
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.workshop import Workshop
+
+HOST = "127.0.0.1"
+#: Tried first, so that the page can be bookmarked.
+PORT = 8137
+_COOKIE = "sdp-vs-penalty-page"
+_HERE = Path(__file__).parent
+
+
+class Page:
+    """One server: its sessions, its workers, what there is to choose from."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self.workshop = Workshop()
+        self.sessions = Sessions(self.workshop)
+        self._catalogue: asyncio.Task[dict[str, Any]] | None = None
+
+    def start(self) -> None:
+        """Ask a first worker what there is to choose from; the next one warms up meanwhile."""
+        work = self.workshop.worker()
+        self._catalogue = asyncio.get_running_loop().create_task(
+            work.do({"job": "catalogue"}, lambda _: None)
+        )
+
+    async def catalogue(self) -> dict[str, Any]:
+        assert self._catalogue is not None
+        return await asyncio.shield(self._catalogue)
+
+    def close(self) -> None:
+        self.sessions.close()
+        self.workshop.close()
+
+
+def serve(folder: Path | None, port: int | None, browser: bool) -> None:
+    """Serve the page on 127.0.0.1 until it is interrupted.
+
+    folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
+    is free where that is taken. Raises InputError for a folder that is none, or a port that is taken.
+    """
+    if folder is not None and not folder.is_dir():
+        raise InputError(f"{folder}: not a folder: name the folder with your runs, or none.")
+    listener = _listen(port)
+    chosen = listener.getsockname()[1]
+    page = Page(folder)
+    atexit.register(page.close)
+    address = f"http://{HOST}:{chosen}/"
+    print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
+    nicegui_app.on_startup(page.start)
+    if browser:
+        nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
+    config = uvicorn.Config(
+        Gate(make_app(page), chosen),
+        log_level="error",
+        access_log=False,
+        timeout_graceful_shutdown=1,
+        server_header=False,
+        lifespan="on",
+    )
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            uvicorn.Server(config).run(sockets=[listener])
+    finally:
+        page.close()
+
+
+def _listen(port: int | None) -> socket.socket:
+    """A listening socket on 127.0.0.1; the browser may knock before the server answers."""
+    for wanted in (PORT, 0) if port is None else (port,):
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((HOST, wanted))
+            listener.listen(128)
+            return listener
+        except OSError as error:
+            listener.close()
+            if port is not None:
+                taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
+                raise InputError(f"--port {port}: {taken}: choose another, or leave it out.") from error
+    raise InputError("No port is free: end another program, or choose one with --port.")
+
+
+def make_app(page: Page) -> FastAPI:
+    """The addresses: / finds or makes a session, /s/<its secret name> shows it."""
+    app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+
+    @app.get("/")
+    async def _enter(request: Request) -> Response:
+        closed = page.sessions.closed(request.cookies.get(_COOKIE))
+        return _to(closed or page.sessions.new())
+
+    @app.get("/new")
+    async def _new() -> Response:
+        return _to(page.sessions.new())
+
+    @app.put("/s/{token}/files")
+    async def _receive(token: str, request: Request, name: str, kind: str) -> Response:
+        session = page.sessions.get(token)
+        return await _keep(session, request, name, kind) if session is not None else _gone()
+
+    @app.post("/s/{token}/sent")
+    async def _sent(token: str) -> Response:
+        session = page.sessions.get(token)
+        if session is None:
+            return _gone()
+        session.read_arrived()
+        return JSONResponse({})
+
+    @app.post("/s/{token}/too-large")
+    async def _too_large(token: str, name: str, size: int) -> Response:
+        session = page.sessions.get(token)
+        if session is None:
+            return _gone()
+        session.say(str(uploads.too_large(uploads.shown_name(name), size)))
+        return JSONResponse({})
+
+    @app.get("/s/{token}/take/{name}")
+    async def _take(token: str, name: str) -> Response:
+        session = page.sessions.get(token)
+        if session is None or name not in FILES or not (session.folder / name).is_file():
+            return _gone()
+        return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
+
+    @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
+    async def _show(token: str) -> Response | None:
+        session = page.sessions.get(token)
+        if session is None:
+            return RedirectResponse("/")
+        await _build(page, session)
+        return None
+
+    ui.run_with(app, title="sdp-vs-penalty", dark=None, tailwind=False, show_welcome_message=False)
+    return app
+
+
+async def _build(page: Page, session: Session) -> None:
+    client = ui.context.client
+    limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
+    ui.add_head_html(f"<style>{(_HERE / 'look.css').read_text()}</style>")
+    ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
+    view = View(session, await page.catalogue(), page.folder, client)
+    view.build()
+
+    def leave() -> None:
+        view.close()
+        page.sessions.leave(session)
+
+    client.on_delete(leave)
+    client.on_exception(
+        lambda error: session.say(
+            f"An error of the program's own ({type(error).__name__}): nothing was changed; try again, "
+            "and report it."
+        )
+    )
+
+
+async def _keep(session: Session, request: Request, given: str, kind: str) -> Response:
+    name, length = uploads.shown_name(given), request.headers.get("content-length", "")
+    robot = kind == "robot"
+    try:
+        announced = int(length) if length.isdigit() else None
+        path = await uploads.receive(session.folder, name, announced, _body(request), robot)
+    except InputError as error:
+        session.say(str(error))
+        return JSONResponse({"error": str(error)}, 400)
+    if robot:
+        session.choose_robot(str(path), name)
+    else:
+        while name in session.arrived:
+            name = f"{Path(name).stem} again{Path(name).suffix}"
+        session.arrived[name] = path
+    return JSONResponse({})
+
+
+async def _body(request: Request) -> AsyncIterator[bytes]:
+    async for chunk in request.stream():
+        yield chunk
+
+
+def _to(session: Session) -> Response:
+    response = RedirectResponse(f"/s/{session.token}", 303)
+    response.set_cookie(_COOKIE, session.token, httponly=True, samesite="strict")
+    return response
+
+
+def _gone() -> Response:
+    return JSONResponse({"error": "This page has ended: open a new one."}, 404)

@@ -1,0 +1,356 @@
+"""What one tab has chosen, read and identified, and everything that can be done to it."""
+
+from __future__ import annotations
+
+import asyncio
+import shlex
+import time
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.page import uploads
+from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
+from sdp_vs_penalty.plots import Curves
+
+#: Before the first identification of a robot.
+_METHOD = "lmi-sdp"
+
+
+@dataclass
+class Working:
+    """The job that is being done: what it is, where it stands, since when (monotonic seconds)."""
+
+    title: str
+    work: Work
+    status: str = ""
+    since: float = field(default_factory=time.monotonic)
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One or more sentences for the person: an error, or something worth knowing."""
+
+    texts: tuple[str, ...]
+    error: bool = True
+
+
+@dataclass
+class Session:
+    """The state of a tab. Every verb starts its work in the background and returns at once.
+
+    robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; ladder :
+    summaries of models, each with a ``label``, the last one current; findings : of the model number
+    ``found_for`` of the ladder.
+    """
+
+    token: str
+    folder: Path
+    workshop: Workshop
+    robot: dict[str, Any] | None = None
+    runs: list[dict[str, Any]] = field(default_factory=list)
+    effects: list[str] = field(default_factory=list)
+    method: str = _METHOD
+    seed: int = 0
+    frozen: bool = False
+    ladder: list[dict[str, Any]] = field(default_factory=list)
+    findings: dict[str, Any] | None = None
+    found_for: int = 0
+    methods: list[dict[str, Any]] | None = None
+    notice: Notice | None = None
+    working: Working | None = None
+    task: asyncio.Task[None] | None = None
+    listeners: list[Callable[[], None]] = field(default_factory=list)
+    arrived: dict[str, Path] = field(default_factory=dict)
+    left_at: float = field(default_factory=time.monotonic)
+    _count: int = 0
+    _names: dict[str, str] = field(default_factory=dict)
+    _curves: dict[str, list[Curves]] = field(default_factory=dict)
+
+    # What is shown
+
+    @property
+    def model(self) -> dict[str, Any] | None:
+        return self.ladder[-1] if self.ladder else None
+
+    @property
+    def added(self) -> set[str]:
+        """Texts of the findings that are part of the current model."""
+        return {text for model in self.ladder[self.found_for :] for text in model["added"]}
+
+    def curves(self, model: Mapping[str, Any]) -> list[Curves]:
+        """Measured and modelled torque of every run, once read kept."""
+        path = str(model["curves"])
+        if path not in self._curves:
+            with np.load(path, allow_pickle=False) as file:
+                self._curves[path] = [
+                    Curves(file[f"t{k}"], file[f"torque{k}"], {model["label"]: file[f"modelled{k}"]})
+                    for k in range(len(model["runs"]))
+                ]
+        return self._curves[path]
+
+    def changed(self) -> None:
+        for listener in list(self.listeners):
+            listener()
+
+    def say(self, *texts: str, error: bool = True) -> None:
+        self.notice = Notice(texts, error) if texts else None
+        self.changed()
+
+    # What a person does
+
+    def choose_robot(self, source: str, urdf: str | None = None) -> None:
+        """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
+
+        async def do() -> None:
+            answer = await self._job("robot", source=source)
+            self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
+            self.runs, self.effects, self.method = [], list(answer["effects"]), _METHOD
+            self._forget_models()
+
+        self._start("Reading the robot", do(), {source: urdf or source})
+
+    def read_arrived(self) -> None:
+        """Read the files that were dropped; after the job that is being done, if there is one."""
+        if self._busy() or not self.arrived:
+            return
+        files, self.arrived = self.arrived, {}
+        log = uploads.logger_folder(self.folder, files)
+        listed = [{"path": str(path), "name": name} for name, path in files.items()]
+        if log is not None:
+            listed.append({"path": str(log), "name": "exciting_traj"})
+        names = {str(file["path"]): str(file["name"]) for file in listed}
+        self._start("Reading measurements", self._take_runs("read", files=listed), names)
+
+    def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
+        """The built-in data with an effect hidden in them, instead of the runs that are there."""
+        details = {"effect": effect, "joints": joints, "level": level, "seed": seed}
+        self._start("Simulating", self._take_runs("simulate", **details))
+
+    def real(self) -> None:
+        """The real runs of this robot that are on the computer, instead of those that are there."""
+        self._start("Reading measurements", self._take_runs("real"))
+
+    def use(self, file: str, use: str) -> None:
+        """Use a run for training, for testing, or not at all ("")."""
+        if self._busy():
+            return
+        for run in self.runs:
+            if run["file"] == file:
+                run["use"] = use
+        self.runs = [run for run in self.runs if run["use"]]
+        self._forget_models()
+        self.changed()
+
+    def identify(self) -> None:
+        """The first model of a new ladder."""
+
+        async def do() -> None:
+            if not self.effects:
+                raise InputError("No effect is chosen: rigid_body is where a model begins.")
+            answer = await self._job(
+                "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
+            )
+            self._forget_models()
+            self.ladder = [{**answer, "label": "identified", "added": []}]
+
+        self._start(f"Identifying by {self.method}", do())
+
+    def diagnose(self) -> None:
+        """What the current model misses."""
+
+        async def do() -> None:
+            self.findings = await self._job("find", model=self._current(), frozen=self.frozen)
+            self.found_for = len(self.ladder)
+
+        self._start("Looking for what is missing", do())
+
+    def add(self, texts: list[str]) -> None:
+        """Add effects to the current model."""
+
+        async def do() -> None:
+            answer = await self._job(
+                "extend",
+                model=self._current(),
+                effect=",".join(texts),
+                frozen=self.frozen,
+                out=self._next_file(),
+            )
+            label = " ".join(f"+ {text.partition('@')[0]}" for text in texts)
+            self.ladder.append({**answer, "label": label, "added": list(texts)})
+            self.methods = None
+
+        self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
+
+    def undo(self) -> None:
+        """One model back."""
+        if self._busy() or len(self.ladder) < 2:
+            return
+        self.ladder.pop()
+        self.methods = None
+        if len(self.ladder) < self.found_for:
+            self.findings = None
+        self.changed()
+
+    def compare_methods(self, names: list[str]) -> None:
+        """The current effects by other methods."""
+
+        async def do() -> None:
+            if not names:
+                raise InputError("No method is chosen: choose at least one to compare.")
+            answer = await self._job("methods", model=self._current(), methods=names)
+            self.methods = answer["rows"]
+
+        self._start("Comparing methods", do())
+
+    def take(self, name: str, ready: Callable[[str], None]) -> None:
+        """Make a file to take away; ``ready`` hears its name."""
+
+        async def do() -> None:
+            out = self.folder / name
+            if name == "model.json":
+                out.write_bytes(Path(self._current()).read_bytes())
+            elif name == "report.html":
+                models = [
+                    {"label": f"{k}: {m['label']}", "file": m["file"]}
+                    for k, m in enumerate(self.ladder, start=1)
+                ]
+                self._current()
+                await self._job("report", models=models, commands=self.commands(), out=str(out))
+            else:
+                urdf = self.robot["source"] if self.robot and self.robot["file"] else None
+                answer = await self._job("take", model=self._current(), out=str(out), urdf=urdf)
+                if answer["left_out"]:
+                    self.notice = Notice(
+                        (
+                            f"{out.suffix} has no place for {', '.join(answer['left_out'])}: model.json "
+                            "and the NumPy function have them.",
+                        ),
+                        error=False,
+                    )
+            ready(name)
+
+        self._start(f"Making {name}", do())
+
+    def cancel(self) -> None:
+        """End the job that is being done, at once; nothing that was there before changes."""
+        if self.working is not None:
+            self.working.work.cancel()
+
+    def commands(self) -> list[str]:
+        """The same on the command line."""
+        if self.robot is None or not self.ladder:
+            return []
+        robot = self.robot["file"] or self.robot["source"]
+        data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] == "train")
+        first = self.ladder[0]
+        out = [
+            f"sdp-vs-penalty identify {shlex.quote(robot)} --data {data} --method {first['method']} "
+            f"--effects {','.join(first['effects'])} --seed {self.seed} --out model1.json"
+        ]
+        for k, model in enumerate(self.ladder[1:], start=1):
+            out.append(
+                f"sdp-vs-penalty add model{k}.json {','.join(model['added'])} --data {data} "
+                f"--out model{k + 1}.json"
+            )
+        return out
+
+    # How it is done
+
+    def _busy(self) -> bool:
+        return self.task is not None and not self.task.done()
+
+    def _start(
+        self, title: str, doing: Coroutine[Any, Any, None], names: Mapping[str, str] | None = None
+    ) -> None:
+        """Begin a job unless one is being done; names : what to call the paths that it reads."""
+        if self._busy():
+            doing.close()
+            return
+        self._names |= names or {}
+        self.notice = None
+        self.working = Working(title, self.workshop.worker())
+        self.task = asyncio.get_running_loop().create_task(self._watch(doing))
+        self.changed()
+
+    async def _watch(self, doing: Coroutine[Any, Any, None]) -> None:
+        work = self.working.work if self.working is not None else None
+        try:
+            await doing
+        except Cancelled:
+            self.notice = Notice(("Cancelled: nothing was changed.",), error=False)
+        except InputError as error:
+            self.notice = Notice((self.without_paths(str(error)),))
+        except Exception as error:
+            self.notice = Notice(
+                (
+                    f"An error of the program's own ({type(error).__name__}): nothing was changed; try "
+                    "again, and report it.",
+                )
+            )
+        finally:
+            if work is not None:
+                work.kill()
+            self.working, self.task = None, None
+            self.changed()
+            self.read_arrived()
+
+    async def _job(self, job: str, **details: Any) -> dict[str, Any]:
+        assert self.working is not None
+        request = {
+            "job": job,
+            "folder": str(self.folder),
+            "robot": self.robot,
+            "runs": self.runs,
+            "seed": self.seed,
+            **details,
+        }
+        return await self.working.work.do(request, self._progress)
+
+    def _progress(self, text: str) -> None:
+        if self.working is not None:
+            self.working.status = text
+            self.changed()
+
+    async def _take_runs(self, job: str, **details: Any) -> None:
+        if self.robot is None:
+            raise InputError("No robot is chosen: choose it first, so that its joints are known.")
+        before = self.runs if job == "read" else []
+        answer = await self._job(job, **{"runs": before, **details})
+        new = answer["runs"]
+        for run in new:  # a name says what a run is for
+            if job == "read" and "test" in run["name"].lower():
+                run["use"] = "test"
+        self.runs = [*before, *new]
+        self._names |= {str(self.folder / run["file"]): run["name"] for run in new}
+        if self.runs and all(run["use"] == "test" for run in self.runs):
+            self.runs[0]["use"] = "train"
+        if "effects" in answer:
+            self.effects = list(answer["effects"])
+        if new:
+            self._forget_models()
+        if answer["refused"]:
+            self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
+
+    def without_paths(self, text: str) -> str:
+        """A sentence with shown names instead of where the files are."""
+        for path, name in self._names.items():
+            text = text.replace(path, name)
+        return text.replace(f"{self.folder}/", "")
+
+    def _forget_models(self) -> None:
+        self.ladder, self.findings, self.methods = [], None, None
+        self._curves.clear()
+
+    def _current(self) -> str:
+        if self.model is None:
+            raise InputError("No model is there yet: identify one first.")
+        return str(self.model["file"])
+
+    def _next_file(self) -> str:
+        self._count += 1
+        return str(self.folder / f"model-{self._count}.json")

@@ -1,0 +1,60 @@
+"""All tabs of a server: sessions by their secret names, kept a while after a tab is closed."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.workshop import Workshop
+
+#: Closed tabs that can be opened again: how many, and for how many seconds.
+_KEPT, _KEPT_FOR = 4, 4 * 3600.0
+
+
+class Sessions:
+    """Sessions whose folders, readable by their owner only, end with the server."""
+
+    def __init__(self, workshop: Workshop) -> None:
+        self.workshop = workshop
+        self.root = Path(tempfile.mkdtemp(prefix="sdp-vs-penalty-page-"))
+        self._all: dict[str, Session] = {}
+
+    def new(self) -> Session:
+        self._forget_old()
+        token = secrets.token_urlsafe(24)
+        folder = self.root / token
+        folder.mkdir(mode=0o700)
+        self._all[token] = Session(token, folder, self.workshop)
+        return self._all[token]
+
+    def get(self, token: str) -> Session | None:
+        return self._all.get(token)
+
+    def closed(self, token: str | None) -> Session | None:
+        """The session of this name if no tab shows it."""
+        session = self._all.get(token or "")
+        return session if session is not None and not session.listeners else None
+
+    def leave(self, session: Session) -> None:
+        """A tab was closed: what it was doing ends with the last one that shows it."""
+        if not session.listeners:
+            session.left_at = time.monotonic()
+            session.cancel()
+
+    def close(self) -> None:
+        for session in self._all.values():
+            session.cancel()
+        shutil.rmtree(self.root, ignore_errors=True)
+
+    def _forget_old(self) -> None:
+        closed = sorted((s for s in self._all.values() if not s.listeners), key=lambda s: -s.left_at)
+        now = time.monotonic()
+        for k, session in enumerate(closed):
+            if k >= _KEPT or now - session.left_at > _KEPT_FOR:
+                session.cancel()
+                del self._all[session.token]
+                shutil.rmtree(session.folder, ignore_errors=True)

@@ -1,0 +1,137 @@
+"""Step 5: which effects are missing, ranked, each to be added with a click."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.controls import button, check, details, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.wording import change, figure, physics, plain_name, plain_unit, where, with_unit
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+_VERDICTS = {
+    "effect_missing": "Something is missing, and the library explains what can be seen of it.",
+    "nothing_missing": "Nothing is missing that these measurements could show.",
+    "unknown_effect": "Repeatable error remains that no effect of the library explains.",
+}
+
+
+def _depends(session: Session) -> Any:
+    return [m["file"] for m in session.ladder], session.findings, session.found_for, session.frozen
+
+
+def _draw(view: View) -> None:
+    session, found = view.session, view.session.findings
+
+    def freeze(on: bool) -> None:
+        session.frozen = on
+
+    with tag("div", style="row"):
+        again = "Diagnose" if found is None else "Diagnose again"
+        button(again, session.diagnose, "diagnose", "primary" if found is None else "")
+        check(
+            "Keep the model as it is (the only way to see a payload)",
+            session.frozen,
+            freeze,
+            "frozen",
+        )
+    if found is None:
+        tag(
+            "p",
+            "Every effect of the library is tried on the error, and named only if it holds on data that "
+            "were not used to choose it.",
+            "soft",
+        )
+        return
+    tag("p", _VERDICTS[found["verdict"]], f"verdict {found['verdict']}")
+    added = session.added
+    open_texts = [text for text in found["texts"] if text not in added]
+    with tag("ol", style="findings"):
+        for k, text in enumerate(found["texts"]):
+            _card(view, k, text, text in added)
+    if len(open_texts) > 1:
+        button(f"Add all {len(open_texts)}", lambda: session.add(open_texts), "add-all")
+    _rest(view, found)
+
+
+def _card(view: View, k: int, text: str, added: bool) -> None:
+    session = view.session
+    assert session.findings is not None
+    assert session.robot is not None
+    finding, std = session.findings["effects"][k], session.findings["std"][k]
+    units = session.robot["units"]
+    with tag("li", style="card finding-card" + (" done" if added else "")):
+        with tag("div", style="head"):
+            tag("h3", f"{plain_name(finding['effect'])} · {where(finding['joints'])}")
+            tag("span", finding["confidence"], f"badge {finding['confidence']}")
+        unit = plain_unit(finding["unit"])
+        size = f"{finding['size']:.4g} ± {std:.1g} {unit}".strip()
+        constants = ", ".join(
+            f"{key} = {value:.3g}" for key, value in finding["shape"].items() if key not in ("t0", "v_s")
+        )
+        tag("p", f"Size {size}" + (f"; {constants}" if constants else ""), "size")
+        tag("p", physics(finding))
+        rivals = finding["indistinguishable_from"]
+        if rivals:
+            tag("p", f"These data cannot tell it from: {', '.join(rivals)}.", "rivals")
+        before, after = finding["held_out_rmse_before"], finding["held_out_rmse_after"]
+        joint = (
+            finding["joints"][0] - 1
+            if finding["joints"]
+            else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
+        )
+        _fall(before[joint], after[joint], session.findings["noise_floor"][joint], joint, units[joint])
+        if added:
+            tag("p", "Added to the model.", "chosen")
+        else:
+            label = f"Add {plain_name(finding['effect'])} on {where(finding['joints'])}"
+            button(
+                "Add", lambda: session.add([text]), f"add-{k}", "primary" if k == 0 else "",
+                aria_label=label,
+            )  # fmt: skip
+
+
+def _fall(before: float, after: float, floor: float, joint: int, unit: str) -> None:
+    """Held-out error before and after as two bars, the noise as a line across both."""
+    largest = max(before, after, floor, 1e-300)
+    with tag("div", style="fall"):
+        tag("span", f"Held-out error of joint {joint + 1}", "what")
+        for name, value in (("before", before), ("after", after)):
+            with tag("div", style="bar"):
+                tag("span", name)
+                with tag("div", style="track"):
+                    tag("div", style=f"fill {name}").style(f"width: {100.0 * value / largest:.1f}%")
+                    tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
+                tag("span", with_unit(value, unit), "value")
+        tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}", "soft")
+
+
+def _rest(view: View, found: dict[str, Any]) -> None:
+    """Events, what is left, what can never be seen, and remarks."""
+    for event in found["events"]:
+        start, end = figure(event["t_start"], 4), figure(event["t_end"], 4)
+        tag("p", f"Something happened once on joint {event['joint']}: {start} s to {end} s.", "finding")
+    for remark in found["remarks"]:
+        tag("p", remark, "soft")
+    share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found["unexplained"], 1))
+    tag("p", f"Left over, as a share of the noise's variance, by joint: {share}.", "soft")
+    if found["invisible"]:
+        with details("What these measurements can never show", "invisible"):
+            tag("p", "The model's own parameters absorb the torque of:", "soft")
+            with tag("ul"):
+                for item in found["invisible"]:
+                    tag("li", f"{plain_name(item['effect'])}, {where(item['joints'])}")
+    tag("p", f"Found in {found['seconds']:.2g} s.", "soft")
+
+
+FINDINGS = Step(
+    "findings",
+    "What is missing",
+    "Identify a model first.",
+    lambda session: session.model is not None,
+    _depends,
+    _draw,
+)

@@ -1,0 +1,153 @@
+"""Step 4: measured against modelled, joint by joint, and where the model fails."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.charts import merged, torque_chart
+from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.wording import figure, with_unit
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+
+def _depends(session: Session) -> Any:
+    return [model["file"] for model in session.ladder]
+
+
+def _draw(view: View) -> None:
+    session, model, robot = view.session, view.session.model, view.session.robot
+    assert model is not None
+    assert robot is not None
+    comparison, units = model["comparison"], robot["units"]
+    view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
+    if view.run not in model["runs"]:
+        view.run = model["judged_on"][0]
+    figures(
+        {
+            "relative error": f"{figure(comparison['relative_error_percent'])} %",
+            "judged on": _names(model["judged_on"]),
+            "below": f"{figure(comparison['band_hz'])} Hz",
+            "constraints": "all hold"
+            if model["violation"] == 0.0
+            else f"violated by {figure(model['violation'], 2)}",
+            "certified gap": figure(model["gap"], 2),
+            "time": f"{model['seconds']:.2g} s",
+        }
+    )
+    chips: list[Any] = []
+    parts: dict[str, Any] = {}
+    with tag("div", style="chips", role="group", aria_label="Joint to show"):
+        for j, error in enumerate(comparison["rmse"]):
+            chip = button("", lambda j=j: show(j, view.run), f"joint-{j + 1}", "chip")  # type: ignore[misc]
+            with chip:
+                tag("strong", f"Joint {j + 1}")
+                tag("span", with_unit(error, units[j]), "rmse")
+                floor = comparison["noise_floor"][j]
+                tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
+            chips.append(chip)
+    choice(
+        "Run",
+        [(name, name) for name in model["runs"]],
+        view.run,
+        lambda name: show(view.joint or 0, name),
+        "shown-run",
+    )
+
+    def options() -> dict[str, Any]:
+        k, j = model["runs"].index(view.run), view.joint or 0
+        curves = session.curves(model)[k : k + 1]
+        if len(session.ladder) > 1:
+            curves = merged(session.curves(session.ladder[0])[k : k + 1], curves)
+        return torque_chart(curves, j, units, view.narrow)
+
+    def show(j: int, run: str) -> None:
+        view.joint, view.run = j, run
+        for k, chip in enumerate(chips):
+            chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
+            chip.props["aria-pressed"] = "true" if k == j else "false"
+        parts["chart"].update_figure(options())
+        parts["words"].text = _words(model, j, units[j])
+
+    parts["chart"] = chart(options(), "Measured and modelled torque, and what is left")
+    parts["words"] = tag("p", "", "words")
+    show(view.joint or 0, view.run)
+    if model["failures"]:
+        _heat(model["failures"])
+    if model["on_bounds"]:
+        tag(
+            "p",
+            f"On their bounds (the bound speaks, not the data): {', '.join(model['on_bounds'])}.",
+            "soft",
+        )
+
+
+def _names(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{len(names)} runs"
+
+
+def _worst(comparison: dict[str, Any]) -> int:
+    """The joint whose error is the most times its noise; without noise, the largest error."""
+    floors = comparison["noise_floor"]
+    scaled = [e / f if f else e for e, f in zip(comparison["rmse"], floors, strict=True)]
+    return scaled.index(max(scaled))
+
+
+def _words(model: dict[str, Any], j: int, unit: str) -> str:
+    """What can be said of a joint's error in a sentence or two."""
+    error, floor = model["comparison"]["rmse"][j], model["comparison"]["noise_floor"][j]
+    text = f"Joint {j + 1}: the error is {with_unit(error, unit)}"
+    if floor:
+        text += f", {figure(error / floor, 2)} times the noise floor of {with_unit(floor, unit)}"
+    text += "."
+    if not model["failures"]:
+        return text
+    failure = model["failures"][j]
+    best = sorted(failure["held_out_shares"].items(), key=lambda item: -item[1])[:2]
+    said = [f"{name} ({100.0 * share:.0f} %)" for name, share in best if share > 0.05]
+    if said:
+        text += f" It depends most on {' and on '.join(said)}."
+    lift = failure["reversal_lift"]
+    if lift is not None and lift > 1.3:
+        text += f" Near reversals of the joint it is {figure(lift, 2)} times larger than elsewhere."
+    return text
+
+
+def _heat(failures: list[dict[str, Any]]) -> None:
+    """Which quantity explains how much of each joint's error: darker is more."""
+    tag("h3", "Where it fails")
+    tag(
+        "p",
+        "Share of each joint's error that a smooth function of a quantity explains on held-out data, "
+        "in per cent.",
+        "soft",
+    )
+    caption = "Share of the error explained by each quantity, by joint"
+    frame = tag("div", style="wide", tabindex="0", role="region", aria_label=caption)
+    with frame, tag("table", style="heat"):
+        tag("caption", caption, "unseen")
+        with tag("thead"), tag("tr"):
+            tag("th", "depends on", scope="col")
+            for failure in failures:
+                tag("th", str(failure["joint"]), scope="col")
+        with tag("tbody"):
+            for name in failures[0]["held_out_shares"]:
+                with tag("tr"):
+                    tag("th", name, scope="row")
+                    for failure in failures:
+                        share = failure["held_out_shares"][name]
+                        cell = tag("td", f"{100.0 * share:.0f}")
+                        cell.style(f"--share: {share:.2f}")
+
+
+FIT = Step(
+    "fit",
+    "Measured against modelled",
+    "Identify a model first.",
+    lambda session: session.model is not None,
+    _depends,
+    _draw,
+)

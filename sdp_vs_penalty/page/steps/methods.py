@@ -1,0 +1,79 @@
+"""Step 7: the same effects by other methods."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.controls import button, check, table, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.wording import figure
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+
+def _depends(session: Session) -> Any:
+    return [model["file"] for model in session.ladder], session.methods
+
+
+def _draw(view: View) -> None:
+    session, chosen = view.session, view.methods
+
+    def tick(name: str, on: bool) -> None:
+        (chosen.add if on else chosen.discard)(name)
+
+    with tag("fieldset"):
+        tag("legend", "With the effects of the current model")
+        with tag("div", style="checks"):
+            for method in view.catalogue["methods"]:
+                name = method["name"]
+                check(
+                    name,
+                    name in chosen,
+                    lambda on, name=name: tick(name, on),  # type: ignore[misc]
+                    f"method-{name}",
+                    method["description"],
+                )
+
+    def compare() -> None:
+        names = [m["name"] for m in view.catalogue["methods"] if m["name"] in chosen]
+        session.compare_methods(names)
+
+    button("Compare methods", compare, "compare")
+    if session.methods is None:
+        return
+    rows = []
+    for row in session.methods:
+        if "failed" in row:
+            rows.append([row["method"], row["failed"], "", "", "", ""])
+            continue
+        thick = row["thickness"]
+        rows.append(
+            [
+                row["method"],
+                f"{row['relative']:.4g} %",
+                "none" if row["violation"] == 0.0 else figure(row["violation"], 2),
+                "-" if thick is None else f"{1e3 * thick:.3g} mm",
+                figure(row["gap"], 2),
+                f"{row['seconds']:.2g} s",
+            ]
+        )
+    heads = ["method", "error", "violation", "thinnest link", "certified gap", "time"]
+    table(heads, rows, "Methods compared", "numbers methods")
+    tag(
+        "p",
+        "Relative torque error on the same runs; the worst violation of any constraint; a link of no "
+        "thickness is possible on paper only; a gap is there where a method is convex.",
+        "soft",
+    )
+
+
+METHODS = Step(
+    "methods",
+    "Compare methods",
+    "Identify a model first.",
+    lambda session: session.model is not None,
+    _depends,
+    _draw,
+)

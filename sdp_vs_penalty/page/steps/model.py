@@ -1,0 +1,72 @@
+"""Step 3: what makes torque to begin with, and by which method."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.controls import button, check, choice, details, number, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.wording import plain_name
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+_USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
+
+
+def _depends(session: Session) -> Any:
+    return (session.robot or {}).get("source"), session.method, session.seed, session.effects
+
+
+def _draw(view: View) -> None:
+    session = view.session
+    effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
+
+    def tick(name: str, on: bool) -> None:
+        chosen = {*session.effects, name} if on else {*session.effects} - {name}
+        session.effects = [e for e in effects if e in chosen]
+        session.changed()
+
+    def box(name: str) -> None:
+        check(
+            plain_name(name),
+            name in session.effects,
+            lambda on: tick(name, on),
+            f"effect-{name}",
+            effects[name]["explanation"],
+        )
+
+    with tag("fieldset"):
+        tag("legend", "What makes torque, to begin with")
+        with tag("div", style="checks"):
+            for name in _USUAL:
+                box(name)
+        rest = [name for name in effects if name not in _USUAL]
+        chosen = sum(name in session.effects for name in rest)
+        with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
+            if chosen:
+                more.props["open"] = True
+            tag("p", "The diagnosis below finds out which of these are missing.", "soft")
+            with tag("div", style="checks"):
+                for name in rest:
+                    box(name)
+
+    def put(name: str, value: Any) -> None:
+        setattr(session, name, value)
+
+    with tag("div", style="fields"):
+        options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
+        choice("Method", options, session.method, lambda v: put("method", v), "method")
+        number("Seed", session.seed, lambda v: put("seed", v), "seed")
+    button("Identify", session.identify, "identify", "primary")
+
+
+MODEL = Step(
+    "model",
+    "Model",
+    "Add measurements first.",
+    lambda session: any(run["use"] == "train" for run in session.runs),
+    _depends,
+    _draw,
+)

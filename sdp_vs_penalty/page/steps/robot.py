@@ -1,0 +1,60 @@
+"""Step 1: which robot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.controls import button, drop, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+
+def _depends(session: Session) -> Any:
+    return None if session.robot is None else (session.robot["source"], session.robot["title"])
+
+
+def _draw(view: View) -> None:
+    session, robot = view.session, view.session.robot
+    chosen = "" if robot is None else robot["source"]
+    with tag("div", style="tiles", role="group", aria_label="Built-in robots"):
+        for problem in view.catalogue["problems"]:
+            name = problem["name"]
+            on = name == chosen
+            made = button(
+                "",
+                lambda name=name: session.choose_robot(name),  # type: ignore[misc]
+                f"robot-{name}",
+                "tile on" if on else "tile",
+                aria_pressed="true" if on else "false",
+            )
+            with made:
+                tag("strong", name)
+                tag("span", problem["title"])
+        for file in view.folder_files(ROBOT_SUFFIXES):
+            on = str(file) == chosen
+            made = button(
+                "",
+                lambda file=file: session.choose_robot(str(file), file.name),  # type: ignore[misc]
+                f"robot-{file.name}",
+                "tile on" if on else "tile",
+                aria_pressed="true" if on else "false",
+            )
+            with made:
+                tag("strong", file.name)
+                tag("span", "from your folder")
+    drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
+    if robot is not None and robot["file"]:
+        tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
+    if robot is not None:
+        names = ", ".join(
+            f"{k} {name} [{unit}]"
+            for k, (name, unit) in enumerate(zip(robot["joints"], robot["units"], strict=True), start=1)
+        )
+        tag("p", f"Joints and the unit of their torque: {names}", "soft")
+
+
+ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw)

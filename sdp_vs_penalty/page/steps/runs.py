@@ -1,0 +1,167 @@
+"""Step 2: which measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.controls import button, check, choice, drop, number, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.uploads import RUN_SUFFIXES
+from sdp_vs_penalty.page.wording import plain_name
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+_USES = (("train", "identify from it"), ("test", "test on it"), ("", "remove"))
+
+
+@dataclass
+class Hiding:
+    """What to hide in simulated runs."""
+
+    effect: str = "presliding_hysteresis"
+    joint: int = 0
+    level: str = "strong"
+    seed: int = 7
+
+
+def _depends(session: Session) -> Any:
+    return (session.robot or {}).get("source"), session.runs
+
+
+def _draw(view: View) -> None:
+    with tag("div", style="ways"):
+        with tag("section", style="way"):
+            tag("h3", "Your runs")
+            drop(
+                "Drop measurements here",
+                "or choose files: CSV, NPZ, MATLAB, Parquet, ROS bags, MCAP",
+                "runs",
+                RUN_SUFFIXES,
+                True,
+            )
+            tag("p", "They stay on this computer.", "soft")
+            _from_folder(view)
+        with tag("section", style="way"):
+            tag("h3", "Simulated, with a hidden effect")
+            _simulated(view)
+        with tag("section", style="way"):
+            tag("h3", "Real measurements")
+            _real(view)
+    if view.session.runs:
+        _list(view)
+
+
+def _from_folder(view: View) -> None:
+    """Runs of the folder that the page was started with: ticked, then read."""
+    files = view.folder_files(RUN_SUFFIXES)
+    if not files:
+        return
+    ticked: set[int] = set()
+    with tag("fieldset"):
+        tag("legend", "In your folder")
+        for k, file in enumerate(files):
+            check(
+                file.name,
+                False,
+                lambda on, k=k: (ticked.add if on else ticked.discard)(k),  # type: ignore[misc]
+                f"folder-{k}",
+            )
+
+        def read() -> None:
+            for k in sorted(ticked):
+                view.session.arrived[files[k].name] = files[k]
+            view.session.read_arrived()
+
+        button("Read the ticked ones", read, "read-folder")
+
+
+def _simulated(view: View) -> None:
+    session, hiding, robot = view.session, view.hiding, view.session.robot
+    assert robot is not None
+    if not 0 < hiding.joint <= robot["n"]:
+        hiding.joint = int(robot["n"])
+    names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
+
+    def put(name: str, value: Any) -> None:
+        setattr(hiding, name, value)
+
+    with tag("div", style="fields"):
+        choice("Effect", names, hiding.effect, lambda v: put("effect", v), "hide-effect")
+        joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
+        choice("On joint", joints, str(hiding.joint), lambda v: put("joint", int(v)), "hide-joint")
+        levels = [(level, level) for level in view.catalogue["levels"]]
+        choice("Level", levels, hiding.level, lambda v: put("level", v), "hide-level")
+        number("Seed", hiding.seed, lambda v: put("seed", v), "hide-seed")
+
+    def simulate() -> None:
+        whole = hiding.effect in view.catalogue["whole_robot"]
+        session.simulate(hiding.effect, [] if whole else [hiding.joint], hiding.level, hiding.seed)
+
+    button("Simulate four runs", simulate, "simulate")
+
+
+def _real(view: View) -> None:
+    robot = view.session.robot
+    assert robot is not None
+    title = view.catalogue["real"].get(robot["source"])
+    if title is not None:
+        tag("p", title, "soft")
+        button("Use the real runs", view.session.real, "real")
+    elif robot["source"] in ("panda", "ur10e", "emps"):
+        tag(
+            "p",
+            "Not on this computer. This page asks the network for nothing; fetch them by",
+            "soft",
+        )
+        tag("code", f"sdp-vs-penalty fetch {robot['source']}")
+    else:
+        tag("p", "There are public ones for panda, ur10e and emps.", "soft")
+
+
+def _list(view: View) -> None:
+    session = view.session
+    with tag("div", style="wide"), tag("table", style="runs"):
+        tag("caption", "Runs", "unseen")
+        with tag("thead"), tag("tr"):
+            for heading in ("run", "length", "samples", "use"):
+                tag("th", heading, scope="col")
+        with tag("tbody"):
+            for k, run in enumerate(session.runs):
+                with tag("tr"):
+                    tag("th", run["name"], "name", scope="row")
+                    tag("td", f"{run['seconds']:.3g} s")
+                    tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
+                    with tag("td"):
+                        choice(
+                            f"Use of {run['name']}",
+                            _USES,
+                            run["use"],
+                            lambda v, file=run["file"]: session.use(file, v),  # type: ignore[misc]
+                            f"use-{k}",
+                            hidden_label=True,
+                        )
+    for run in session.runs:
+        for found in run["findings"]:
+            with tag("p", style=f"finding {found['severity']}"):
+                tag("strong", f"{run['name']}: {found['kind']}. ")
+                tag("span", f"{found['what']} What to do: {found['remedy']}.")
+    if session.runs and all(run["use"] == "train" for run in session.runs):
+        tag(
+            "p",
+            "No run is kept for testing: errors below are those of the runs that the model was "
+            "identified from, and a diagnosis holds out parts of them, which takes longer.",
+            "soft",
+        )
+
+
+RUNS = Step(
+    "runs",
+    "Measurements",
+    "Choose a robot first, so that its joints are known.",
+    lambda session: session.robot is not None,
+    _depends,
+    _draw,
+)

@@ -1,0 +1,51 @@
+"""Step 8: the model, for a simulator, a controller or a colleague."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.controls import button, details, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+#: Files and what they are for.
+FILES = {
+    "model.json": "for this program",
+    "robot.urdf": "for ROS and simulators",
+    "robot.xml": "for MuJoCo",
+    "model.py": "a NumPy function",
+    "report.html": "everything on one page",
+}
+
+
+def _depends(session: Session) -> Any:
+    return [model["file"] for model in session.ladder]
+
+
+def _draw(view: View) -> None:
+    session = view.session
+    with tag("div", style="tiles", role="group", aria_label="Files to take away"):
+        for name, use in FILES.items():
+            with button(
+                "",
+                lambda name=name: session.take(name, view.download),  # type: ignore[misc]
+                f"take-{name}",
+                "tile",
+            ):
+                tag("strong", name)
+                tag("span", use)
+    with details("The same on the command line", "commands"):
+        tag("pre", "\n".join(session.commands()), tabindex="0")
+
+
+TAKE_AWAY = Step(
+    "take-away",
+    "Take it away",
+    "Identify a model first.",
+    lambda session: session.model is not None,
+    _depends,
+    _draw,
+)

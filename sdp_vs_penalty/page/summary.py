@@ -1,0 +1,69 @@
+"""What the page shows of a model: errors beside the noise, where it fails, its torques as curves."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.comparison import compare, predicted
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimators.estimator import Progress
+from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.preprocessing import filtered_torque
+from sdp_vs_penalty.where_it_fails import where_it_fails
+
+
+def summary(
+    estimate: Estimate,
+    train: Measurements,
+    test: Measurements | None,
+    out: Path,
+    seconds: float,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Save a model at ``out`` and its curves beside it; judge it on ``test``, or else on ``train``.
+
+    Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz.
+    """
+    judge = train if test is None else test
+    progress("comparing measured with modelled")
+    comparison = compare({"model": estimate}, judge)[0]
+    settings = estimate.preprocessing.resolve(judge)
+    arrays = {}
+    runs = [*train.runs(), *([] if test is None else test.runs())]
+    for k, run in enumerate(runs):
+        rows = filtered_torque(run, estimate.model, settings)
+        arrays[f"t{k}"] = rows.motion.t
+        arrays[f"torque{k}"] = rows.torque.astype(np.float32)
+        arrays[f"modelled{k}"] = predicted(rows, estimate.theta).astype(np.float32)
+    progress("looking where it fails")
+    try:
+        failures = [f.to_dict() for f in where_it_fails(estimate, judge)]
+    except InputError:  # too short to say: the errors stand on their own
+        failures = []
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+    write_bytes(out.with_suffix(".npz"), buffer.getvalue())
+    estimate.save(out)
+    certificate = estimate.certificate
+    return {
+        "file": str(out),
+        "curves": str(out.with_suffix(".npz")),
+        "runs": [run.names[0] for run in runs],
+        "judged_on": list(judge.names),
+        "method": estimate.method,
+        "effects": [effect.text for effect in estimate.model.effects],
+        "parameters": len(estimate.theta),
+        "comparison": comparison.to_dict(),
+        "failures": failures,
+        "violation": certificate.worst,
+        "gap": certificate.gap,
+        "thickness": certificate.smallest_thickness,
+        "on_bounds": estimate.details.get("on_bounds") or [],
+        "seconds": seconds,
+    }

@@ -1,0 +1,95 @@
+"""Files that people drop: kept under names of our own in the session's private folder."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+from collections.abc import AsyncIterator
+from pathlib import Path, PureWindowsPath
+
+from sdp_vs_penalty.errors import InputError
+
+#: Bytes of one file, and of all files of a session.
+LARGEST_FILE, LARGEST_SESSION = 256 * 2**20, 2**30
+MOST_FILES = 100
+
+#: Suffixes that the readers know.
+RUN_SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".pq", ".mcap", ".db3", ".bag", ".txt")
+ROBOT_SUFFIXES = (".urdf", ".xml")
+
+#: Of the authors' Panda logger: four text files that are one run, known by their names.
+LOG_FILES = tuple(f"exciting_traj_{part}.txt" for part in ("time", "positions", "velocity", "torques"))
+
+
+def shown_name(given: str) -> str:
+    """What to call a file: the last part of its name without what cannot be printed; never a path.
+
+    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\\\temp\\\\run.csv"), shown_name("..")
+    ('run 1.csv', 'run.csv', 'file')
+    """
+    last = PureWindowsPath(given.replace("\0", "")).name  # takes / and \ and drives for separators
+    name = "".join(c for c in last if c.isprintable()).strip()
+    if name in ("", ".", ".."):
+        return "file"
+    return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
+
+
+def suffix_of(name: str, allowed: tuple[str, ...]) -> str:
+    """The suffix that chooses the reader. Raises InputError where no reader knows it."""
+    suffix = Path(name).suffix.lower()
+    if suffix in allowed:
+        return suffix
+    raise InputError(f"{name}: files of this kind are not read; there are: {', '.join(allowed)}.")
+
+
+def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:
+    return InputError(
+        f"{name}: {size / 2**20:.0f} MB; the page takes files up to {largest // 2**20} MB: use the "
+        "command line, or cut the run into pieces."
+    )
+
+
+async def receive(
+    folder: Path, name: str, length: int | None, chunks: AsyncIterator[bytes], robot: bool
+) -> Path:
+    """Write a file that arrives in pieces; never more than the limits, whole or not at all.
+
+    name : as :func:`shown_name` made it; length : in bytes, as announced; robot : a URDF is expected.
+    Raises InputError for a suffix that nobody reads and for too many bytes or files.
+    """
+    suffix = suffix_of(name, ROBOT_SUFFIXES if robot else RUN_SUFFIXES)
+    if length is not None and length > LARGEST_FILE:
+        raise too_large(name, length)
+    kept = [p for p in folder.rglob("*") if p.is_file()]
+    room = LARGEST_SESSION - sum(p.stat().st_size for p in kept)
+    if len(kept) >= MOST_FILES or (length or 0) > room:
+        raise InputError(f"{name}: this page has taken as many files as it can: start over.")
+    path = folder / f"file-{secrets.token_hex(8)}{suffix}"
+    size = 0
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(handle, "wb") as file:
+            async for chunk in chunks:
+                size += len(chunk)
+                if size > min(LARGEST_FILE, room):
+                    raise too_large(name, size, min(LARGEST_FILE, room))
+                file.write(chunk)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        raise
+    return path
+
+
+def logger_folder(folder: Path, files: dict[str, Path]) -> Path | None:
+    """A folder with copies of the authors' four text files where all are there, else None; takes them
+    out of ``files`` (path by shown name)."""
+    if not all(name in files for name in LOG_FILES):
+        return None
+    out = folder / f"log-{secrets.token_hex(8)}"
+    out.mkdir(mode=0o700)
+    for name in LOG_FILES:
+        shutil.copyfile(files.pop(name), out / name)
+    return out

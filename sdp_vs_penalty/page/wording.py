@@ -1,0 +1,48 @@
+"""How numbers, units and names are written on the page."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+
+def figure(value: float | None, digits: int = 3) -> str:
+    """Significant digits; a dash for what is not known."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    return f"{value:.{digits}g}"
+
+
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    return f"{figure(value, digits)} {plain_unit(unit)}".strip()
+
+
+def plain_unit(unit: str) -> str:
+    """N*m as N m, kg*m^2 as kg m²; nothing for a pure number."""
+    return "" if unit == "-" else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
+
+
+def plain_name(effect: str) -> str:
+    """presliding_hysteresis as Presliding hysteresis."""
+    return effect.replace("_", " ").capitalize()
+
+
+def where(joints: list[int]) -> str:
+    if not joints:
+        return "whole robot"
+    word = "joint" if len(joints) == 1 else "joints"
+    return f"{word} {', '.join(map(str, joints))}"
+
+
+def change(before: float, after: float) -> str:
+    """How much smaller or larger, in per cent."""
+    if before <= 0.0:
+        return "-"
+    percent = 100.0 * (after / before - 1.0)
+    return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
+
+
+def physics(finding: dict[str, Any]) -> str:
+    """The sentences of a finding that say what it is, without its size and its rivals."""
+    text = str(finding["explanation"]).partition(". ")[2]
+    return text.partition(" These data cannot tell it from")[0]

@@ -1,0 +1,71 @@
+"use strict";
+// Dropped and chosen files are sent one by one; focus stays where it was when a step is redrawn.
+const workbench = {
+  async send(files, kind) {
+    const base = location.pathname;
+    for (const file of files) {
+      const query = new URLSearchParams({ name: file.name, kind });
+      try {
+        if (file.size > LARGEST) {
+          await fetch(`${base}/too-large?${new URLSearchParams({ name: file.name, size: file.size })}`, {
+            method: "POST",
+          });
+        } else {
+          await fetch(`${base}/files?${query}`, { method: "PUT", body: file });
+        }
+      } catch (error) {
+        console.warn("a file could not be sent", error);
+      }
+    }
+    if (kind === "runs") await fetch(`${base}/sent`, { method: "POST" });
+  },
+  show(step) {
+    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    document
+      .querySelector(`[data-step="${step}"]`)
+      ?.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
+  },
+  key: null,
+};
+
+document.addEventListener("change", (event) => {
+  const kind = event.target.dataset?.send;
+  if (!kind) return;
+  workbench.send([...event.target.files], kind).then(() => (event.target.value = ""));
+});
+for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
+  document.addEventListener(name, (event) => {
+    event.preventDefault(); // a file dropped beside a zone must not replace the page
+    const zone = event.target.closest?.("[data-drop]");
+    if (name === "dragleave" || name === "drop") zone?.classList.remove("over");
+    else zone?.classList.add("over");
+    if (name === "drop" && zone) workbench.send([...event.dataTransfer.files], zone.dataset.drop);
+  });
+}
+document.addEventListener("click", (event) => {
+  const link = event.target.closest?.("a[data-to]");
+  if (!link) return;
+  event.preventDefault();
+  workbench.show(link.dataset.to);
+});
+
+document.addEventListener("focusin", (event) => {
+  workbench.key = event.target.closest("[data-key]")?.dataset.key ?? null;
+});
+document.addEventListener("pointerdown", (event) => {
+  if (!event.target.closest("[data-key]")) workbench.key = null;
+});
+addEventListener("DOMContentLoaded", () => {
+  new MutationObserver(() => {
+    if (document.activeElement !== document.body || workbench.key === null) return;
+    document.querySelector(`[data-key="${CSS.escape(workbench.key)}"]`)?.focus({ preventScroll: true });
+  }).observe(document.body, { childList: true, subtree: true });
+  const narrow = matchMedia("(max-width: 640px)");
+  const tell = () => emitEvent("narrow", narrow.matches);
+  narrow.addEventListener("change", tell);
+  const wait = setInterval(() => {
+    if (!window.socket?.connected || !window.did_handshake) return;
+    clearInterval(wait);
+    tell();
+  }, 50);
+});

@@ -1,0 +1,120 @@
+"""Workers, one a job: the next one is always started already, and a job is cancelled by killing its."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError
+
+#: A dead worker without an answer: the system ends processes that want too much memory.
+_DIED = (
+    "The work was ended by the system, most likely for want of memory: nothing was changed; "
+    "use fewer or shorter runs."
+)
+
+
+class Cancelled(Exception):  # noqa: N818  (it is no error)
+    """A job was cancelled."""
+
+
+class Work:
+    """One worker and the job that it does."""
+
+    def __init__(self, context: BaseContext) -> None:
+        self.connection, theirs = context.Pipe()
+        process = context.Process(target=_run, args=(theirs,), daemon=True)  # type: ignore[attr-defined]
+        process.start()
+        theirs.close()
+        self.process = process
+        self.cancelled = False
+
+    async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+        """The answer to a request; raises InputError with the worker's sentence, or Cancelled."""
+        loop, messages = asyncio.get_running_loop(), asyncio.Queue[Any]()
+        with contextlib.suppress(OSError):  # killed already: the listener says so
+            self.connection.send_bytes(json.dumps(request).encode())
+        listener = threading.Thread(target=_listen, args=(self.connection, loop, messages), daemon=True)
+        listener.start()
+        try:
+            while (message := await messages.get()) is not None:
+                if "progress" in message:
+                    progress(message["progress"])
+                elif "error" in message:
+                    raise InputError(message["error"])
+                else:
+                    return dict(message["result"])
+            raise Cancelled if self.cancelled else InputError(_DIED)
+        finally:
+            self.kill()
+
+    def cancel(self) -> None:
+        self.cancelled = True
+        self.kill()
+
+    def kill(self) -> None:
+        """End the worker and whatever it has started, at once."""
+        pid = self.process.pid
+        if pid is None:
+            return
+        with contextlib.suppress(OSError, AttributeError):
+            if os.getpgid(pid) == pid:
+                os.killpg(pid, signal.SIGKILL)
+        self.process.kill()
+        threading.Thread(target=self.process.join, daemon=True).start()  # leaves no zombie behind
+
+
+def _run(connection: Connection) -> None:
+    from sdp_vs_penalty.page.worker import main
+
+    main(connection)
+
+
+def _listen(connection: Connection, loop: asyncio.AbstractEventLoop, messages: Any) -> None:
+    """Hand every message to the event loop; None at the end of the pipe."""
+    message: Any = {}
+    while message is not None:
+        try:
+            message = json.loads(connection.recv_bytes())
+        except (EOFError, OSError):
+            message = None
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the server is ending
+            loop.call_soon_threadsafe(messages.put_nowait, message)
+    connection.close()
+
+
+class Workshop:
+    """Where workers come from: forked from a process that has loaded everything, where that exists."""
+
+    def __init__(self) -> None:
+        forks = "forkserver" in multiprocessing.get_all_start_methods()
+        self._context = multiprocessing.get_context("forkserver" if forks else "spawn")
+        if forks:
+            self._context.set_forkserver_preload(["sdp_vs_penalty.page.worker"])
+        self._spare: Work | None = None
+
+    def warm(self) -> None:
+        """Start the next worker."""
+        if self._spare is None or not self._spare.process.is_alive():
+            self._spare = Work(self._context)
+
+    def worker(self) -> Work:
+        """A started worker; the next one starts meanwhile."""
+        self.warm()
+        work, self._spare = self._spare, None
+        assert work is not None
+        threading.Thread(target=self.warm, daemon=True).start()
+        return work
+
+    def close(self) -> None:
+        if self._spare is not None:
+            self._spare.kill()
