@@ -78,6 +78,9 @@ def test_one_file_with_every_section_and_no_request(
     assert outline.links == [f"#{name}" for name in SECTIONS]
     assert outline.addresses == []
     assert "default-src 'none'" in html
+    # Text and tables come before the script, which is read for longer than all of them.
+    assert html.index('id="provenance"') < html.index("Plotly.newPlot(place")
+    assert html.index('id="provenance"') < html.index("plotly.js v")
     for figure in (
         "measured",
         "Shaded: where 95 % of the errors",
@@ -179,6 +182,29 @@ def test_it_draws_in_chromium(
     assert done.stdout.count("js-line") >= 2 * (3 + 2)
     assert "Uncaught" not in done.stderr
     assert "Content Security Policy" not in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
+def test_on_paper_everything_is_open_and_no_figure_is_cut(
+    made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path
+) -> None:
+    path, paper = tmp_path / "report.html", tmp_path / "report.pdf"
+    path.write_text(made[2])
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
+    options += [f"--user-data-dir={tmp_path / 'profile'}", "--no-pdf-header-footer"]
+    command = ["chromium", *options, f"--print-to-pdf={paper}", path.as_uri()]
+    subprocess.run(command, capture_output=True, timeout=120, check=True)
+    read = ["pdftotext", "-layout", str(paper), "-"]
+    pages = subprocess.run(read, capture_output=True, text=True, check=True).stdout.split("\f")
+    whole = "\n".join(pages)
+    assert len(pages) < 12
+    # The standard parameters, which are folded away on a screen.
+    assert re.search(r"\bm1 +not seen", whole)
+    # A heading, the axis of the figure below it and its caption are on one page.
+    (page,) = [p for p in pages if "Measured against modelled" in p]
+    for words in ("joint 1 [N*m]", "joint 2 [N*m]", "Click a name to hide it"):
+        assert words in page
 
 
 @pytest.mark.real_data

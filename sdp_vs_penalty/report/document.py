@@ -29,8 +29,37 @@ pre { background: var(--soft); padding: 0.8rem; overflow-x: auto; font-size: 0.8
   background: var(--soft); }
 .finding.error { border-color: #d55e00; } .finding.warning { border-color: #e69f00; }
 .finding span { display: block; font-size: 0.88rem; opacity: 0.85; }
-@media print { nav { display: none; } figure, tr { break-inside: avoid; } body { max-width: none; }
-  details > * { display: block; } }
+@media print {
+  :root { color-scheme: light; --ink: #000000; --paper: #ffffff; --line: #bbbbbb; --soft: #f4f4f4; }
+  body { max-width: none; padding: 0; font-size: 11pt; }
+  nav { display: none; }
+  h2, h3, summary { break-after: avoid; }
+  figure, tr, pre, .finding { break-inside: avoid; }
+  figure { zoom: var(--on-paper); }
+  .wide, pre { overflow: visible; } pre { white-space: pre-wrap; }
+  details::details-content { content-visibility: visible; display: block; }
+}
+"""
+
+#: Draws the first figure once the text is there, the others when there is nothing else to do.
+_DRAW = """
+(() => {
+  const waiting = [...document.querySelectorAll(".plot")];
+  const draw = () => {
+    const place = waiting.shift();
+    const given = JSON.parse(place.nextElementSibling.textContent);
+    Plotly.newPlot(place, given.data, given.layout, {displayModeBar: false, responsive: true});
+  };
+  const idle = window.requestIdleCallback || setTimeout;
+  const next = () => {
+    if (waiting.length) { draw(); idle(next); }
+  };
+  addEventListener("beforeprint", () => {
+    document.querySelectorAll("details").forEach(part => { part.open = true; });
+    while (waiting.length) draw();
+  });
+  requestAnimationFrame(() => setTimeout(next));
+})();
 """
 
 
@@ -46,6 +75,8 @@ def page(title: str, sections: Sequence[Section], script: str) -> str:
         # Nothing is loaded from anywhere, whatever the data say.
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
         "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:\">"
-        f"<title>{escape(title)}</title><style>{_STYLE}</style><script>{script}</script></head>"
-        f"<body><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</body></html>\n"
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
+        f"<body><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}"
+        # Last, so that text and tables are there before four megabytes of script are read.
+        f"<script>{script}</script><script>{_DRAW}</script></body></html>\n"
     )

@@ -78,13 +78,20 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
     return f'<div class="wide"><table>{head}<tbody>{body}</tbody></table></div>'
 
 
-def figure(plot: Any, caption: str, height: int) -> str:
-    """A plotly figure without its script, which the page holds once."""
-    from plotly.io import to_html
+#: Height [px] that a figure may have on a sheet of paper beside its caption; higher ones are shrunk.
+_SHEET = 820
 
-    options = {"displayModeBar": False, "responsive": True}
-    inner = to_html(styled(plot, height), include_plotlyjs=False, full_html=False, config=options)
-    return f"<figure>{inner}<figcaption>{escape(caption)}</figcaption></figure>"
+
+def figure(plot: Any, caption: str, height: int) -> str:
+    """A plotly figure as data, which the page's script draws: first those that are seen first."""
+    # Plotly writes "<", ">" and "/" inside texts as escapes: no text can end the script element.
+    data = styled(plot, height).to_json()
+    shrunk = f"--on-paper:{min(1.0, _SHEET / height):.3f}"
+    return (
+        f'<figure style="{shrunk}"><div class="plot" style="height:{height}px"></div>'
+        f'<script type="application/json">{data}</script>'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
 
 
 def number(value: float | None, digits: int = 4) -> str:
