@@ -2,8 +2,9 @@
 
 Every case is simulated by its own seed, diagnosed without sight of the truth, and then compared with
 it. Cases whose hidden torque, white and with the model partialled out, has less energy than 30 are
-counted apart: these data cannot show them. Results are kept case by case, so that an interrupted
-challenge goes on where it stopped.
+counted apart: these data cannot show them; likewise where the effect would have to bend a joint by
+more than any machine does to reach the torque that is asked for. Results are kept case by case, so
+that an interrupted challenge goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.challenge_cases import CLASSES, CaseClass, Draw, draw
-from sdp_vs_penalty.diagnosis import Diagnosis
+from sdp_vs_penalty.challenge_cases import CLASSES, CaseClass, draw
 from sdp_vs_penalty.diagnosis.diagnose import (
     Stage,
     conclude,
@@ -35,9 +35,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.experiment import experiment
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.hidden_runs import HiddenRuns, hidden_runs, make_world
+from sdp_vs_penalty.hidden_runs import HiddenRuns, hidden_runs, link_deviation, make_world
 from sdp_vs_penalty.measurements import Measurements, concatenate
-from sdp_vs_penalty.preprocessing import Preprocessing
 from sdp_vs_penalty.problem import Problem, load_problem
 from sdp_vs_penalty.solvers.certificate import Certificate
 
@@ -45,8 +44,11 @@ Array = NDArray[np.float64]
 
 #: White, partialled energy from which a hidden effect counts as identifiable.
 IDENTIFIABLE = 30.0
+#: Links that stand elsewhere than the model believes by more than this [rad, m] belong to no machine,
+#: and first-order columns end there; on a light link that alone makes the torque that is asked for.
+FARTHEST = 0.3
 #: Of the record's format: cases of another version are simulated anew.
-VERSION = 1
+VERSION = 2
 
 
 def run_challenge(
@@ -103,7 +105,6 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     drawn = draw(case, problem, make_world(problem, setup, seed), seed)
     made = hidden_runs(problem, drawn.effects, case.level, seed, count=4, made=drawn.made)
     data = concatenate(made.runs[: case.runs])
-    quiet = concatenate(made.quiet[: case.runs])
     model_runs = data
     if case.frozen:  # identified in another sitting, without the load
         sitting = hidden_runs(problem, [], 0.0, seed + 5_000_000, count=3, world=made.world)
@@ -115,11 +116,17 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     stage = search_through(stage, estimate)
     result = conclude(estimate, stage, made.runs[3], estimate.preprocessing)
     seconds = time.perf_counter() - begin
+    ideal = diagnosis_rows(concatenate(made.ideal[: case.runs]), estimate, estimate.preprocessing)
+    floor = noise_std(rows, ideal)
+    test, ideal_test = (
+        diagnosis_rows(m, estimate, estimate.preprocessing) for m in (made.runs[3], made.ideal[3])
+    )
     return {
         "class": name,
         "seed": seed,
-        "truth": _truth(made, drawn),
-        "energy": hidden_energy(made, quiet, estimate, stage, case),
+        "truth": made.truth["effects"],
+        "energy": hidden_energies(made, ideal, estimate, stage, case),
+        "deviation": [link_deviation(made, h) for h in made.hidden],
         "found": [
             {
                 "effect": f.effect,
@@ -133,17 +140,10 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
         ],
         "verdict": result.verdict,
         "events": [e.to_dict() for e in result.events],
-        "floor": floor_ratio(made, estimate, case, result),
-        "after": _after(made, estimate, result),
+        "floor": (result.noise_floor / floor).tolist(),
+        "after": (result.held_out_rmse / noise_std(test, ideal_test)).tolist(),
         "seconds": seconds,
     }
-
-
-def _truth(made: HiddenRuns, drawn: Draw) -> list[dict[str, Any]]:
-    return [
-        {"effect": h.effect, "joints": [j + 1 for j in h.joints], "size": h.size, **dict(h.details)}
-        for h in made.hidden
-    ]
 
 
 def quick_estimate(problem: Problem, measurements: Measurements, effects: Sequence[str]) -> Estimate:
@@ -182,50 +182,46 @@ def quick_estimate(problem: Problem, measurements: Measurements, effects: Sequen
     return replace(start, theta=theta + step)
 
 
-def hidden_energy(
-    made: HiddenRuns, quiet: Measurements, estimate: Estimate, stage: Stage, case: CaseClass
-) -> float:
-    """Energy of the hidden torque, white by the tool's own whitener, the model partialled out.
+def hidden_energies(
+    made: HiddenRuns, ideal: DiagnosisRows, estimate: Estimate, stage: Stage, case: CaseClass
+) -> list[float]:
+    """Energy of each hidden effect's torque, white by the tool's own whitener, the model partialled out.
 
-    From the runs without torque noise: all that a refitted model cannot follow there is the effect.
+    From what perfect sensors would have logged (ideal: with all effects): what a refitted model cannot
+    follow there, less what it cannot follow of the robot without the effect, is the effect.
     """
-    if not made.hidden:
-        return 0.0
-    plain = hidden_runs(made.problem, [], 0.0, made.truth["seed"], count=4, world=made.world)
-    left = []
-    for runs in (quiet, concatenate(plain.quiet[: case.runs])):
-        rows = diagnosis_rows(runs, estimate, estimate.preprocessing)
-        residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
-        if residual.shape != stage.residual.shape:
-            return float("nan")
+
+    def left_of(rows: DiagnosisRows) -> Array:
         base = np.zeros((rows.n, len(rows.t), 0)) if case.frozen else model_columns(rows, estimate)
-        columns, target = white_rows(rows, stage.noise, base, residual)
+        columns, target = white_rows(rows, stage.noise, base, _residual(rows))
         Q = independent(columns)
-        left.append(target - Q @ (Q.T @ target))
-    # The difference: what quantisation and the clock's jitter leave is in both.
-    return float(np.sum((left[0] - left[1]) ** 2))
+        return np.asarray(target - Q @ (Q.T @ target))
 
-
-def floor_ratio(made: HiddenRuns, estimate: Estimate, case: CaseClass, result: Diagnosis) -> list[float]:
-    """The tool's noise floor over the true one, joint by joint, filtered alike."""
+    if not made.hidden:
+        return []
+    each = [ideal]
     settings = estimate.preprocessing
-    parts = [
-        _noise_rows(noisy, silent, estimate, settings)
-        for noisy, silent in zip(made.runs[: case.runs], made.quiet[: case.runs], strict=True)
-    ]
-    true = np.concatenate(parts).std(axis=0)
-    return (result.noise_floor / true).tolist()
+    if len(made.hidden) > 1:
+        seed, world = made.truth["seed"], made.world
+        alone = [
+            hidden_runs(made.problem, [], case.level, seed, case.runs, [h], world) for h in made.hidden
+        ]
+        each = [diagnosis_rows(concatenate(one.ideal), estimate, settings) for one in alone]
+    plain = left_of(diagnosis_rows(concatenate(made.plain[: case.runs]), estimate, settings))
+    left = [left_of(rows) for rows in each]
+    return [float(np.sum((x - plain) ** 2)) if len(x) == len(plain) else float("nan") for x in left]
 
 
-def _noise_rows(
-    noisy: Measurements, silent: Measurements, estimate: Estimate, settings: Preprocessing
-) -> Array:
-    only = replace(noisy, tau=noisy.tau - silent.tau)
-    rows: DiagnosisRows = diagnosis_rows(only, estimate, settings)
-    return rows.torque
+def noise_std(logged: DiagnosisRows, ideal: DiagnosisRows) -> Array:
+    """(n,) the true noise of the model's residual [N m or N], filtered like everything else.
+
+    The residual of the log less that of perfect sensors: torque noise, and what quantisation and the
+    clock's jitter do to the model's torque.
+    """
+    keep = logged.keep[:, 0]
+    return np.asarray((_residual(logged) - _residual(ideal))[keep].std(axis=0))
 
 
-def _after(made: HiddenRuns, estimate: Estimate, result: Diagnosis) -> float:
-    """Held-out error after the ladder over the true noise of the test run, the worst joint's."""
-    noise = _noise_rows(made.runs[3], made.quiet[3], estimate, estimate.preprocessing)
-    return float((result.held_out_rmse / noise.std(axis=0)).max())
+def _residual(rows: DiagnosisRows) -> Array:
+    """(M, n) measured less modelled torque, filtered."""
+    return np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])

@@ -106,7 +106,7 @@ def _csv(records: Mapping[str, Record]) -> str:
             [
                 key,
                 "+".join(_label(t) for t in r["truth"]),
-                f"{r['energy']:.4g}",
+                " ".join(f"{e:.4g}" for e in r["energy"]),
                 r["verdict"],
                 "+".join(_label(f) for f in r["found"]),
                 " ".join(r["found"][0]["rivals"]) if r["found"] else "",
@@ -123,9 +123,21 @@ def _label(item: Mapping[str, Any]) -> str:
 
 
 def identifiable(record: Record) -> bool:
+    """Each hidden effect, by itself, is visible in these data."""
     from sdp_vs_penalty.challenge import IDENTIFIABLE
 
-    return bool(record["energy"] > IDENTIFIABLE)
+    return all(e > IDENTIFIABLE for e in record["energy"])
+
+
+def plausible(record: Record) -> bool:
+    """No hidden effect moves a link farther than machines do."""
+    from sdp_vs_penalty.challenge import FARTHEST
+
+    return all(d <= FARTHEST for d in record["deviation"])
+
+
+def counted(record: Record) -> bool:
+    return identifiable(record) and plausible(record)
 
 
 def report_text(records: Sequence[Record], problem: str, cases: int, seed: int) -> str:
@@ -141,7 +153,7 @@ def report_text(records: Sequence[Record], problem: str, cases: int, seed: int) 
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for name, what, test, only, goal in MEASURES:
-        mine = [r for r in records if r["class"] == name and (identifiable(r) or not only)]
+        mine = [r for r in records if r["class"] == name and (counted(r) or not only)]
         if not mine:
             continue
         hits = sum(test(r) for r in mine)
@@ -156,7 +168,7 @@ def report_text(records: Sequence[Record], problem: str, cases: int, seed: int) 
 
 def _numbers(records: Sequence[Record]) -> list[str]:
     lines = ["## Sizes, floors, times", ""]
-    named = [r for r in records if r["class"] in ("strong", "medium", "weak") and identifiable(r)]
+    named = [r for r in records if r["class"] in ("strong", "medium", "weak") and counted(r)]
     sets = [1 + len(r["found"][0]["rivals"]) for r in named if r["found"]]
     if sets:
         lines.append(f"- mean size of the equivalence set: {np.mean(sets):.2f} (to reach: 1.2)")
@@ -169,11 +181,12 @@ def _numbers(records: Sequence[Record]) -> list[str]:
                 f"- amplitude, {name}: median error {100 * np.median(errors):.2f} %, 90 % within "
                 f"{100 * np.quantile(errors, 0.9):.1f} %"
             )
-        after = [r["after"] for r in right]
-        if after:
+        if right:
+            after = np.array([r["after"] for r in right])
             lines.append(
-                f"- held-out error after adding over the true noise, worst joint, {name}: median "
-                f"{np.median(after):.3f}"
+                f"- held-out error after adding over the true noise, {name}: median over cases and "
+                f"joints {np.median(after):.3f}, median of the worst joint "
+                f"{np.median(after.max(axis=1)):.3f} (to reach: 1.03)"
             )
     load = [r for r in records if r["class"] == "payload" and named_payload(r)]
     if load:
@@ -185,8 +198,10 @@ def _numbers(records: Sequence[Record]) -> list[str]:
     floors = np.array([r["floor"] for r in records if r["class"] in ("clean", "strong", "medium")])
     if len(floors):
         lines.append(
-            f"- noise floor over the true one: median {np.median(floors):.3f}, 90 % of joints between "
-            f"{np.quantile(floors, 0.05):.3f} and {np.quantile(floors, 0.95):.3f}"
+            f"- noise floor over the true one: median {np.median(floors):.3f} (to reach: within 5 % of "
+            f"1), 90 % of joints between {np.quantile(floors, 0.05):.3f} and "
+            f"{np.quantile(floors, 0.95):.3f}; the true one is of the residual: torque noise, and what "
+            "quantisation and the log's clock do to the modelled torque"
         )
     seconds = [r["seconds"] for r in records]
     lines.append(
@@ -198,22 +213,17 @@ def _numbers(records: Sequence[Record]) -> list[str]:
 
 def _size_error(record: Record) -> float:
     truth, found = record["truth"][0], record["found"][0]
-    unit = {
-        "joint_elasticity": 1e-4,
-        "backlash": 1e-3,
-        "joint_zero_error": 1e-3,
-        "torque_delay": 1e-3,
-        "global_delay": 1e-3,
-        "base_tilt": 0.01,
-    }.get(truth["effect"], 1.0)
     if truth["effect"] in ("external_wrench", "drift_offset", "drift_friction"):
         return float("nan")  # not one number
-    return float(abs(abs(found["size"]) / (unit * abs(truth["size"])) - 1.0))
+    return float(abs(abs(found["size"]) / abs(truth["size"]) - 1.0))
 
 
 def _excluded(records: Sequence[Record]) -> list[str]:
     lines = [
-        "## Cases that these data cannot show (white, partialled energy below 30), per effect",
+        "## Cases left out, per effect",
+        "",
+        "First those that these data cannot show (white, partialled energy below 30), then those in "
+        "which the links would stand more than 0.3 rad from where the model believes them, of all.",
         "",
         "| effect | strong | medium | weak |",
         "| --- | --- | --- | --- |",
@@ -224,7 +234,9 @@ def _excluded(records: Sequence[Record]) -> list[str]:
         cells = []
         for level in levels:
             mine = [r for r in records if r["class"] == level and r["truth"][0]["effect"] == effect]
-            cells.append(f"{sum(not identifiable(r) for r in mine)} of {len(mine)}")
+            hidden = sum(not identifiable(r) for r in mine)
+            far = sum(identifiable(r) and not plausible(r) for r in mine)
+            cells.append(f"{hidden} + {far} of {len(mine)}")
         lines.append(f"| {effect} | {' | '.join(cells)} |")
     return lines if effects else []
 
@@ -232,7 +244,7 @@ def _excluded(records: Sequence[Record]) -> list[str]:
 def _confusion(records: Sequence[Record]) -> list[str]:
     """Rows: what was hidden; what was named first, where it was not that."""
     levels = ("strong", "medium", "weak")
-    mine = [r for r in records if r["class"] in levels and identifiable(r)]
+    mine = [r for r in records if r["class"] in levels and counted(r)]
     lines = [
         "## Confusion (strong, medium and weak together, identifiable cases)",
         "",

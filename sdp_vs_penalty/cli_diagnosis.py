@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -71,10 +72,27 @@ def diagnose(
         measurements = load_measurements(*data, start=start, stop=stop)
         held_out = None if test is None else load_measurements(test, start=first, stop=last)
         result = run(estimate, measurements, held_out, frozen=frozen, seed=seed, progress=progress)
-    printing.diagnosis(result, estimate.robot.torque_units)
+    options = ["--data", *map(str, data)]
+    options += [] if window is None else ["--window", window]
+    options += [] if test is None else ["--test", str(test)]
+    options += [] if test_window is None else ["--test-window", test_window]
+    options += ["--frozen"] if frozen else []
+
+    def add_command(effects: str) -> str:
+        words = ["sdp-vs-penalty", "add", str(model), effects, *options]
+        return shlex.join([*words, "--out", str(_next_to(model))])
+
+    printing.diagnosis(result, estimate.robot.torque_units, add_command)
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
         console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+
+
+def _next_to(model: Path) -> Path:
+    """The file beside the model with the next number that is free: model.json, model2.json, ..."""
+    stem = model.stem.rstrip("0123456789") or model.stem
+    taken = {int(n) for p in model.parent.glob(f"{stem}*.json") if (n := p.stem[len(stem) :]).isdigit()}
+    return model.with_name(f"{stem}{max(taken, default=1) + 1}.json")
 
 
 def add(
@@ -171,12 +189,17 @@ def simulate(
             size = -1.0
         if not 0.0 < float(size) < 1e6:
             raise InputError(f"--level {level!r}: strong, medium, weak or a positive number is needed.")
+    names = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
+    if not (out / "truth.json").exists():  # else the folder is one that this verb wrote
+        for name in names:
+            if (out / name).exists():
+                raise InputError(f"--out {out}: {name} is there already: name another folder.")
     effects = []
     for effect in parse_effects(hide, robot.robot):
         effects.append((effect.name, list(effect.asked_joints or ())))
     made = hidden_runs(robot, effects, size, seed)
-    for name, run in zip(("run1", "run2", "run3", "test"), made.runs, strict=True):
-        save_csv(run, out / f"{name}.csv")
+    for name, run in zip(names, made.runs, strict=True):
+        save_csv(run, out / name)
     write_text(out / "truth.json", json.dumps(made.truth, indent=1) + "\n")
     console.out.print(f"written: {out}/run1.csv run2.csv run3.csv test.csv truth.json", markup=False)
     usual = ",".join(made.truth["model_effects"])

@@ -65,7 +65,8 @@ class Hidden:
     """One hidden effect on joints (from 0; empty: the whole robot), with what a scorer wants to know.
 
     torque : the torque that it adds; encoder : what it does to the measured positions; late : seconds
-    by which torque channels lag per unit of size (n,). ``size`` multiplies all of them.
+    by which torque channels lag per unit of size (n,). ``size`` multiplies all of them; unit : what a
+    size of 1 is in the library's unit of this effect.
     """
 
     effect: str
@@ -77,6 +78,17 @@ class Hidden:
     #: Removed from the simulated base friction: the effect is one of the usual ones.
     replaces: str | None = None
     size: float = 1.0
+    unit: float = 1.0
+
+    @property
+    def amplitude(self) -> float:
+        """The size in the library's unit."""
+        return self.size * self.unit
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a scorer reads."""
+        joints = [j + 1 for j in self.joints]
+        return {"effect": self.effect, "joints": joints, "size": self.amplitude, **self.details}
 
     def sized(self, factor: float) -> Hidden:
         return replace(self, size=self.size * factor)
@@ -285,11 +297,11 @@ def _gain(joint: int, world: World, rng: np.random.Generator) -> Hidden:
 def _delay(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     late = np.zeros(world.robot.n)
     late[joint] = 1e-3
-    return Hidden("torque_delay", (joint,), late=late)
+    return Hidden("torque_delay", (joint,), late=late, unit=1e-3)
 
 
 def _global_delay(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    return Hidden("global_delay", (), late=np.full(world.robot.n, 1e-3))
+    return Hidden("global_delay", (), late=np.full(world.robot.n, 1e-3), unit=1e-3)
 
 
 def _elasticity(joint: int, world: World, rng: np.random.Generator) -> Hidden:
@@ -298,6 +310,7 @@ def _elasticity(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         "joint_elasticity",
         (joint,),
         encoder=lambda w, m, a: 1e-4 * a * on_joint(joint, n, w.rigid(m)[:, joint]),
+        unit=1e-4,
     )
 
 
@@ -308,7 +321,7 @@ def _backlash(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         link[:, joint] -= 1e-3 * a * np.sign(tau[:, joint])
         return w.rigid(replace(m, q=link)) - w.rigid(m)
 
-    return Hidden("backlash", (joint,), torque)
+    return Hidden("backlash", (joint,), torque, unit=1e-3)
 
 
 def _zero_error(joint: int, world: World, rng: np.random.Generator) -> Hidden:
@@ -318,6 +331,7 @@ def _zero_error(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         "joint_zero_error",
         (joint,),
         encoder=lambda w, m, a: -1e-3 * sign * a * on_joint(joint, n, np.ones(len(m.t))),
+        unit=1e-3,
     )
 
 
@@ -333,7 +347,7 @@ def _tilt(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         robot = replace(w.robot, gravity=(tilted[0], tilted[1], tilted[2]))
         return replace(w, robot=robot).rigid(m) - w.rigid(m)
 
-    return Hidden("base_tilt", (), torque)
+    return Hidden("base_tilt", (), torque, unit=0.01)
 
 
 def _wrench(joint: int, world: World, rng: np.random.Generator) -> Hidden:
@@ -368,7 +382,7 @@ def _payload(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         links[-1] += a * load
         return replace(w, links=links).rigid(m) - w.rigid(m)
 
-    return Hidden("payload", (), torque, details={"mass_per_size": 1.0, "com": com.tolist()})
+    return Hidden("payload", (), torque, details={"com": com.tolist()})
 
 
 _FRICTION: dict[str, Any] = {

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, interp1d
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.experiment import Experiment, experiment
@@ -33,13 +34,15 @@ _SIZING = 200.0
 
 @dataclass(frozen=True)
 class HiddenRuns:
-    """runs : as logged; quiet : the same without torque noise; noise (N, n) : the difference, all
-    runs one below the other; truth : what a scorer may read; hidden : the effects, sized."""
+    """runs : as logged; ideal : what perfect sensors and a perfect clock would have logged at the same
+    instants; plain : the same of a robot without the hidden effects; truth : what a scorer may read;
+    hidden : the effects, sized."""
 
     problem: Problem
     world: World
     runs: tuple[Measurements, ...]
-    quiet: tuple[Measurements, ...]
+    ideal: tuple[Measurements, ...]
+    plain: tuple[Measurements, ...]
     hidden: tuple[Hidden, ...]
     truth: dict[str, Any]
 
@@ -102,27 +105,16 @@ def hidden_runs(
             one = make_hidden(name, joint, usual, rng)
             hidden.append(_sized(one, world, trajectories, setup, factor))
     hidden += [_sized(one, world, trajectories, setup, factor) for one in made]
-    logged, quiet = [], []
-    for k, trajectory in enumerate(trajectories):
-        noisy, silent = _measure(trajectory, world, hidden, setup, seed, k)
-        logged.append(noisy)
-        quiet.append(silent)
+    measured = [_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
+    logged, ideal, plain = zip(*measured, strict=True)
     truth = {
         "problem": problem.name,
         "seed": seed,
         "level": level,
-        "effects": [
-            {
-                "effect": h.effect,
-                "joints": [j + 1 for j in h.joints],
-                "size": h.size,
-                **dict(h.details),
-            }
-            for h in hidden
-        ],
+        "effects": [h.to_dict() for h in hidden],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return HiddenRuns(problem, world, tuple(logged), tuple(quiet), tuple(hidden), truth)
+    return HiddenRuns(problem, world, logged, ideal, plain, tuple(hidden), truth)
 
 
 def _all_joints(problem: Problem, name: str) -> Sequence[int]:
@@ -144,27 +136,31 @@ def _start(k: int) -> float:
 
 def true_torque(
     world: World, hidden: Sequence[Hidden], trajectory: FourierTrajectory, local: Array, start: float
-) -> Array:
-    """(N, n) what the torque channels carry, noise aside."""
+) -> tuple[Array, Array]:
+    """(N, n) what the torque channels carry, noise aside: with the hidden effects, and without."""
 
-    def at(moment: Array) -> Array:
+    def at(moment: Array, base: Array | None = None) -> Array:
         motion = _motion(trajectory, moment, start)
-        # Friction rubs at the motor, whose motion the encoder shows.
-        error = encoder_error(world, hidden, motion)
-        rate = np.gradient(error, moment, axis=0) if np.any(error) else 0.0
-        out = world.rigid(motion) + world.friction(replace(motion, dq=motion.dq + rate))
+        if base is not None and not any(h.encoder for h in hidden):
+            out = base.copy()
+        else:
+            # Friction rubs at the motor, whose motion the encoder shows.
+            error = encoder_error(world, hidden, motion)
+            rate = np.gradient(error, moment, axis=0) if np.any(error) else 0.0
+            out = world.rigid(motion) + world.friction(replace(motion, dq=motion.dq + rate))
         for h in hidden:
             if h.torque is not None:
-                out = out + h.torque(world, motion, h.size)
+                out += h.torque(world, motion, h.size)
         return out
 
-    torque = at(local)
+    plain = world.torque(_motion(trajectory, local, start))
+    torque = at(local, plain)
     for h in hidden:
         if h.late is not None:
             for late in np.unique(h.late[h.late > 0.0]):
                 channels = h.late == late
                 torque[:, channels] = at(local - h.size * late)[:, channels]
-    return torque
+    return torque, plain
 
 
 def encoder_error(world: World, hidden: Sequence[Hidden], motion: Motion) -> Array:
@@ -176,13 +172,23 @@ def encoder_error(world: World, hidden: Sequence[Hidden], motion: Motion) -> Arr
     return out
 
 
+def link_deviation(made: HiddenRuns, hidden: Hidden) -> float:
+    """By how much [rad, m] the links stand elsewhere than the model believes, root mean square."""
+    if hidden.effect == "backlash":
+        return hidden.amplitude
+    if hidden.encoder is None:
+        return 0.0
+    run = made.ideal[0]
+    error = hidden.encoder(made.world, Motion(run.t, run.q, 0.0 * run.q, 0.0 * run.q), hidden.size)
+    return float(np.sqrt(np.mean(error**2, axis=0)).max())
+
+
 def _effect_torque(world: World, hidden: Hidden, trajectory: FourierTrajectory, start: float) -> Array:
     """(N, n) the torque that a model without the effect gets wrong, at _SIZING."""
     local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / _SIZING)
     if hidden.encoder is None:
-        return true_torque(world, [hidden], trajectory, local, start) - true_torque(
-            world, [], trajectory, local, start
-        )
+        torque, plain = true_torque(world, [hidden], trajectory, local, start)
+        return torque - plain
     motion = _motion(trajectory, local, start)
     error = encoder_error(world, [hidden], motion)
     rate = np.gradient(error, local, axis=0)
@@ -221,13 +227,16 @@ def _measure(
     setup: Experiment,
     seed: int,
     k: int,
-) -> tuple[Measurements, Measurements]:
-    """One run as the sensor logs it, with and without torque noise."""
+) -> tuple[Measurements, Measurements, Measurements]:
+    """One run as the sensor logs it, as a perfect one would, and without the hidden effects.
+
+    The controller renews its values at its own rate; the log's clock reads whatever was last.
+    """
     sensor, rng = setup.sensor, np.random.default_rng([seed, 3, k])
     duration = DURATION + 2.0 * _BLEND
     local = np.arange(int(np.ceil(duration * sensor.rate)) + 1) / sensor.rate
     motion = _motion(trajectory, local, _start(k))
-    torque = true_torque(world, hidden, trajectory, local, _start(k))
+    torque, plain = true_torque(world, hidden, trajectory, local, _start(k))
     position = motion.q + encoder_error(world, hidden, motion)
     noise = sensor.noise(len(local), rng)
     log = sensor.log_times(duration, rng)
@@ -237,7 +246,8 @@ def _measure(
     clock = log + _start(k)
     name = f"run{k + 1}"
     noisy = _quantise((torque + noise)[held], sensor.torque_step)
-    return (
-        Measurements(clock, q, noisy, names=(name,)),
-        Measurements(clock, q, torque[held], names=(name,)),
-    )
+    found = [(q, noisy)]
+    for where, load in ((position, torque), (motion.q, plain)):
+        found.append((CubicSpline(local, where)(log), interp1d(local, load, axis=0)(log)))
+    logged, ideal, without = (Measurements(clock, x, tau, names=(name,)) for x, tau in found)
+    return logged, ideal, without

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis import explanations
-from sdp_vs_penalty.diagnosis.events import Event, intervals, local_excess, noise_profile, spectral_lines
+from sdp_vs_penalty.diagnosis.events import (
+    Event,
+    intervals,
+    local_excess,
+    noise_profile,
+    robust_scale,
+    spectral_lines,
+)
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -24,7 +31,7 @@ from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_colu
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import Fit, Rows, score_library
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
-from sdp_vs_penalty.diagnosis.whitening import ORDER, Noise, noise_of, pieces_of
+from sdp_vs_penalty.diagnosis.whitening import ORDER, Noise, noise_of, pieces_of, rate_features
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
@@ -273,9 +280,11 @@ def _remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
     left = remainder(fit, rows, noise)
     mask = np.zeros((M, n), bool)
-    speed = rows.dq
+    rates = rate_features(rows)
     for j in range(n):
-        steady = white[:, j] / noise_profile(white[:, j], speed)
+        steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
+        # The noise may be larger than the repetition let on; its median does not see an event.
+        steady /= max(robust_scale(steady[steady != 0.0]), 1.0)
         found = local_excess(steady, pieces_of(rows, j), n, float(noise.degrees[j]))
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found

@@ -17,8 +17,11 @@ from scipy import optimize, stats
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Family-wise probability of a false event in one record.
-FALSE_EVENT = 1e-3
+#: Family-wise probability of a false event in one record of Gaussian noise. Small, because a log's
+#: noise has heavier tails: what a jittering clock does to a torque grows with its rate of change.
+FALSE_EVENT = 1e-5
+#: By how much motion may change the noise's variance.
+_MODULATION = (0.1, 10.0)
 #: Lengths of the windows that are searched [rows].
 _LENGTHS = (1, 2, 4, 8, 16, 32)
 #: From this length on the logarithm of a window's energy is nearly normal; and how far out an event is.
@@ -72,25 +75,26 @@ def _outlying(windows: Array) -> float:
     return float(np.exp(middle + _FAR * 1.4826 * np.median(np.abs(logs - middle))))
 
 
-def noise_profile(white: Array, speed: Array) -> Array:
-    """(M,) standard deviation of white noise as the motion modulates it, around 1.
+def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
+    """(K,) standard deviation of white noise as the motion modulates it, on rows ``wanted`` (K, r),
+    around 1 on those of ``white``.
 
-    A log's clock that jitters turns speed into noise: its variance is modelled as a + sum b_i dq_i^2
-    with a, b_i >= 0, from squares clipped so that an event does not shape it. speed (M, n) [rad/s].
+    A log's clock that jitters turns rates of change into noise: its variance is modelled as a + sum
+    b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares clipped so that an event does not
+    shape it.
     """
     used = white != 0.0
-    if used.sum() < 20 * (speed.shape[1] + 1):
-        return np.ones(len(white))
-    size = np.maximum(np.sqrt(np.mean(speed[used] ** 2, axis=0)), 1e-12)
-    features = np.column_stack([np.ones(len(white)), (speed / size) ** 2])
-    squares = white**2
-    squares = np.minimum(squares, 9.0 * np.median(squares[used]) / stats.chi2.median(1))
-    coefficients = optimize.nnls(features[used], squares[used])[0]
-    variance = features @ coefficients
-    level = float(np.mean(variance[used]))
+    if used.sum() < 20 * (rates.shape[1] + 1):
+        return np.ones(len(wanted))
+    size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
+    squares = white[used] ** 2
+    squares = np.minimum(squares, 9.0 * np.median(squares) / stats.chi2.median(1))
+    law = optimize.nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
+    level = float(law.sum())
     if level <= 0.0:
-        return np.ones(len(white))
-    return np.sqrt(np.maximum(variance / level, 0.1))
+        return np.ones(len(wanted))
+    variance = (law[0] + (wanted / size) @ law[1:]) / level
+    return np.sqrt(np.clip(variance, *_MODULATION))
 
 
 def robust_scale(white: Array) -> float:

@@ -108,6 +108,7 @@ class Search:
         n = rows.n
         inner = tuple(tuple(p[ORDER:] for p in pieces if len(p) > 2 * ORDER) for pieces in self.pieces)
         self.weighting = Weighting(np.ones(n), np.zeros((n, ORDER)), inner)
+        self.texts = [group.effect.text for group in white.groups]
         self.by_key: dict[Key, list[int]] = {}
         for g, group in enumerate(white.groups):
             self.by_key.setdefault(group.key, []).append(g)
@@ -180,8 +181,14 @@ class Search:
         threshold = flip_threshold(fit, scaled, self.seed + len(self.picks))
         for hypothesis in contenders[:_TRIES]:
             pick = self.accepted(fit, scaled, hypothesis, threshold)
-            if pick is not None:
-                return replace(pick, rivals=self.rivals(fit, scaled, hypothesis, contenders))
+            if pick is None:
+                continue
+            rivals = self.rivals(fit, scaled, hypothesis, contenders)
+            plain = _plain_form(hypothesis, rivals)
+            simpler = None if plain is None else self.accepted(fit, scaled, plain, threshold)
+            if plain is not None and simpler is not None:
+                return replace(simpler, rivals=self.rivals(fit, scaled, plain, contenders))
+            return replace(pick, rivals=rivals)
         return None
 
     def accepted(
@@ -199,7 +206,7 @@ class Search:
         if not p < FALSE_CLAIM / max(self.white.size, 1):
             return None
         sums = BlockSums.of(fit, fit.partialled(fit.scaled(hypothesis.columns)), k)
-        exponent = float(wald_exponent(sums)[0, 0])
+        exponent = float(wald_exponent(sums)[0])
         if exponent < threshold:
             return None
         gain = float(self.block_gains(fit, scaled, hypothesis).sum())
@@ -226,7 +233,7 @@ class Search:
 
     def contenders(self, fit: Fit, scaled: Library) -> list[Hypothesis]:
         """The most plausible hypotheses, shapes refined, best first."""
-        scores = score_library(fit, scaled)
+        plausible = self._coarse(fit, scaled)
         taken = {p.hypothesis.effect.text for p in self.picks}
         keys = {p.hypothesis.key for p in self.picks if p.hypothesis.key[0] not in SEVERAL}
         present = {p.hypothesis.key for p in self.picks} | self.known
@@ -235,11 +242,7 @@ class Search:
             refines = self.white.groups[members[0]].effect.refines
             if key in keys or (refines and not any((name, key[1]) in present for name in refines)):
                 continue
-            values = np.zeros(len(members))
-            for m, g in enumerate(members):
-                group = self.white.groups[g]
-                if group.effect.text not in taken:
-                    values[m] = self._coarse(fit, scaled, group, float(scores.chi2[g]), scores.beta[g])
+            values = np.array([0.0 if self.texts[g] in taken else plausible[g] for g in members])
             coarse.append((_averaged(values), key, members[int(np.argmax(values))]))
         coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])
         close = [c for k, c in enumerate(coarse) if k < _CONTENDERS or c[0] > 0.7 * coarse[0][0]]
@@ -248,17 +251,21 @@ class Search:
         ]
         return sorted(found, key=lambda h: -h.evidence)
 
-    def _coarse(self, fit: Fit, scaled: Library, group: Group, chi2: float, beta: Array) -> float:
-        """Evidence of a group; one on a single joint is taken to change that joint's error only."""
-        if chi2 <= group.k:
-            return 0.0
-        if group.joint is None:
-            columns = scaled.columns(group).reshape(len(fit.residual), -1)
-            return self._evidence(fit, fit.partialled(columns), beta)
-        after = fit.joint_chi2.copy()
-        drop = chi2 * fit.weighting.level[group.joint] ** 2
-        after[group.joint] = max(after[group.joint] - drop, 0.0)
-        return float(evidence(fit.likelihood_gain(after), group.k))
+    def _coarse(self, fit: Fit, scaled: Library) -> Array:
+        """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
+        only."""
+        scores = score_library(fit, scaled)
+        out = np.zeros(len(scores.chi2))
+        for batch in self.white.batches:
+            chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
+            if batch.joint is not None:
+                gains = fit.joint_gains(batch.joint, chi2)
+                out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
+                continue
+            for g in batch.groups[chi2 > k]:
+                columns = scaled.columns(self.white.groups[g]).reshape(len(fit.residual), -1)
+                out[g] = self._evidence(fit, fit.partialled(columns), scores.beta[g])
+        return out
 
     @staticmethod
     def _evidence(fit: Fit, partialled: Array, beta: Array) -> float:
@@ -402,7 +409,18 @@ class Search:
         best = contenders[0] if contenders else own
         if best.key != own.key and best.evidence > own.evidence + TOLD_APART:
             own = best
-        return own, self.rivals(fit, scaled, own, contenders)
+        rivals = self.rivals(fit, scaled, own, contenders)
+        plain = _plain_form(own, rivals)
+        if plain is None:
+            return own, rivals
+        return plain, self.rivals(fit, scaled, plain, contenders)
+
+
+def _plain_form(chosen: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The rival that the chosen one refines (a power law near 1: viscous friction), if there is one:
+    where data do not tell them apart, the plain law is named."""
+    own = [h for h in rivals if h.key[1] == chosen.key[1] and h.key[0] in chosen.effect.refines]
+    return max(own, key=lambda h: h.evidence, default=None)
 
 
 def _signed(effect: Effect) -> bool:

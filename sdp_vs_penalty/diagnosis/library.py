@@ -7,7 +7,7 @@ the same effect and joint with different constants form a hypothesis: what the d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,13 +48,25 @@ class Group:
 
 
 @dataclass(frozen=True)
+class Batch:
+    """Groups on one joint (None: on several) with equally many columns: ``groups`` (G,) their places
+    in the library, ``columns`` (G, k) those of their columns; signed alike."""
+
+    joint: int | None
+    signed: bool
+    groups: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
 class Library:
     """groups, and their filtered columns: ``joints[j]`` (M, C_j) for groups on one joint,
-    ``robot`` (n, M, C) for groups on several."""
+    ``robot`` (n, M, C) for groups on several; batches : the groups, those alike together."""
 
     groups: tuple[Group, ...]
     joints: tuple[Array, ...]
     robot: Array
+    batches: tuple[Batch, ...]
 
     @property
     def size(self) -> int:
@@ -73,7 +85,7 @@ class Library:
         pieces = [pieces_of(rows, j) for j in range(rows.n)]
         joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
         robot = np.stack([noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.robot)])
-        return Library(self.groups, joints, robot)
+        return replace(self, joints=joints, robot=robot)
 
 
 def build_library(
@@ -124,7 +136,18 @@ def build_library(
         groups.append(Group(key, effect, None, slice(first, first + k)))
         first += k
         robot_parts.append(spread_columns(rows, effect))
-    return Library(tuple(groups), tuple(matrices), np.concatenate(robot_parts, axis=2))
+    robot_columns = np.concatenate(robot_parts, axis=2)
+    return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
+
+
+def _batches(groups: Sequence[Group]) -> tuple[Batch, ...]:
+    places: dict[tuple[int | None, int, bool], list[int]] = {}
+    for place, g in enumerate(groups):
+        places.setdefault((g.joint, g.k, g.signed), []).append(place)
+    return tuple(
+        Batch(joint, signed, np.array(p), np.array([np.r_[groups[g].columns] for g in p]))
+        for (joint, _, signed), p in places.items()
+    )
 
 
 def spread_columns(rows: DiagnosisRows, effect: Effect) -> Array:

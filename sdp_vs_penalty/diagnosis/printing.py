@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -27,8 +27,11 @@ _UNKNOWN = (
 )
 
 
-def diagnosis(result: Diagnosis, units: Sequence[str]) -> None:
-    """The verdict, the ladder of effects with the falling error, and what can never be seen."""
+def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]) -> None:
+    """The verdict, the ladder of effects with the falling error, and what can never be seen.
+
+    add : from effects to the command that adds them.
+    """
     out.print(_VERDICTS.get(result.verdict, _UNKNOWN))
     if result.effects:
         out.print(_ladder(result, units))
@@ -41,7 +44,13 @@ def diagnosis(result: Diagnosis, units: Sequence[str]) -> None:
             said.add(finding.effect)
             out.print(f"{k}. {head}{rest}", markup=False)
         command = ",".join(f.text for f in result.effects)
-        out.print(f"to add them: sdp-vs-penalty add model.json {command}", markup=False, soft_wrap=True)
+        out.print(f"to add them: {add(command)}", markup=False, soft_wrap=True)
+        if any(f.confidence == "weak" for f in result.effects):
+            out.print(
+                "weak: something else explains it about as well, its size is uncertain by more than a "
+                "fifth, or the gain is small.",
+                markup=False,
+            )
     share = ", ".join(f"{100 * max(x, 0.0):.0f} %" for x in result.unexplained)
     out.print(f"unexplained variance over the noise's, joint by joint: {share}", markup=False)
     for event in result.events:

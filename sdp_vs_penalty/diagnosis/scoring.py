@@ -9,7 +9,7 @@ linear algebra on sums over blocks of time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,6 +96,8 @@ class Weighting:
 
     def apply(self, columns: Array, joint: int) -> Array:
         """White rows (M, ...) of one joint, filtered and divided."""
+        if not np.any(columns):
+            return columns
         if not np.any(self.colour[joint]):
             return columns / self.level[joint]
         out = np.zeros_like(columns)
@@ -118,7 +120,7 @@ class Weighting:
         """A white library's columns, weighted."""
         joints = tuple(self.apply(m, j) for j, m in enumerate(white.joints))
         robot = np.stack([self.apply(m, j) for j, m in enumerate(white.robot)])
-        return Library(white.groups, joints, robot)
+        return replace(white, joints=joints, robot=robot)
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,25 @@ class Fit:
         residual = self.residual - q @ (q.T @ self.residual)
         return Fit(self.rows, Q, residual, self.target, self.weighting)
 
+    def without_folds(self, folds: NDArray[np.intp]) -> list[_WithoutFold]:
+        """The model fitted without each of the folds (M,) in turn; kept for the next hypothesis."""
+        key = folds.tobytes()
+        if key not in self._without:
+            fold = np.tile(folds, self.rows.n)
+            found = []
+            for f in np.unique(folds):
+                out = fold == f
+                Q, target = self.Q[out], self.target[out]
+                inverse = _inverse(np.eye(Q.shape[1]) - Q.T @ Q)
+                theta = inverse @ (self.Q.T @ self.target - Q.T @ target)
+                found.append(_WithoutFold(out, Q, target, inverse, theta, target - Q @ theta))
+            self._without[key] = found
+        return self._without[key]
+
+    @cached_property
+    def _without(self) -> dict[bytes, list[_WithoutFold]]:
+        return {}
+
     def chi2_of(self, residual: Array) -> Array:
         """(n,) squared weighted residual of each joint, in units of (filtered) noise."""
         return self.weighting.level**2 * self.rows.joint_sums(residual**2)
@@ -175,6 +196,19 @@ class Fit:
         """(n,) degrees of freedom of each joint: rows less its share of the model's rank."""
         leverage = self.rows.joint_sums(np.sum(self.Q**2, axis=1))
         return np.maximum(self.rows.count - leverage, 1.0)
+
+    def joint_gains(self, joint: int, chi2: Array) -> Array:
+        """(G,) :meth:`likelihood_gain` of hypotheses on one joint's error only, from the chi2 (G,) that
+        they take from the weighted residual."""
+        before = self.joint_chi2[joint]
+        after = np.maximum(before - chi2 * self.weighting.level[joint] ** 2, 0.0)
+        floor, degrees = self.weighting.floor[joint], self.degrees[joint]
+
+        def deviance(x: Array) -> Array:
+            variance = np.maximum(x / degrees, floor)
+            return np.asarray(degrees * np.log(variance) + x / variance)
+
+        return deviance(before) - deviance(after)
 
     def likelihood_gain(self, after: Array) -> float:
         """Twice the gain of log likelihood when the joints' squared residuals fall to ``after`` (n,).
@@ -208,45 +242,55 @@ def score_library(fit: Fit, library: Library) -> Scores:
     n, M = fit.rows.n, len(fit.rows.block)
     residual = fit.residual.reshape(n, M)
     Q = fit.Q.reshape(n, M, -1)
-    gram, raw, right = [], [], []
-    for j in range(n):
-        Z = library.joints[j]
-        C = Q[j].T @ Z
-        gram.append(Z.T @ Z - C.T @ C)
-        raw.append(np.sum(Z**2, axis=0))
-        right.append(Z.T @ residual[j])
-    Z = library.robot.reshape(n * M, -1)
-    C = fit.Q.T @ Z
-    gram.append(Z.T @ Z - C.T @ C)
-    raw.append(np.sum(Z**2, axis=0))
-    right.append(Z.T @ fit.residual)
+    sums = [_sums(Q[j], library.joints[j], residual[j]) for j in range(n)]
+    sums.append(_sums(fit.Q, library.robot.reshape(n * M, -1), fit.residual))
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
-    beta: list[Array] = []
-    for g, group in enumerate(library.groups):
-        at, c = (n if group.joint is None else group.joint), group.columns
-        chi2[g], b, absorbed[g] = solve_group(gram[at][c, c], raw[at][c], right[at][c], group.signed)
-        beta.append(b)
+    beta: list[Array] = [np.zeros(0)] * len(library.groups)
+    for batch in library.batches:
+        gram, raw, right = sums[n if batch.joint is None else batch.joint]
+        c = batch.columns
+        found = solve_groups(gram[c[:, :, None], c[:, None, :]], raw[c], right[c], batch.signed)
+        chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
+        for g, b in zip(batch.groups, found[1], strict=True):
+            beta[g] = b
     return Scores(chi2, tuple(beta), absorbed)
+
+
+def _sums(Q: Array, Z: Array, residual: Array) -> tuple[Array, Array, Array]:
+    """Partialled gram, raw energies and scores of columns Z."""
+    C = Q.T @ Z
+    return Z.T @ Z - C.T @ C, np.sum(Z**2, axis=0), Z.T @ residual
 
 
 def solve_group(gram: Array, raw: Array, right: Array, signed: bool) -> tuple[float, Array, float]:
     """chi2, coefficients and absorbed share from partialled gram (k, k), raw energies, z'r (k,)."""
-    energy = float(raw.sum())
-    if energy <= 0.0:
-        return 0.0, np.zeros(len(raw)), 1.0
-    if len(raw) == 1:
-        left = float(gram[0, 0])
-        absorbed = min(max(1.0 - left / energy, 0.0), 1.0)
-        if left <= _ROUNDING * energy or (signed and right[0] < 0.0):
-            return 0.0, np.zeros(1), absorbed
-        return float(right[0] ** 2 / left), right / left, absorbed
+    chi2, beta, absorbed = solve_groups(gram[None], raw[None], right[None], signed)
+    return float(chi2[0]), beta[0], float(absorbed[0])
+
+
+def solve_groups(gram: Array, raw: Array, right: Array, signed: bool) -> tuple[Array, Array, Array]:
+    """chi2 (G,), coefficients (G, k), absorbed shares (G,) of G groups of k columns.
+
+    From partialled grams (G, k, k), raw energies (G, k) and z'r (G, k); ``signed`` : a single
+    coefficient that may not be negative.
+    """
+    energy = raw.sum(axis=1)
+    alive = energy > 0.0
+    safe = np.where(alive, energy, 1.0)
+    trace = np.trace(gram, axis1=1, axis2=2)
+    absorbed = np.where(alive, np.clip(1.0 - trace / safe, 0.0, 1.0), 1.0)
+    if raw.shape[1] == 1:
+        left, pull = gram[:, 0, 0], right[:, 0]
+        used = alive & (left > _ROUNDING * energy) & ~(signed & (pull < 0.0))
+        beta = np.where(used, pull / np.where(used, left, 1.0), 0.0)
+        return beta * pull, beta[:, None], absorbed
     scale = 1.0 / np.sqrt(np.maximum(raw, 1e-300))
-    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    good = values > _ROUNDING
-    part = vectors[:, good].T @ (right * scale)
-    beta = scale * (vectors[:, good] @ (part / values[good]))
-    absorbed = min(max(1.0 - float(np.trace(gram)) / energy, 0.0), 1.0)
-    return float(np.sum(part**2 / values[good])), beta, absorbed
+    values, vectors = np.linalg.eigh(gram * scale[:, :, None] * scale[:, None, :])
+    good = (values > _ROUNDING) & alive[:, None]
+    part = np.where(good, np.einsum("gij,gi->gj", vectors, right * scale), 0.0)
+    weighted = part / np.where(good, values, 1.0)
+    beta = np.where(alive[:, None], scale * np.einsum("gij,gj->gi", vectors, weighted), 0.0)
+    return np.sum(part * weighted, axis=1), beta, absorbed
 
 
 def evidence(chi2: Array | float, k: Array | int) -> Array:
@@ -281,42 +325,74 @@ class BlockSums:
         return cls(np.swapaxes(scores.reshape(B, G, k), 0, 1), grams)
 
 
-def wald_exponent(sums: BlockSums, signs: Array | None = None) -> Array:
-    """(G, S) -log10 p of the block-robust Wald test, for the true signs or rows of ``signs`` (S, B).
+def wald_exponent(sums: BlockSums) -> Array:
+    """(G,) -log10 p of the block-robust Wald test; p is chi-square's with k degrees of freedom."""
+    k = sums.scores.shape[2]
+    return _exponent(wald(sums), k)
+
+
+def _exponent(W: Array, k: int) -> Array:
+    p = special.chdtrc(k, np.maximum(W, 0.0))
+    return np.asarray(-np.log10(np.maximum(p, 1e-300)))
+
+
+def wald(sums: BlockSums) -> Array:
+    """(G,) the block-robust Wald statistic.
 
     With beta = (sum D_b)^-1 sum s_b, s_b the score and D_b the gram of block b, and u_b = s_b - D_b
     beta the score that beta leaves, W = (sum s_b)' V^-1 (sum s_b) with V = sum u_b u_b', the
     cluster-robust sandwich (Liang, Zeger 1986), which needs no noise model but independent blocks.
     Few blocks (an effect that shows only at reversals) can make the sandwich too small by chance:
-    the smaller W of it and of V = sum D_b, noise of unit variance, counts. p is chi-square's.
+    the smaller W of it and of V = sum D_b, noise of unit variance, counts.
     """
     s, D = sums.scores, sums.grams
-    _, B, k = s.shape
-    flips = np.ones((1, B)) if signs is None else signs
-    total = D.sum(axis=1)
+    pull = s.sum(axis=1)
+    beta = np.linalg.solve(_ridged(D.sum(axis=1)), pull[:, :, None])[:, :, 0]
+    u = s - np.einsum("gbkl,gl->gbk", D, beta)
+    spread = np.einsum("gbk,gbl->gkl", u, u)
+    return _wald(pull[:, None], beta[:, None], spread[:, None], s)[:, 0]
+
+
+def largest_wald(sums: BlockSums, signs: Array) -> Array:
+    """(S,) the largest statistic :func:`wald` of all groups when the blocks' scores change sign by
+    the rows of ``signs`` (S, B).
+
+    V = sum s s' - (C + C') + Q with C = sum eps_b s_b (D_b beta)' and Q = sum D_b beta beta' D_b: sums
+    over blocks that do not depend on the signs, or are linear in them.
+    """
+    s, D = sums.scores, sums.grams
+    G, B, k = s.shape
+    pull = (signs @ s.transpose(1, 0, 2).reshape(B, G * k)).reshape(-1, G, k).transpose(1, 0, 2)
+    inverse = np.linalg.inv(_ridged(D.sum(axis=1)))
+    beta = pull @ inverse  # (G, S, k); the gram is symmetric
+    products = np.einsum("gbk,gblm->bgklm", s, D).reshape(B, G * k**3)
+    linear = (signs @ products).reshape(-1, G, k, k, k)
+    cross = np.einsum("sgklm,gsm->gskl", linear, beta, optimize=True)
+    flat = D.reshape(G, B, k * k)
+    fourth = (flat.transpose(0, 2, 1) @ flat).reshape(G, k, k, k, k)  # [k, m, l, n] of D_km D_ln
+    squares = (beta[..., :, None] * beta[..., None, :]).reshape(G, -1, k * k)
+    kernel = fourth.transpose(0, 2, 4, 1, 3).reshape(G, k * k, k * k)  # [(m, n), (k, l)]
+    quadratic = (squares @ kernel).reshape(G, -1, k, k)
+    fixed = np.einsum("gbk,gbl->gkl", s, s)
+    spread = fixed[:, None] - cross - np.swapaxes(cross, 2, 3) + quadratic
+    return np.asarray(_wald(pull, beta, spread, s).max(axis=0))
+
+
+def _ridged(total: Array) -> Array:
     trace = np.trace(total, axis1=1, axis2=2)
-    alive = trace > 0.0
-    ridge = np.where(alive, 1e-9 * trace, 1.0)[:, None, None] * np.eye(k)
-    pull = np.einsum("sb,gbk->gsk", flips, s, optimize=True)
-    beta = np.swapaxes(np.linalg.solve(total + ridge, np.swapaxes(pull, 1, 2)), 1, 2)
-    # sum u u' = sum s s' - (sum eps D beta s' + transposed) + sum D beta beta' D.
-    ss = np.einsum("gbk,gbl->gkl", s, s)
-    if k == 1:
-        d, x = D[:, :, 0, 0], s[:, :, 0]
-        cross = flips @ (d * x).T  # (S, G)
-        b = beta[:, :, 0]
-        spread = ss[:, 0] - 2.0 * b * cross.T + b**2 * np.sum(d**2, axis=1)[:, None]
-        floor = 1e-12 * ss[:, 0] + 1e-300
-        W = pull[:, :, 0] ** 2 / np.maximum(spread, floor)
-    else:
-        u = flips[None, :, :, None] * s[:, None] - np.einsum("gbkl,gsl->gsbk", D, beta, optimize=True)
-        spread = np.einsum("gsbk,gsbl->gskl", u, u, optimize=True)
-        size = np.trace(spread, axis1=2, axis2=3)
-        spread += (1e-9 * size + 1e-300)[:, :, None, None] * np.eye(k)
-        W = np.sum(pull * np.linalg.solve(spread, pull[..., None])[..., 0], axis=2)
-    W = np.minimum(W, np.sum(pull * beta, axis=2))
-    p = special.chdtrc(k, np.maximum(W, 0.0))
-    return np.where(alive[:, None], -np.log10(np.maximum(p, 1e-300)), 0.0)
+    ridge = np.where(trace > 0.0, 1e-9 * trace, 1.0)
+    return total + ridge[:, None, None] * np.eye(total.shape[1])
+
+
+def _wald(pull: Array, beta: Array, spread: Array, scores: Array) -> Array:
+    """(G, S) from pull, beta (G, S, k), spread (G, S, k, k) and all scores (G, B, k)."""
+    k = pull.shape[2]
+    # The sums above cancel to rounding only: the spread is never smaller than that.
+    size = np.trace(spread, axis1=2, axis2=3)
+    floor = 1e-12 * np.sum(scores**2, axis=(1, 2))[:, None] + 1e-300
+    spread = spread + (1e-9 * np.maximum(size, 0.0) + floor)[:, :, None, None] * np.eye(k)
+    robust = np.sum(pull * np.linalg.solve(spread, pull[..., None])[..., 0], axis=2)
+    return np.minimum(robust, np.sum(pull * beta, axis=2))
 
 
 def flip_threshold(fit: Fit, library: Library, seed: int, draws: int = 200) -> float:
@@ -325,26 +401,37 @@ def flip_threshold(fit: Fit, library: Library, seed: int, draws: int = 200) -> f
     signs = rng.choice([-1.0, 1.0], (draws, fit.rows.blocks))
     n, M = fit.rows.n, len(fit.rows.block)
     Q = fit.Q.reshape(n, M, -1)
-    largest = np.zeros(draws)
-    for at in range(n + 1):
-        mine = [g for g in library.groups if (n if g.joint is None else g.joint) == at]
-        for k in sorted({g.k for g in mine}):
-            index = np.concatenate([np.r_[g.columns] for g in mine if g.k == k])
-            if at == n:
-                columns = library.robot[:, :, index].reshape(n * M, -1)
-                fresh = columns - fit.Q @ (fit.Q.T @ columns)
-                energy = np.sum(columns**2, axis=0)
-            else:
-                Z = library.joints[at][:, index]
-                fresh = np.negative(fit.Q @ (Q[at].T @ Z))
-                fresh[at * M : (at + 1) * M] += Z
-                energy = np.sum(Z**2, axis=0)
-            seen = np.sum(fresh**2, axis=0) > 1e-7 * energy
-            seen = np.repeat(seen.reshape(-1, k).all(axis=1), k)
-            if seen.any():
-                sums = BlockSums.of(fit, fresh[:, seen], k)
-                largest = np.maximum(largest, wald_exponent(sums, signs).max(axis=0))
-    return float(np.quantile(largest, 0.99))
+    largest: dict[int, Array] = {}
+    for batch in library.batches:
+        at, index, k = batch.joint, batch.columns.ravel(), batch.columns.shape[1]
+        if at is None:
+            Z = library.robot[:, :, index].reshape(n * M, -1)
+            fresh = Z - fit.Q @ (fit.Q.T @ Z)
+        else:
+            Z = library.joints[at][:, index]
+            fresh = np.negative(fit.Q @ (Q[at].T @ Z))
+            fresh[at * M : (at + 1) * M] += Z
+        energy = np.sum(Z**2, axis=0)
+        seen = np.sum(fresh**2, axis=0) > 1e-7 * energy
+        seen = np.repeat(seen.reshape(-1, k).all(axis=1), k)
+        if seen.any():
+            W = largest_wald(BlockSums.of(fit, fresh[:, seen], k), signs)
+            largest[k] = np.maximum(largest.get(k, 0.0), W)
+    exponents = [_exponent(W, k) for k, W in largest.items()]
+    return float(np.quantile(np.max(exponents, axis=0), 0.99)) if exponents else 0.0
+
+
+@dataclass(frozen=True)
+class _WithoutFold:
+    """The model fitted without one fold: out (n M,) its rows, Q (m, r) and what theta (r,) leaves of
+    them, error (m,); inverse (r, r) of the gram of all other rows."""
+
+    out: NDArray[np.bool_]
+    Q: Array
+    target: Array
+    inverse: Array
+    theta: Array
+    error: Array
 
 
 def cross_validate(fit: Fit, shapes: Sequence[Array], signed: bool, folds: NDArray[np.intp]) -> Array:
@@ -353,28 +440,21 @@ def cross_validate(fit: Fit, shapes: Sequence[Array], signed: bool, folds: NDArr
     shapes : white columns (n M, k) of one hypothesis with different shape constants; each fold
     takes the one that explains its own training data best. folds : (M,) labels.
     """
-    rows = fit.rows
-    fold = np.tile(folds, rows.n)
-    gain = np.zeros(len(fold))
-    for f in np.unique(folds):
-        out = fold == f
-        Q_out, r_out = fit.Q[out], fit.target[out]
-        inverse = _inverse(np.eye(fit.Q.shape[1]) - Q_out.T @ Q_out)
-        right = fit.Q.T @ fit.target - Q_out.T @ r_out
-        theta = inverse @ right
-        error = r_out - Q_out @ theta
-        best, change = 0.0, np.zeros(len(error))
-        for Z in shapes:
-            Z_out = Z[out]
-            C = fit.Q.T @ Z - Q_out.T @ Z_out
-            gram = Z.T @ Z - Z_out.T @ Z_out - C.T @ inverse @ C
-            pull = Z.T @ fit.target - Z_out.T @ r_out - C.T @ theta
-            chi2, beta, _ = solve_group(gram, np.sum(Z**2, axis=0), pull, signed)
+    gain = np.zeros(len(fit.target))
+    whole = [(Z, fit.Q.T @ Z, Z.T @ Z, Z.T @ fit.target, np.sum(Z**2, axis=0)) for Z in shapes]
+    for f in fit.without_folds(folds):
+        best, change = 0.0, np.zeros(len(f.error))
+        for Z, overlap, square, right, raw in whole:
+            Z_out = Z[f.out]
+            C = overlap - f.Q.T @ Z_out
+            gram = square - Z_out.T @ Z_out - C.T @ f.inverse @ C
+            pull = right - Z_out.T @ f.target - C.T @ f.theta
+            chi2, beta, _ = solve_group(gram, raw, pull, signed)
             if chi2 > best:
                 best = chi2
-                change = (Z_out - Q_out @ (inverse @ C)) @ beta
-        gain[out] = error**2 - (error - change) ** 2
-    return rows.block_sums(gain)
+                change = (Z_out - f.Q @ (f.inverse @ C)) @ beta
+        gain[f.out] = f.error**2 - (f.error - change) ** 2
+    return fit.rows.block_sums(gain)
 
 
 def _inverse(gram: Array) -> Array:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, robust_scale
@@ -24,6 +25,8 @@ from sdp_vs_penalty.noise import repeat_period
 Array = NDArray[np.float64]
 
 ORDER = 4
+#: Lags after which the noise has forgotten, and steps of its estimate beside other columns.
+_MEMORY, _STEPS = 64, 4
 #: Positions that differ by less than this share of a joint's travel count as the same.
 _ALIKE = 0.01
 #: Fewest differences from which a floor is believed.
@@ -48,7 +51,8 @@ class Repeat:
 class Noise:
     """floor (n,) [N m or N]: standard deviation of the filtered noise; ar (n, ORDER); sigma (n,) of
     the whitened noise; degrees (n,) of freedom behind it; source : "repetition" or "residual";
-    suspect (M, n): rows where the repetition shows an event; repeats : what repeats what.
+    suspect (M, n): rows where the repetition shows an event; profile (M, n): how the motion swells
+    the noise, around 1; repeats : what repeats what.
     """
 
     floor: Array
@@ -57,6 +61,7 @@ class Noise:
     degrees: Array
     source: str
     suspect: NDArray[np.bool_]
+    profile: Array
     repeats: tuple[Repeat, ...] = ()
 
     def whiten(self, values: Array, joint: int, pieces: Sequence[NDArray[np.intp]]) -> Array:
@@ -64,16 +69,25 @@ class Noise:
 
         The first ORDER rows of each piece have no past and become zero.
         """
-        out = np.zeros_like(values)
-        for piece in pieces:
-            if len(piece) <= ORDER:
-                continue
-            x = values[piece]
-            y = x[ORDER:].copy()
-            for lag, a in enumerate(self.ar[joint], start=1):
-                y -= a * x[ORDER - lag : -lag]
-            out[piece[ORDER:]] = y / self.sigma[joint]
-        return out
+        if not values.any():
+            return np.zeros_like(values)
+        white = filtered(values, self.ar[joint], pieces)
+        scale = self.sigma[joint] * self.profile[:, joint]
+        return white / (scale if values.ndim == 1 else scale[:, None])
+
+
+def filtered(values: Array, ar: Array, pieces: Sequence[NDArray[np.intp]]) -> Array:
+    """Innovations of the autoregression; zero on the first ORDER rows of each piece."""
+    out = np.zeros_like(values)
+    for piece in pieces:
+        if len(piece) <= ORDER:
+            continue
+        x = values[piece]
+        y = x[ORDER:].copy()
+        for lag, a in enumerate(ar, start=1):
+            y -= a * x[ORDER - lag : -lag]
+        out[piece[ORDER:]] = y
+    return out
 
 
 def pieces_of(rows: DiagnosisRows, joint: int) -> list[NDArray[np.intp]]:
@@ -160,7 +174,7 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
         degrees = np.array([p[2] for p in parts])
         keep = rows.keep
         floor = np.array([residual[keep[:, j], j].std() for j in range(n)])
-        return Noise(floor, ar, sigma, degrees, "residual", suspect)
+        return Noise(floor, ar, sigma, degrees, "residual", suspect, np.ones_like(rows.dq))
     splines = [CubicSpline(s.t_dense, r) for s, r in zip(rows.segments, residual_dense, strict=True)]
     index = np.concatenate([r.rows for r in repeats])
     difference = np.concatenate(
@@ -168,8 +182,8 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
     )
     gap = np.concatenate([r.later - rows.t[r.rows] for r in repeats])
     pieces = _consecutive(repeats)
-    speed = rows.dq[index]
-    t = rows.t[index]
+    t, speed, rates = rows.t[index], rows.dq[index], rate_features(rows)
+    profile = np.ones_like(rows.dq)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
         x = difference[:, j]
@@ -179,21 +193,21 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
             rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
             runs = [p[good[p]] for p in pieces]
             ar[j], sigma[j], degrees[j] = autoregression(rest, runs)
-            trial = Noise(floor, ar, sigma, degrees, "repetition", suspect)
-            white = trial.whiten(rest, j, pieces)
-            white /= noise_profile(white, speed)
+            white = filtered(rest, ar[j], pieces)
+            white /= noise_profile(white, rates[j][index], rates[j][index])
             white /= max(robust_scale(white[white != 0.0]), 1e-12)
             good = ~local_excess(white, pieces, n, _MEDIAN_WORTH * len(x))
             if good.mean() < 1.0 - _MOST_EVENTS:
                 good[:] = True  # noise that is not stationary, rather than an event
-        rank = np.linalg.matrix_rank(drift[good])
-        used = max(int(good.sum()) - rank, 1)
-        floor[j] = np.sqrt(np.sum(rest[good] ** 2) / used)
+        runs = [p[good[p]] for p in pieces]
+        floor[j], ar[j], sigma[j], rank = _beside(rest, runs, drift * good[:, None])
         degrees[j] = max(degrees[j] - rank, 1.0)
-        sigma[j] *= np.sqrt(max(used + rank, 1) / used)
+        # Known on the rows that repeat, wanted on all.
+        profile[:, j] = noise_profile(filtered(rest, ar[j], runs), rates[j][index], rates[j])
+        floor[j] *= np.sqrt(np.mean(profile[rows.keep[:, j], j] ** 2))
         suspect[index[~good], j] = True
         _mark_later(rows, repeats, good, j, suspect)
-    return Noise(floor, ar, sigma, degrees, "repetition", suspect, repeats)
+    return Noise(floor, ar, sigma, degrees, "repetition", suspect, profile, repeats)
 
 
 def _mark_later(
@@ -208,6 +222,15 @@ def _mark_later(
         times = rows.segments[r.other].t
         near = np.clip(np.searchsorted(times, r.later[bad]), 0, len(times) - 1)
         suspect[starts[r.other] + near, joint] = True
+
+
+def rate_features(rows: DiagnosisRows) -> Array:
+    """(n, M, 2): for each joint the squares of its modelled torque's rate and of its velocity."""
+    parts = []
+    for s in rows.segments:
+        rate = np.gradient(s.motion.model_torque, s.motion.t, axis=0)
+        parts.append(np.stack([s.low_pass @ rate, s.low_pass @ s.motion.dq], axis=2) ** 2)
+    return np.swapaxes(np.concatenate(parts), 0, 1)
 
 
 def _consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
@@ -229,6 +252,93 @@ def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
         columns += [decay, decay * s, decay * dq]
     matrix = np.column_stack(columns)
     return matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+
+
+def _beside(
+    rest: Array, pieces: Sequence[NDArray[np.intp]], nuisance: Array
+) -> tuple[float, Array, float, int]:
+    """Standard deviation, AR coefficients and innovation of noise of which ``rest`` is what the
+    columns ``nuisance`` leave; and the rank of those.
+
+    Slow columns take slow noise with them: the autoregression of the rest shows too little of it. The
+    coefficients are those whose expected products of lags, once the columns are projected out, are
+    the ones found (a few steps of indirect inference: Gourieroux, Monfort, Renault 1993).
+    """
+    u, values, _ = np.linalg.svd(nuisance, full_matrices=False)
+    Q = u[:, values > 1e-9 * values[:1].sum()] if values.any() else u[:, :0]
+    count = sum(len(p) for p in pieces)
+    found, sigma, _ = autoregression(rest, pieces)
+    energy = float(sum(np.sum(rest[p] ** 2) for p in pieces))
+    if not found.any() or not Q.shape[1] or energy == 0.0:
+        left = max(count - Q.shape[1], 1)
+        return float(np.sqrt(energy / left)), found, sigma * np.sqrt(count / left), Q.shape[1]
+    a, best = found, found
+    for _ in range(_STEPS):
+        products = _expected_products(a, pieces, Q)
+        expected = np.linalg.solve(products[1:, 1:], products[1:, 0])
+        a = best = a + found - expected
+        if not _stationary(a):
+            a = best = found
+            break
+    products = _expected_products(best, pieces, Q)
+    innovations = np.concatenate([[1.0], -found])
+    used = sum(max(len(p) - ORDER, 0) for p in pieces)
+    size = sigma * np.sqrt((used - ORDER) / (innovations @ products @ innovations))
+    variance = _autocovariance(best)[0]
+    seen = _expected_energy(best, pieces, Q) / variance
+    return float(np.sqrt(energy / max(seen, 1.0))), best, float(size), Q.shape[1]
+
+
+def _stationary(a: Array) -> bool:
+    return bool(np.all(np.abs(np.roots(np.concatenate([[1.0], -a]))) < 0.99))
+
+
+def _autocovariance(a: Array) -> Array:
+    """(_MEMORY,) autocovariances of the autoregression driven by white noise of unit variance."""
+    impulse = np.zeros(4 * _MEMORY)
+    impulse[0] = 1.0
+    response = signal.lfilter([1.0], np.concatenate([[1.0], -a]), impulse)
+    return np.correlate(response, response, mode="full")[len(response) - 1 :][:_MEMORY]
+
+
+def _with_covariance(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> Array:
+    """The noise's covariance, pieces apart from each other, times Q (M, r)."""
+    half = _autocovariance(a)
+    kernel = np.concatenate([half[:0:-1], half])[:, None]
+    out = np.zeros_like(Q)
+    for piece in pieces:
+        if len(piece):
+            full = signal.fftconvolve(Q[piece], kernel, axes=0)
+            out[piece] = full[_MEMORY - 1 : _MEMORY - 1 + len(piece)]
+    return out
+
+
+def _expected_products(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> Array:
+    """(ORDER + 1, ORDER + 1) of E sum_t y(t - i) y(t - k), y noise with the columns Q projected out.
+
+    E y y' = (1 - Q Q') C (1 - Q Q') with C the covariance for innovations of unit variance.
+    """
+    covariance, G = _autocovariance(a), _with_covariance(a, pieces, Q)
+    H = Q.T @ G
+    lags = range(ORDER + 1)
+    out = np.zeros((ORDER + 1, ORDER + 1))
+    for piece in pieces:
+        length = len(piece) - ORDER
+        if length <= 0:
+            continue
+        q = np.stack([Q[piece][ORDER - lag : len(piece) - lag] for lag in lags])
+        g = np.stack([G[piece][ORDER - lag : len(piece) - lag] for lag in lags])
+        mixed = np.einsum("itr,ktr->ik", q, g)
+        out += length * covariance[np.abs(np.subtract.outer(lags, lags))]
+        out += np.einsum("itr,ktr->ik", q @ H, q) - mixed - mixed.T
+    return out
+
+
+def _expected_energy(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> float:
+    """E y'y of the same noise."""
+    G = _with_covariance(a, pieces, Q)
+    count = sum(len(p) for p in pieces)
+    return float(count * _autocovariance(a)[0] - np.sum(Q * G))
 
 
 def autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array, float, float]:
