@@ -9,11 +9,39 @@ from sdp_vs_penalty.plots import Curves, ladder_figure, styled, torque_figure
 
 
 def torque_chart(
-    runs: Sequence[Curves], joint: int, units: Sequence[str], narrow: bool
+    run: Curves,
+    joint: int,
+    units: Sequence[str],
+    narrow: bool,
+    span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
-    """Measured and modelled torque of one joint (from 0), and below it what is left."""
-    plot = torque_figure(runs, [joint], units, beside=False)
+    """Measured and modelled torque of one joint (from 0), and below it what is left.
+
+    span : the seconds to look at; a long run shows more detail there.
+    """
+    wider = None if span is None else (span[0] - 0.5, span[1] + 0.5)
+    plot = torque_figure([run], [joint], units, beside=False, span=wider)
+    if span is not None:
+        plot.update_xaxes(range=list(span))
     return _ready(styled(plot, 380 if narrow else 420), narrow)
+
+
+def asked_span(event: Any) -> tuple[float, float] | bool | None:
+    """What a plotly_relayout event asks for: a stretch of time, everything (None), or neither (False).
+
+    >>> asked_span({"xaxis2.range[0]": 1, "xaxis2.range[1]": 2.5})
+    (1.0, 2.5)
+    """
+    if not isinstance(event, dict):
+        return False
+    for axis in ("xaxis", "xaxis2"):
+        if event.get(f"{axis}.autorange"):
+            return None
+        ends = [event.get(f"{axis}.range[{k}]") for k in (0, 1)]
+        if all(isinstance(end, int | float) for end in ends):
+            low, high = (float(end) for end in ends if end is not None)
+            return low, high
+    return False
 
 
 def ladder_chart(
@@ -25,11 +53,9 @@ def ladder_chart(
     return _ready(styled(plot, 320 if narrow else 360), narrow)
 
 
-def merged(first: Sequence[Curves], last: Sequence[Curves]) -> list[Curves]:
-    """The same runs with the curves of two models."""
-    return [
-        Curves(a.t, a.torque, {**a.modelled, **b.modelled}) for a, b in zip(first, last, strict=True)
-    ]
+def merged(first: Curves, last: Curves) -> Curves:
+    """The same run with the curves of two models."""
+    return Curves(first.t, first.torque, {**first.modelled, **last.modelled})
 
 
 def _ready(plot: Any, narrow: bool) -> dict[str, Any]:

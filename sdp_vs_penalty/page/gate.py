@@ -42,7 +42,11 @@ class Gate:
             return
         headers = dict(scope["headers"])
         origin = headers.get(b"origin")
-        if headers.get(b"host") not in self.hosts or (origin and origin not in self.origins):
+        # Not every request of another site names its origin; browsers say where it comes from.
+        elsewhere = headers.get(b"sec-fetch-site") in (b"cross-site", b"same-site")
+        elsewhere = elsewhere and headers.get(b"sec-fetch-mode") != b"navigate"
+        foreign = bool(origin) and origin not in self.origins
+        if headers.get(b"host") not in self.hosts or foreign or elsewhere:
             await _refuse(scope, send)
             return
 

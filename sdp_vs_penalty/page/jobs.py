@@ -126,10 +126,10 @@ def simulate(request: Request, progress: Progress) -> Answer:
     hidden = [] if request["effect"] == "none" else [(request["effect"], joints)]
     made = hidden_runs(problem, hidden, level, int(request["seed"]))
     runs = []
-    for name, part in zip(("run 1", "run 2", "run 3", "test run"), made.runs, strict=True):
+    for name, part in zip(("run1.csv", "run2.csv", "run3.csv", "test.csv"), made.runs, strict=True):
         progress(f"checking {name}")
         run = _keep(problem, part, Path(request["folder"]), name)
-        runs.append({**run, "use": "test" if name == "test run" else "train"})
+        runs.append({**run, "use": "test" if name == "test.csv" else "train"})
     return {"runs": runs, "refused": [], "effects": made.truth["model_effects"]}
 
 

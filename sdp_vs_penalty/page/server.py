@@ -157,7 +157,14 @@ def make_app(page: Page) -> FastAPI:
         await _build(page, session)
         return None
 
-    ui.run_with(app, title="sdp-vs-penalty", dark=None, tailwind=False, show_welcome_message=False)
+    ui.run_with(
+        app,
+        title="sdp-vs-penalty",
+        dark=None,
+        tailwind=False,
+        language="en-US",
+        show_welcome_message=False,
+    )
     return app
 
 

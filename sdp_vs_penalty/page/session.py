@@ -66,7 +66,10 @@ class Session:
     task: asyncio.Task[None] | None = None
     listeners: list[Callable[[], None]] = field(default_factory=list)
     arrived: dict[str, Path] = field(default_factory=dict)
+    made_by: str | None = None
     left_at: float = field(default_factory=time.monotonic)
+    #: How often a control was moved in vain: it has to be drawn anew as it is.
+    refusals: int = 0
     _count: int = 0
     _names: dict[str, str] = field(default_factory=dict)
     _curves: dict[str, list[Curves]] = field(default_factory=dict)
@@ -129,7 +132,14 @@ class Session:
     def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
         """The built-in data with an effect hidden in them, instead of the runs that are there."""
         details = {"effect": effect, "joints": joints, "level": level, "seed": seed}
-        self._start("Simulating", self._take_runs("simulate", **details))
+
+        async def do() -> None:
+            await self._take_runs("simulate", **details)
+            at = ":" + "+".join(map(str, joints)) if joints else ""
+            if effect != "none":
+                self.made_by = f"--hide {effect}{at} --level {level} --seed {seed} --out ."
+
+        self._start("Simulating", do())
 
     def real(self) -> None:
         """The real runs of this robot that are on the computer, instead of those that are there."""
@@ -138,6 +148,8 @@ class Session:
     def use(self, file: str, use: str) -> None:
         """Use a run for training, for testing, or not at all ("")."""
         if self._busy():
+            self.refusals += 1
+            self.say("Wait until the work is done, or cancel it.", error=False)
             return
         for run in self.runs:
             if run["file"] == file:
@@ -164,7 +176,9 @@ class Session:
         """What the current model misses."""
 
         async def do() -> None:
-            self.findings = await self._job("find", model=self._current(), frozen=self.frozen)
+            frozen = self.frozen
+            answer = await self._job("find", model=self._current(), frozen=frozen)
+            self.findings = {**answer, "frozen": frozen}
             self.found_for = len(self.ladder)
 
         self._start("Looking for what is missing", do())
@@ -177,7 +191,7 @@ class Session:
                 "extend",
                 model=self._current(),
                 effect=",".join(texts),
-                frozen=self.frozen,
+                frozen=self.findings is not None and self.findings["frozen"],
                 out=self._next_file(),
             )
             label = " ".join(f"+ {text.partition('@')[0]}" for text in texts)
@@ -245,11 +259,12 @@ class Session:
         """The same on the command line."""
         if self.robot is None or not self.ladder:
             return []
-        robot = self.robot["file"] or self.robot["source"]
+        robot = shlex.quote(self.robot["file"] or self.robot["source"])
         data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] == "train")
         first = self.ladder[0]
-        out = [
-            f"sdp-vs-penalty identify {shlex.quote(robot)} --data {data} --method {first['method']} "
+        out = [f"sdp-vs-penalty simulate {robot} {self.made_by}"] if self.made_by else []
+        out += [
+            f"sdp-vs-penalty identify {robot} --data {data} --method {first['method']} "
             f"--effects {','.join(first['effects'])} --seed {self.seed} --out model1.json"
         ]
         for k, model in enumerate(self.ladder[1:], start=1):
@@ -325,7 +340,7 @@ class Session:
         for run in new:  # a name says what a run is for
             if job == "read" and "test" in run["name"].lower():
                 run["use"] = "test"
-        self.runs = [*before, *new]
+        self.runs, self.made_by = [*before, *new], None
         self._names |= {str(self.folder / run["file"]): run["name"] for run in new}
         if self.runs and all(run["use"] == "test" for run in self.runs):
             self.runs[0]["use"] = "train"

@@ -17,7 +17,7 @@ from sdp_vs_penalty.page.step import Step
 from sdp_vs_penalty.page.steps import STEPS
 from sdp_vs_penalty.page.steps.runs import Hiding
 
-_THEMES = {None: "Colours: as the system", False: "Colours: light", True: "Colours: dark"}
+_THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
 
 
 class View:

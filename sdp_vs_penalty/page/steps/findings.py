@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 from sdp_vs_penalty.page.controls import button, check, details, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
-from sdp_vs_penalty.page.wording import change, figure, physics, plain_name, plain_unit, where, with_unit
+from sdp_vs_penalty.page.wording import (
+    change,
+    constants,
+    figure,
+    physics,
+    plain_name,
+    plain_unit,
+    where,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
@@ -69,10 +78,9 @@ def _card(view: View, k: int, text: str, added: bool) -> None:
             tag("span", finding["confidence"], f"badge {finding['confidence']}")
         unit = plain_unit(finding["unit"])
         size = f"{finding['size']:.4g} ± {std:.1g} {unit}".strip()
-        constants = ", ".join(
-            f"{key} = {value:.3g}" for key, value in finding["shape"].items() if key not in ("t0", "v_s")
-        )
-        tag("p", f"Size {size}" + (f"; {constants}" if constants else ""), "size")
+        prismatic = bool(finding["joints"]) and units[finding["joints"][0] - 1] == "N"
+        said = constants(finding["shape"], prismatic)
+        tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
         tag("p", physics(finding))
         rivals = finding["indistinguishable_from"]
         if rivals:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.page.charts import merged, torque_chart
+from sdp_vs_penalty.page.charts import asked_span, merged, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
@@ -49,20 +49,26 @@ def _draw(view: View) -> None:
                 floor = comparison["noise_floor"][j]
                 tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
             chips.append(chip)
-    choice(
-        "Run",
-        [(name, name) for name in model["runs"]],
-        view.run,
-        lambda name: show(view.joint or 0, name),
-        "shown-run",
-    )
+    with tag("div", style="pick"):
+        choice(
+            "Run",
+            [(name, name) for name in model["runs"]],
+            view.run,
+            lambda name: show(view.joint or 0, name),
+            "shown-run",
+        )
 
-    def options() -> dict[str, Any]:
+    def options(span: tuple[float, float] | None = None) -> dict[str, Any]:
         k, j = model["runs"].index(view.run), view.joint or 0
-        curves = session.curves(model)[k : k + 1]
+        curves = session.curves(model)[k]
         if len(session.ladder) > 1:
-            curves = merged(session.curves(session.ladder[0])[k : k + 1], curves)
-        return torque_chart(curves, j, units, view.narrow)
+            curves = merged(session.curves(session.ladder[0])[k], curves)
+        return torque_chart(curves, j, units, view.narrow, span)
+
+    def zoom(event: Any) -> None:
+        span = asked_span(event.args)
+        if not isinstance(span, bool):
+            parts["chart"].update_figure(options(span))
 
     def show(j: int, run: str) -> None:
         view.joint, view.run = j, run
@@ -73,6 +79,7 @@ def _draw(view: View) -> None:
         parts["words"].text = _words(model, j, units[j])
 
     parts["chart"] = chart(options(), "Measured and modelled torque, and what is left")
+    parts["chart"].on("plotly_relayout", zoom)
     parts["words"] = tag("p", "", "words")
     show(view.joint or 0, view.run)
     if model["failures"]:

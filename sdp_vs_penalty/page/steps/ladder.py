@@ -44,7 +44,7 @@ def _draw(view: View) -> None:
         ]
         for j, unit in enumerate(units)
     ]
-    heads = ["joint", *(f"model {k}" for k in range(1, len(ladder) + 1)), "change", "noise"]
+    heads = ["joint", *(str(k) for k in range(1, len(ladder) + 1)), "change", "noise"]
     table(heads, rows, "RMS error of each joint, model by model", "numbers ladder")
     judged = ", ".join(ladder[-1]["judged_on"])
     tag("p", f"RMS error on {judged}.", "soft")

@@ -50,11 +50,15 @@ def _draw(view: View) -> None:
     if robot is not None and robot["file"]:
         tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
     if robot is not None:
-        names = ", ".join(
-            f"{k} {name} [{unit}]"
-            for k, (name, unit) in enumerate(zip(robot["joints"], robot["units"], strict=True), start=1)
-        )
-        tag("p", f"Joints and the unit of their torque: {names}", "soft")
+        tag("p", _joints(robot), "soft")
+
+
+def _joints(robot: dict[str, Any]) -> str:
+    """Names in order, and the unit of the torque: one for all where it is the same."""
+    if len(set(robot["units"])) == 1:
+        return f"Joints in order: {', '.join(robot['joints'])}; torques in {robot['units'][0]}."
+    both = zip(robot["joints"], robot["units"], strict=True)
+    return f"Joints in order: {', '.join(f'{name} [{unit}]' for name, unit in both)}."
 
 
 ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw)

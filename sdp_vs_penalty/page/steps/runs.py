@@ -28,7 +28,7 @@ class Hiding:
 
 
 def _depends(session: Session) -> Any:
-    return (session.robot or {}).get("source"), session.runs
+    return (session.robot or {}).get("source"), session.runs, session.refusals
 
 
 def _draw(view: View) -> None:
