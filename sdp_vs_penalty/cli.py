@@ -176,7 +176,8 @@ def compare(
     window: Window = None,
     debug: Debug = False,
 ) -> None:
-    """Compare models with measured runs: the error of each joint beside the noise.
+    """Compare models with measured runs: the error of each joint beside the noise, and where the last
+    of the models fails.
 
     Example: [cyan]sdp-vs-penalty compare model.json --data test.csv --json out.json[/cyan]
     """
@@ -192,16 +193,17 @@ def compare(
     start, stop = time_window(window)
     measurements = load_measurements(*data, start=start, stop=stop)
     results = compare_models(estimates, measurements)
-    failures = where_it_fails(next(iter(estimates.values())), measurements)
+    newest, estimate = list(estimates.items())[-1]
+    failures = where_it_fails(estimate, measurements)
     if json_file is not None:
         content = {
             "models": [result.to_dict() for result in results],
             "where_it_fails": [failure.to_dict() for failure in failures],
+            "where_it_fails_of": newest,
         }
         write_text(json_file, json.dumps(content, indent=1) + "\n")
-    first = next(iter(estimates.values()))
-    console.comparison_tables(results, first.robot.torque_units)
-    printing.where_it_fails(failures, first.robot.torque_units)
+    console.comparison_tables(results, estimate.robot.torque_units)
+    printing.where_it_fails(failures, estimate.robot.torque_units, newest)
     if json_file is not None:
         console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
 

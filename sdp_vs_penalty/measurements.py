@@ -19,11 +19,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import csv_text
 from sdp_vs_penalty.errors import InputError
 
 Array = NDArray[np.float64]
-
-_HEADER = "t,q1..qn,dq1..dqn,tau1..taun (dq optional)"
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ def load_measurements(
         _check(path, part)
         parts.append(part)
     _refuse_twice(paths, parts)
-    whole = concatenate(parts)
+    whole = parts[0] if len(parts) == 1 else concatenate(parts)
     if start > 0.0 or np.isfinite(stop):
         whole = whole.window(start, stop)
         for run in whole.runs():
@@ -183,11 +182,10 @@ def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) ->
 
 def _csv_columns(path: Path) -> dict[str, Array]:
     """All columns of a CSV file with a header of any names."""
-    lines = _lines(path)
-    header = _header(path, lines[0])
+    header = csv_text.header(path)
     if len(set(header)) != len(header):
         raise InputError(f"{path}: row 1 names a column twice.")
-    rows = _numbers(path, lines[1:], len(header))
+    rows = csv_text.numbers(path, len(header))
     return {name: rows[:, k] for k, name in enumerate(header)}
 
 
@@ -204,12 +202,9 @@ def save_csv(measurements: Measurements, path: str | Path) -> None:
 
 
 def _read_csv(path: Path) -> Measurements:
-    lines = _lines(path)
-    if not lines or not lines[0].strip():
-        raise InputError(f"{path}: row 1 is empty; it must hold the header {_HEADER}.")
-    header = _header(path, lines[0])
+    header = csv_text.header(path)
     n, has_dq = _joints_of(path, header)
-    rows = _numbers(path, lines[1:], len(header))
+    rows = csv_text.numbers(path, len(header))
     column = {name: k for k, name in enumerate(header)}
 
     def group(prefix: str) -> Array:
@@ -219,67 +214,11 @@ def _read_csv(path: Path) -> Measurements:
     return Measurements(rows[:, column["t"]].copy(), group("q"), group("tau"), dq, None, (path.name,))
 
 
-def _header(path: Path, line: str) -> list[str]:
-    """The names in row 1; InputError where it holds numbers, or cells that no commas separate."""
-    names = [name.strip() for name in line.split(",")]
-    cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
-    if cells and all(_is_number(cell) for cell in cells):
-        raise InputError(f"{path}: {_no_header(path, len(cells))}")
-    if len(names) == 1 and len(cells) > 1:
-        what = "semicolons" if ";" in line else "white space"
-        raise InputError(
-            f"{path}: row 1 separates its {len(cells)} names by {what}: separate all cells by commas, "
-            "and write decimal points."
-        )
-    return names
-
-
-def _no_header(path: Path, count: int) -> str:
-    """What is wrong with a file that starts with numbers, and what to do about it."""
-    from sdp_vs_penalty.datasets import DATASETS
-
-    known = [d.name for d in DATASETS.values() if path.name in {Path(f.path).name for f in d.files}]
-    if known:
-        return (
-            f"row 1 holds numbers, there is no header: this is a raw file of the data set {known[0]}, "
-            f"which `sdp-vs-penalty fetch {known[0]}` downloads and writes as RUN.csv."
-        )
-    return (
-        f"row 1 holds {count} numbers, there is no header: put {_HEADER} above them and separate cells "
-        "by commas, or name the columns as you like and use `sdp-vs-penalty convert --rename`."
-    )
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _lines(path: Path) -> list[str]:
-    """The lines of a text file; InputError for what is not text."""
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
-    if b"\0" in raw:
-        raise InputError(f"{path}: a binary file; measurements are CSV text or .npz.")
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: not UTF-8 text (byte {error.start}); measurements are CSV text or .npz."
-        ) from error
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
 def _joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     """Number of joints and whether dq is there, from a header; InputError where it is incomplete."""
     found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
     if not found:
-        raise InputError(f"{path}: row 1 names no column q1; the header must read {_HEADER}.")
+        raise InputError(f"{path}: row 1 names no column q1; the header must read {csv_text.HEADER}.")
     n = max(found)
     has_dq = any(re.fullmatch(r"dq[0-9]+", name) for name in names)
     wanted = [
@@ -294,40 +233,6 @@ def _joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
         if name not in wanted:
             raise InputError(f"{path}: column {name!r} is unknown; expected t, q, dq, tau with numbers.")
     return n, has_dq
-
-
-def _numbers(path: Path, lines: Sequence[str], width: int, first: int = 2) -> Array:
-    """The rows (N, width) of lines, of which the first is row ``first`` of the file."""
-    count = len(lines)
-    while count and not lines[count - 1].strip():
-        count -= 1
-    lines = lines[:count]
-    if not lines:
-        return np.zeros((0, width))
-    try:
-        rows = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
-        if rows.shape == (len(lines), width):
-            return rows
-    except ValueError:
-        pass  # the loop below says which row it is
-    for number, line in enumerate(lines, start=first):
-        cells = line.split(",")
-        if not line.strip():
-            raise InputError(f"{path}: row {number} is empty: delete it.")
-        if len(cells) != width:
-            raise InputError(
-                f"{path}: row {number} has {len(cells)} cells, the header has {width}: "
-                "complete the row or delete it."
-            )
-        for k, cell in enumerate(cells):
-            try:
-                float(cell)
-            except ValueError:
-                raise InputError(
-                    f"{path}: row {number}, column {k + 1} holds {cell.strip()[:40]!r}, not a number: "
-                    "correct it or delete the row."
-                ) from None
-    raise InputError(f"{path}: the rows cannot be read as numbers.")
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
@@ -409,7 +314,7 @@ def _one_column(path: Path) -> Array:
             return values[:, 0]
     except (ValueError, UserWarning, OSError):
         pass
-    return _numbers(path, _lines(path), 1, first=1)[:, 0]
+    return csv_text.numbers(path, 1, first=1)[:, 0]
 
 
 def _check(path: Path, m: Measurements) -> None:

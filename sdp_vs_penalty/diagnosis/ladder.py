@@ -202,7 +202,10 @@ class Search:
         rest = float(np.sum((fit.joint_chi2 / level2)[joints])) - hypothesis.chi2
         noise = float(np.sum((fit.degrees * fit.weighting.floor / level2)[joints]))
         rest = max(rest, noise) / freedom  # luck with the noise is no evidence
-        p = stats.f.sf(hypothesis.chi2 / k / rest, k, freedom)
+        # The noise's spectrum at the hypothesis's frequencies is known to a relative variance of
+        # 2 ORDER / degrees only (Berk, Annals of Statistics 1974).
+        known = float(self.noise.degrees[joints].sum()) / ORDER
+        p = stats.f.sf(hypothesis.chi2 / k / rest, k, min(freedom, known))
         if not p < FALSE_CLAIM / max(self.white.size, 1):
             return None
         sums = BlockSums.of(fit, fit.partialled(fit.scaled(hypothesis.columns)), k)

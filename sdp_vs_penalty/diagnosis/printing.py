@@ -34,7 +34,9 @@ def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]
     """
     out.print(_VERDICTS.get(result.verdict, _UNKNOWN))
     if result.effects:
-        out.print(_ladder(result, units))
+        kinds = ", ".join(dict.fromkeys(units))
+        out.print(f"[italic]Held-out RMSE of each joint below {result.band_hz:.3g} Hz \\[{kinds}]")
+        out.print(_ladder(result, len(units)))
         said: set[str] = set()
         for k, finding in enumerate(result.effects, start=1):
             head, _, physics = finding.explanation.partition(". ")
@@ -69,13 +71,9 @@ def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]
         out.print(remark, markup=False)
 
 
-def _ladder(result: Diagnosis, units: Sequence[str]) -> Table:
+def _ladder(result: Diagnosis, joints: int) -> Table:
     """One row a step, numbered like the sentences below it: narrow enough for seven joints."""
-    kinds = ", ".join(dict.fromkeys(units))
-    table = _plain_table(
-        f"Held-out RMSE of each joint below {result.band_hz:.3g} Hz [{escape(kinds)}]",
-        ["with", *(str(j + 1) for j in range(len(units))), ""],
-    )
+    table = _plain_table(["with", *(str(j + 1) for j in range(joints)), ""])
     table.add_row("the model", *_cells(result.effects[0].held_out_rmse_before), "")
     for k, f in enumerate(result.effects, start=1):
         table.add_row(f"+ {k}.", *_cells(f.held_out_rmse_after), f.confidence)
@@ -92,7 +90,8 @@ def before_after(
 ) -> None:
     """RMSE of each joint before and after an effect was added."""
     table = Table(title=f"RMSE on {what}", title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
-    for heading in ("joint", "before", "after", "change", "noise floor"):
+    known = [] if floor is None else ["noise floor"]
+    for heading in ("joint", "before", "after", "change", *known):
         table.add_column(heading, justify="right")
     for j, unit in enumerate(units):
         change = 100.0 * (after[j] / before[j] - 1.0) if before[j] > 0.0 else 0.0
@@ -101,25 +100,28 @@ def before_after(
             f"{before[j]:.4f}",
             f"{after[j]:.4f}",
             f"{change:+.1f} %",
-            "" if floor is None else f"{floor[j]:.4f}",
+            *([] if floor is None else [f"{floor[j]:.4f}"]),
         )
     out.print(table)
+    if floor is None:
+        out.print("No motion repeats there: the noise floor is unknown.", markup=False)
 
 
-def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str]) -> None:
+def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
     """The section "where the model fails" of compare: what the residual depends on."""
     names = list(failures[0].shares)
-    table = _plain_table(
-        "Where the model fails: held-out share of the residual's variance explained by ... [%]",
-        ["", *(str(f.joint) for f in failures)],
-    )
+    joints = ["", *(str(f.joint) for f in failures)]
+    what = "held-out share of the residual's variance explained by ... \\[%]"
+    out.print(f"[italic]Where {escape(model)} fails: {what}")
+    table = _plain_table(joints)
     for name in names:
         table.add_row(name, *(f"{100 * f.shares[name]:.0f}" for f in failures))
     out.print(table)
-    table = _plain_table("and what it looks like", ["", *(str(f.joint) for f in failures)])
+    out.print("[italic]and what it looks like")
+    table = _plain_table(joints)
     table.add_row("RMSE", *(f"{f.rmse:.3g}" for f in failures))
     table.add_row(
-        "noise floor", *("-" if f.noise_floor is None else f"{f.noise_floor:.2g}" for f in failures)
+        "noise, no drift", *("-" if f.noise_floor is None else f"{f.noise_floor:.2g}" for f in failures)
     )
     table.add_row(
         "explainable [%]",
@@ -144,10 +146,8 @@ def _short(x: float) -> str:
     return f"{x:.2f}" if np.isfinite(x) else "-"
 
 
-def _plain_table(title: str, headings: Sequence[str]) -> Table:
-    table = Table(
-        title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0)
-    )
+def _plain_table(headings: Sequence[str]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     for k, heading in enumerate(headings):
         table.add_column(heading, justify="left" if k == 0 else "right", no_wrap=True)
     return table

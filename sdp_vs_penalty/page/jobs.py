@@ -7,7 +7,7 @@ a job that is killed has changed nothing.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,10 @@ from sdp_vs_penalty.page.summary import summary
 from sdp_vs_penalty.problem import Problem, load_problem, problem_names
 from sdp_vs_penalty.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
+
+#: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
+#: between, so that no filter sees both.
+SPLIT, _PAUSE = 0.7, 0.5
 
 Request = Mapping[str, Any]
 Answer = dict[str, Any]
@@ -260,19 +264,26 @@ def _joint_names(problem: Problem) -> list[str]:
 
 
 def _runs(request: Request) -> tuple[Measurements, Measurements | None]:
-    """Runs to identify from, and those to judge on (None without one), under their shown names."""
-    train = _load(request["folder"], [r for r in request["runs"] if r["use"] == "train"])
-    test = _load(request["folder"], [r for r in request["runs"] if r["use"] == "test"])
-    if train is None:
-        raise InputError("No run is there to identify from: use at least one run for training.")
-    return train, test
+    """Runs to identify from, and those to judge on (None without one), under their shown names.
 
-
-def _load(folder: str, runs: Sequence[Mapping[str, Any]]) -> Measurements | None:
-    if not runs:
-        return None
-    loaded = load_measurements(*(Path(folder) / run["file"] for run in runs))
-    return replace(loaded, names=tuple(run["name"] for run in runs))
+    A run of use "split" gives its beginning to the first and, after a pause, its end to the others.
+    """
+    chosen = request["runs"]
+    if not chosen:
+        raise InputError("No run is there to identify from: add measurements first.")
+    loaded = load_measurements(*(Path(request["folder"]) / run["file"] for run in chosen))
+    train, test = [], []
+    for run, part in zip(chosen, loaded.runs(), strict=True):
+        if run["use"] == "split":
+            cut = SPLIT * float(part.t[-1] - part.t[0])
+            train.append(replace(part.window(0.0, cut), names=(f"{run['name']}, first part",)))
+            rest = part.window(cut + _PAUSE, float("inf"))
+            test.append(replace(rest, names=(f"{run['name']}, rest",)))
+        else:
+            (test if run["use"] == "test" else train).append(replace(part, names=(run["name"],)))
+    if not train:
+        raise InputError("No run is there to identify from: use at least one for it.")
+    return concatenate(train), concatenate(test) if test else None
 
 
 def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[str, Any]:

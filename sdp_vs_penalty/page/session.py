@@ -17,6 +17,8 @@ from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
 from sdp_vs_penalty.plots import Curves
 
+#: Seconds of a run that is long enough to be split into one to identify from and one to test on.
+_LONG = 10.0
 #: Before the first identification of a robot.
 _METHOD = "lmi-sdp"
 
@@ -260,7 +262,9 @@ class Session:
         if self.robot is None or not self.ladder:
             return []
         robot = shlex.quote(self.robot["file"] or self.robot["source"])
-        data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] == "train")
+        data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] != "test")
+        if len(self.runs) == 1 and self.runs[0]["use"] == "split":
+            data += f" --window 0:{0.7 * self.runs[0]['seconds']:.4g}"
         first = self.ladder[0]
         out = [f"sdp-vs-penalty simulate {robot} {self.made_by}"] if self.made_by else []
         out += [
@@ -342,8 +346,10 @@ class Session:
                 run["use"] = "test"
         self.runs, self.made_by = [*before, *new], None
         self._names |= {str(self.folder / run["file"]): run["name"] for run in new}
-        if self.runs and all(run["use"] == "test" for run in self.runs):
-            self.runs[0]["use"] = "train"
+        if len(self.runs) == 1:  # one run alone is tested on its own end
+            self.runs[0]["use"] = "split" if self.runs[0]["seconds"] >= _LONG else "train"
+        elif len(new) == len(self.runs) and all(run["use"] == "test" for run in new):
+            new[0]["use"] = "train"
         if "effects" in answer:
             self.effects = list(answer["effects"])
         if new:

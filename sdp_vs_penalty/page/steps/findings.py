@@ -81,7 +81,12 @@ def _card(view: View, k: int, text: str, added: bool) -> None:
         prismatic = bool(finding["joints"]) and units[finding["joints"][0] - 1] == "N"
         said = constants(finding["shape"], prismatic)
         tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
-        tag("p", physics(finding))
+        before_this = [f["effect"] for f in session.findings["effects"][:k]]
+        if finding["effect"] in before_this:
+            with details("What it is", f"physics-{k}"):
+                tag("p", physics(finding))
+        else:
+            tag("p", physics(finding))
         rivals = finding["indistinguishable_from"]
         if rivals:
             tag("p", f"These data cannot tell it from: {', '.join(rivals)}.", "rivals")

@@ -66,7 +66,7 @@ MODEL = Step(
     "model",
     "Model",
     "Add measurements first.",
-    lambda session: any(run["use"] == "train" for run in session.runs),
+    lambda session: any(run["use"] != "test" for run in session.runs),
     _depends,
     _draw,
 )

@@ -14,7 +14,12 @@ from sdp_vs_penalty.page.wording import plain_name
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
 
-_USES = (("train", "identify from it"), ("test", "test on it"), ("", "remove"))
+_USES = (
+    ("train", "identify from it"),
+    ("test", "test on it"),
+    ("split", "first 70 % / test on the rest"),
+    ("", "remove"),
+)
 
 
 @dataclass
