@@ -21,16 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.challenge_cases import CLASSES, CaseClass, draw
-from sdp_vs_penalty.diagnosis.diagnose import (
-    Stage,
-    conclude,
-    model_columns,
-    prepare,
-    search_through,
-    white_rows,
-)
+from sdp_vs_penalty.diagnosis.diagnose import conclude
+from sdp_vs_penalty.diagnosis.fit import independent
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
-from sdp_vs_penalty.diagnosis.scoring import independent
+from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, search_through, white_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.experiment import experiment

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.diagnose import label_rows
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import label_rows
 from sdp_vs_penalty.diagnosis.whitening import noise_of
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.errors import InputError

@@ -8,20 +8,10 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from sdp_vs_penalty.challenge_report import wilson
+from sdp_vs_penalty.diagnosis.block_test import BlockSums, largest_wald, wald, wald_exponent
 from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, spectral_lines
-from sdp_vs_penalty.diagnosis.scoring import (
-    BlockSums,
-    Fit,
-    Rows,
-    Weighting,
-    cross_validate,
-    evidence,
-    independent,
-    largest_wald,
-    solve_group,
-    wald,
-    wald_exponent,
-)
+from sdp_vs_penalty.diagnosis.fit import Fit, Rows, Weighting, independent
+from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
 from sdp_vs_penalty.diagnosis.whitening import _beside, autoregression
 
 Array = NDArray[np.float64]

@@ -130,9 +130,13 @@ def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> 
     trials = []
     for shape in kind.shapes(effect.robot, joint):
         one = kind(effect.robot, [joint], **{**shape, **keep})
-        trials.append(search.hypothesis(fit, (effect.name, joint), one, search.white_columns(one)))
+        trials.append(
+            search.candidates.hypothesis(
+                fit, (effect.name, joint), one, search.candidates.white_columns(one)
+            )
+        )
     best = max(trials, key=lambda h: h.chi2)
-    return search.tuned(fit, best, fixed).effect
+    return search.candidates.tuned(fit, best, fixed).effect
 
 
 def _add_frozen(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +11,10 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.ladder import Pick, Search
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import Stage, label_rows, least_squares, model_columns, white_rows
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.preprocessing import Preprocessing
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.diagnose import Stage
 
 Array = NDArray[np.float64]
 
@@ -43,8 +40,6 @@ def held_out_errors(
     settings: Preprocessing,
 ) -> HeldOut:
     """Errors on the test run; without one, on outer folds: the search is repeated without each."""
-    from sdp_vs_penalty.diagnosis.diagnose import model_columns
-
     if test is not None:
         rows = diagnosis_rows(test, estimate, settings)
         base = np.zeros((rows.n, len(rows.t), 0)) if stage.frozen else model_columns(rows, estimate)
@@ -68,8 +63,6 @@ def held_out_errors(
 
 def _search_on(stage: Stage, train: NDArray[np.bool_]) -> Search:
     """The same search on some of the rows: all others are switched off."""
-    from sdp_vs_penalty.diagnosis.diagnose import label_rows, white_rows
-
     masked = np.repeat(~train[:, None], stage.rows.n, axis=1) | ~stage.rows.keep
     rows = stage.rows.with_masked(masked)
     labels = label_rows(rows)
@@ -100,21 +93,3 @@ def _ladder(
         predicted = np.concatenate(there[: k + 1], axis=2) @ theta
         out.append(np.sum(keep * (residual - predicted.T) ** 2, axis=0))
     return np.array(out)
-
-
-def least_squares(stage: Stage, rows: DiagnosisRows, columns: Array) -> Array:
-    """(p,) smallest change of parameters that fits white columns (n, M, p) to the residual."""
-    from sdp_vs_penalty.diagnosis.whitening import pieces_of
-
-    n, M, p = columns.shape
-    if p == 0:
-        return np.zeros(0)
-    white, b = np.zeros((n, M, p)), np.zeros((n, M))
-    for j in range(n):
-        pieces = pieces_of(rows, j)
-        white[j] = stage.noise.whiten(columns[j], j, pieces)
-        b[j] = stage.noise.whiten(stage.residual[:, j], j, pieces)
-    A = white.reshape(n * M, p)
-    norms = np.linalg.norm(A, axis=0)
-    unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-    return np.linalg.lstsq(A / unit, b.ravel(), rcond=1e-8)[0] / unit

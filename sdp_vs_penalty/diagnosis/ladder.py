@@ -16,25 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import stats
 
-from sdp_vs_penalty.diagnosis.library import SEVERAL, Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.block_test import BlockSums, flip_threshold, wald_exponent
+from sdp_vs_penalty.diagnosis.candidates import Candidates, Hypothesis
+from sdp_vs_penalty.diagnosis.fit import Fit, Rows, Weighting, independent
+from sdp_vs_penalty.diagnosis.library import Key, Library
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.scoring import (
-    BlockSums,
-    Fit,
-    Rows,
-    Weighting,
-    cross_validate,
-    evidence,
-    flip_threshold,
-    independent,
-    score_library,
-    solve_group,
-    wald_exponent,
-)
-from sdp_vs_penalty.diagnosis.whitening import ORDER, Noise, autoregression, pieces_of
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.diagnosis.whitening import ORDER, Noise, autoregression
 
 Array = NDArray[np.float64]
 
@@ -46,29 +35,9 @@ MIN_SHARE = 0.004
 TOLD_APART = 10.0
 #: Residual variance over that of the noise from which the evidence is not taken at its word.
 _MISFIT = 1.3
-#: How many hypotheses a step looks at closely, how many it tries to add, how many steps there are.
-_CONTENDERS = 8
-#: Folds for what depends on time: every so many blocks of time.
-_TIME_FOLDS = 5
+#: How many hypotheses a step tries to add, how many steps there are.
 _TRIES = 3
 _STEPS = 40
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """One effect on one joint with its best shape: chi2 it takes from the scaled residual, beta (k,),
-    evidence against nothing, columns : white (n M, k)."""
-
-    key: Key
-    effect: Effect
-    chi2: float
-    beta: Array
-    evidence: float
-    columns: Array
-
-    @property
-    def signed(self) -> bool:
-        return _signed(self.effect)
 
 
 @dataclass(frozen=True)
@@ -102,16 +71,11 @@ class Search:
     ) -> None:
         self.rows, self.noise, self.labels, self.seed = rows, noise, labels, seed
         self.basis, self.target, self.white = independent(base), target, white
-        self.known = known
-        self.pieces = [pieces_of(rows, j) for j in range(rows.n)]
+        self.candidates, self.known = Candidates(rows, noise, white), known
         self.picks: list[Pick] = []
         n = rows.n
-        inner = tuple(tuple(p[ORDER:] for p in pieces if len(p) > 2 * ORDER) for pieces in self.pieces)
-        self.weighting = Weighting(np.ones(n), np.zeros((n, ORDER)), inner)
-        self.texts = [group.effect.text for group in white.groups]
-        self.by_key: dict[Key, list[int]] = {}
-        for g, group in enumerate(white.groups):
-            self.by_key.setdefault(group.key, []).append(g)
+        inner = [[p[ORDER:] for p in one if len(p) > 2 * ORDER] for one in self.candidates.pieces]
+        self.weighting = Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(map(tuple, inner)))
         self.settle()
 
     def settle(self) -> None:
@@ -152,6 +116,11 @@ class Search:
             level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, weighting.floor))
             weighting = replace(weighting, level=level)
         return self.fit(base=self._base(weighting)), weighting.library(self.white)
+
+    def contenders(self, fit: Fit, scaled: Library) -> list[Hypothesis]:
+        """The most plausible hypotheses beside the picks, best first."""
+        picked = [p.hypothesis for p in self.picks]
+        return self.candidates.contenders(fit, scaled, picked, self.known)
 
     def run(self, thorough: bool = True) -> list[Pick]:
         """Add until nothing more is justified; ``thorough`` re-examines earlier picks on the way."""
@@ -212,133 +181,11 @@ class Search:
         exponent = float(wald_exponent(sums)[0])
         if exponent < threshold:
             return None
-        gain = float(self.block_gains(fit, scaled, hypothesis).sum())
+        gain = float(self.candidates.block_gains(fit, scaled, hypothesis).sum())
         excess = np.maximum(fit.joint_chi2 - fit.degrees * fit.weighting.floor, 0.0) / level2
         if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
             return None
         return Pick(hypothesis, gain, exponent, ())
-
-    def block_gains(self, fit: Fit, scaled: Library, hypothesis: Hypothesis) -> Array:
-        """(B,) cross-validated gains, the shape chosen anew in each fold."""
-        n, M = fit.rows.n, len(fit.rows.block)
-        shapes = [fit.scaled(hypothesis.columns)]
-        members = self.by_key.get(hypothesis.key, [])
-        if len(members) <= 12:
-            shapes += [
-                scaled.columns(self.white.groups[g]).reshape(n * M, -1)
-                for g in members
-                if self.white.groups[g].k == len(hypothesis.beta)
-            ]
-        # What follows the clock differs from run to run: it is judged between, not after, its data.
-        by_time = "t0" in hypothesis.effect.shape
-        fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
-        return cross_validate(fit, shapes, hypothesis.signed, fold)
-
-    def contenders(self, fit: Fit, scaled: Library) -> list[Hypothesis]:
-        """The most plausible hypotheses, shapes refined, best first."""
-        plausible = self._coarse(fit, scaled)
-        taken = {p.hypothesis.effect.text for p in self.picks}
-        keys = {p.hypothesis.key for p in self.picks if p.hypothesis.key[0] not in SEVERAL}
-        present = {p.hypothesis.key for p in self.picks} | self.known
-        coarse: list[tuple[float, Key, int]] = []
-        for key, members in self.by_key.items():
-            refines = self.white.groups[members[0]].effect.refines
-            if key in keys or (refines and not any((name, key[1]) in present for name in refines)):
-                continue
-            values = np.array([0.0 if self.texts[g] in taken else plausible[g] for g in members])
-            coarse.append((_averaged(values), key, members[int(np.argmax(values))]))
-        coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])
-        close = [c for k, c in enumerate(coarse) if k < _CONTENDERS or c[0] > 0.7 * coarse[0][0]]
-        found = [
-            self.refined(fit, self.white.groups[g], key, v) for v, key, g in close[: 3 * _CONTENDERS]
-        ]
-        return sorted(found, key=lambda h: -h.evidence)
-
-    def _coarse(self, fit: Fit, scaled: Library) -> Array:
-        """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
-        only."""
-        scores = score_library(fit, scaled)
-        out = np.zeros(len(scores.chi2))
-        for batch in self.white.batches:
-            chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
-            if batch.joint is not None:
-                gains = fit.joint_gains(batch.joint, chi2)
-                out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
-                continue
-            for g in batch.groups[chi2 > k]:
-                columns = scaled.columns(self.white.groups[g]).reshape(len(fit.residual), -1)
-                out[g] = self._evidence(fit, fit.partialled(columns), scores.beta[g])
-        return out
-
-    @staticmethod
-    def _evidence(fit: Fit, partialled: Array, beta: Array) -> float:
-        left = fit.residual - partialled @ beta
-        gain = fit.likelihood_gain(fit.chi2_of(left))
-        return float(evidence(gain, len(beta)))
-
-    def refined(self, fit: Fit, group: Group, key: Key, averaged: float) -> Hypothesis:
-        """The hypothesis with its shape constants moved to where they explain most.
-
-        What a free shape costs is in ``averaged``, the evidence averaged over the grid.
-        """
-        columns = self.white.columns(group).reshape(len(fit.residual), -1)
-        start = self.hypothesis(fit, key, group.effect, columns)
-        best = self.tuned(fit, start)
-        return replace(best, evidence=averaged + best.evidence - start.evidence)
-
-    def tuned(self, fit: Fit, start: Hypothesis, fixed: frozenset[str] = frozenset()) -> Hypothesis:
-        """The hypothesis with every continuous shape constant refined in turn, but the fixed ones."""
-        best = start
-        for name in start.effect.shape_bounds:
-            if (
-                name not in fixed
-                and name in start.effect.shape
-                and not (name == "T" and start.effect.shape["form"] % 2)
-            ):
-                best = self._refine_one(fit, best, name)
-        return self.hypothesis(fit, best.key, best.effect, best.columns)
-
-    def _refine_one(self, fit: Fit, start: Hypothesis, name: str) -> Hypothesis:
-        low, high = start.effect.shape_bounds[name]
-        value = start.effect.shape[name]
-        linear = name == "k"  # waves: neighbours are a fixed distance apart, whatever their order
-        a, b = (value - 0.6, value + 0.6) if linear else (value / 2.2, value * 2.2)
-        a, b = max(a, low), min(b, high)
-        found = [start]
-
-        def loss(x: float) -> float:
-            shape = {**start.effect.shape, name: float(x if linear else np.exp(x))}
-            effect = type(start.effect)(start.effect.robot, start.effect.asked_joints, **shape)
-            found.append(self._solve(fit, start.key, effect, self.white_columns(effect)))
-            return -found[-1].chi2
-
-        bounds = (a, b) if linear else (np.log(a), np.log(b))
-        optimize.minimize_scalar(
-            loss, bounds=bounds, method="bounded", options={"xatol": 0.01, "maxiter": 14}
-        )
-        return max(found, key=lambda h: h.chi2)
-
-    def white_columns(self, effect: Effect) -> Array:
-        """(n M, k) white columns of any effect."""
-        raw = spread_columns(self.rows, effect)
-        white = np.stack([self.noise.whiten(raw[j], j, self.pieces[j]) for j in range(self.rows.n)])
-        return white.reshape(-1, raw.shape[2])
-
-    def _solve(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
-        scaled = fit.scaled(columns)
-        C = fit.Q.T @ scaled
-        chi2, beta, _ = solve_group(
-            scaled.T @ scaled - C.T @ C,
-            np.sum(scaled**2, axis=0),
-            scaled.T @ fit.residual,
-            _signed(effect),
-        )
-        return Hypothesis(key, effect, chi2, beta, 0.0, columns)
-
-    def hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
-        found = self._solve(fit, key, effect, columns)
-        partialled = fit.partialled(fit.scaled(columns))
-        return replace(found, evidence=self._evidence(fit, partialled, found.beta))
 
     def rivals(
         self, fit: Fit, scaled: Library, chosen: Hypothesis, contenders: Sequence[Hypothesis]
@@ -351,11 +198,11 @@ class Search:
         others = [h for h in contenders if h.key != chosen.key and h.evidence > 0.0]
         close = [h for h in others if chosen.evidence - h.evidence < TOLD_APART]
         if self._left(fit, chosen) > _MISFIT:
-            own = self.block_gains(fit, scaled, chosen)
+            own = self.candidates.block_gains(fit, scaled, chosen)
             for h in others:
                 if h in close:
                     continue
-                gains = self.block_gains(fit, scaled, h)
+                gains = self.candidates.block_gains(fit, scaled, h)
                 apart = own - gains
                 sigma = float(np.sqrt(len(apart) * apart.var()))
                 if gains.sum() > 0.5 * own.sum() and apart.sum() < 2.0 * sigma:
@@ -365,7 +212,7 @@ class Search:
 
     def _stands_for(self, with_chosen: Fit, h: Hypothesis) -> bool:
         """Whether a rival explains the same: once the chosen one is in the model, it is not needed."""
-        again = self._solve(with_chosen, h.key, h.effect, h.columns)
+        again = self.candidates.solve(with_chosen, h.key, h.effect, h.columns)
         return again.chi2 < 0.5 * h.chi2
 
     def _joints(self, fit: Fit, hypothesis: Hypothesis) -> NDArray[np.intp]:
@@ -388,10 +235,10 @@ class Search:
             fit = self.fit(without=k, base=base)
             pick = self.picks[k]
             h = pick.hypothesis
-            chosen, rivals = self.hypothesis(fit, h.key, h.effect, h.columns), pick.rivals
+            chosen, rivals = self.candidates.hypothesis(fit, h.key, h.effect, h.columns), pick.rivals
             if k < len(self.picks) - 1 and len(np.intersect1d(newest, self._joints(fit, h))):
                 chosen, rivals = self._again(fit, scaled, k)
-            gain = float(self.block_gains(fit, scaled, chosen).sum())
+            gain = float(self.candidates.block_gains(fit, scaled, chosen).sum())
             if gain < MIN_GAIN:
                 del self.picks[k]
             else:
@@ -405,7 +252,9 @@ class Search:
         contenders = self.contenders(fit, scaled)
         self.picks = kept
         old = kept[k].hypothesis
-        own = self.tuned(fit, self.hypothesis(fit, old.key, old.effect, old.columns))
+        own = self.candidates.tuned(
+            fit, self.candidates.hypothesis(fit, old.key, old.effect, old.columns)
+        )
         same = next((h for h in contenders if h.key == old.key), None)
         if same is not None:
             own = same if same.chi2 > own.chi2 else replace(own, evidence=same.evidence)
@@ -424,14 +273,3 @@ def _plain_form(chosen: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis 
     where data do not tell them apart, the plain law is named."""
     own = [h for h in rivals if h.key[1] == chosen.key[1] and h.key[0] in chosen.effect.refines]
     return max(own, key=lambda h: h.evidence, default=None)
-
-
-def _signed(effect: Effect) -> bool:
-    parameters = effect.parameters
-    return len(parameters) == 1 and parameters[0].lower == 0.0
-
-
-def _averaged(values: Array) -> float:
-    """2 log of the mean Bayes factor over shapes: what a free shape constant costs is built in."""
-    top = float(values.max(initial=0.0))
-    return top + 2.0 * float(np.log(np.mean(np.exp(0.5 * (values - top)))))

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from sdp_vs_penalty.diagnosis.fit import Fit
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.scoring import Fit
 from sdp_vs_penalty.diagnosis.whitening import Noise
 
 Array = NDArray[np.float64]

@@ -1,0 +1,134 @@
+"""Whether what a hypothesis explains is more than chance, without a noise model: sums over blocks of
+time, their robust Wald statistic, and the largest that random signs of the blocks bring about.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from sdp_vs_penalty.diagnosis.fit import Fit
+from sdp_vs_penalty.diagnosis.library import Library
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BlockSums:
+    """Of partialled columns z (n M, k) and the residual r, block by block: scores z_b'r_b (G, B, k)
+    and grams z_b'z_b (G, B, k, k), for a batch of G groups of equal k."""
+
+    scores: Array
+    grams: Array
+
+    @classmethod
+    def of(cls, fit: Fit, partialled: Array, k: int) -> BlockSums:
+        """From partialled columns (n M, G k) of G groups side by side."""
+        rows = fit.rows
+        scores = rows.block_sums(partialled * fit.residual[:, None])
+        B, G = rows.blocks, partialled.shape[1] // k
+        grams = np.empty((G, B, k, k))
+        for a in range(k):
+            for b in range(a, k):
+                product = rows.block_sums(partialled[:, a::k] * partialled[:, b::k])
+                grams[:, :, a, b] = grams[:, :, b, a] = product.T
+        return cls(np.swapaxes(scores.reshape(B, G, k), 0, 1), grams)
+
+
+def wald_exponent(sums: BlockSums) -> Array:
+    """(G,) -log10 p of the block-robust Wald test; p is chi-square's with k degrees of freedom."""
+    k = sums.scores.shape[2]
+    return _exponent(wald(sums), k)
+
+
+def _exponent(W: Array, k: int) -> Array:
+    p = special.chdtrc(k, np.maximum(W, 0.0))
+    return np.asarray(-np.log10(np.maximum(p, 1e-300)))
+
+
+def wald(sums: BlockSums) -> Array:
+    """(G,) the block-robust Wald statistic.
+
+    With beta = (sum D_b)^-1 sum s_b, s_b the score and D_b the gram of block b, and u_b = s_b - D_b
+    beta the score that beta leaves, W = (sum s_b)' V^-1 (sum s_b) with V = sum u_b u_b', the
+    cluster-robust sandwich (Liang, Zeger 1986), which needs no noise model but independent blocks.
+    Few blocks (an effect that shows only at reversals) can make the sandwich too small by chance:
+    the smaller W of it and of V = sum D_b, noise of unit variance, counts.
+    """
+    s, D = sums.scores, sums.grams
+    pull = s.sum(axis=1)
+    beta = np.linalg.solve(_ridged(D.sum(axis=1)), pull[:, :, None])[:, :, 0]
+    u = s - np.einsum("gbkl,gl->gbk", D, beta)
+    spread = np.einsum("gbk,gbl->gkl", u, u)
+    return _wald(pull[:, None], beta[:, None], spread[:, None], s)[:, 0]
+
+
+def largest_wald(sums: BlockSums, signs: Array) -> Array:
+    """(S,) the largest statistic :func:`wald` of all groups when the blocks' scores change sign by
+    the rows of ``signs`` (S, B).
+
+    V = sum s s' - (C + C') + Q with C = sum eps_b s_b (D_b beta)' and Q = sum D_b beta beta' D_b: sums
+    over blocks that do not depend on the signs, or are linear in them.
+    """
+    s, D = sums.scores, sums.grams
+    G, B, k = s.shape
+    pull = (signs @ s.transpose(1, 0, 2).reshape(B, G * k)).reshape(-1, G, k).transpose(1, 0, 2)
+    inverse = np.linalg.inv(_ridged(D.sum(axis=1)))
+    beta = pull @ inverse  # (G, S, k); the gram is symmetric
+    products = np.einsum("gbk,gblm->bgklm", s, D).reshape(B, G * k**3)
+    linear = (signs @ products).reshape(-1, G, k, k, k)
+    cross = np.einsum("sgklm,gsm->gskl", linear, beta, optimize=True)
+    flat = D.reshape(G, B, k * k)
+    fourth = (flat.transpose(0, 2, 1) @ flat).reshape(G, k, k, k, k)  # [k, m, l, n] of D_km D_ln
+    squares = (beta[..., :, None] * beta[..., None, :]).reshape(G, -1, k * k)
+    kernel = fourth.transpose(0, 2, 4, 1, 3).reshape(G, k * k, k * k)  # [(m, n), (k, l)]
+    quadratic = (squares @ kernel).reshape(G, -1, k, k)
+    fixed = np.einsum("gbk,gbl->gkl", s, s)
+    spread = fixed[:, None] - cross - np.swapaxes(cross, 2, 3) + quadratic
+    return np.asarray(_wald(pull, beta, spread, s).max(axis=0))
+
+
+def _ridged(total: Array) -> Array:
+    trace = np.trace(total, axis1=1, axis2=2)
+    ridge = np.where(trace > 0.0, 1e-9 * trace, 1.0)
+    return total + ridge[:, None, None] * np.eye(total.shape[1])
+
+
+def _wald(pull: Array, beta: Array, spread: Array, scores: Array) -> Array:
+    """(G, S) from pull, beta (G, S, k), spread (G, S, k, k) and all scores (G, B, k)."""
+    k = pull.shape[2]
+    # The sums above cancel to rounding only: the spread is never smaller than that.
+    size = np.trace(spread, axis1=2, axis2=3)
+    floor = 1e-12 * np.sum(scores**2, axis=(1, 2))[:, None] + 1e-300
+    spread = spread + (1e-9 * np.maximum(size, 0.0) + floor)[:, :, None, None] * np.eye(k)
+    robust = np.sum(pull * np.linalg.solve(spread, pull[..., None])[..., 0], axis=2)
+    return np.minimum(robust, np.sum(pull * beta, axis=2))
+
+
+def flip_threshold(fit: Fit, library: Library, seed: int, draws: int = 200) -> float:
+    """99th percentile of the library's largest Wald exponent when blocks change sign at random."""
+    rng = np.random.default_rng(seed)
+    signs = rng.choice([-1.0, 1.0], (draws, fit.rows.blocks))
+    n, M = fit.rows.n, len(fit.rows.block)
+    Q = fit.Q.reshape(n, M, -1)
+    largest: dict[int, Array] = {}
+    for batch in library.batches:
+        at, index, k = batch.joint, batch.columns.ravel(), batch.columns.shape[1]
+        if at is None:
+            Z = library.robot[:, :, index].reshape(n * M, -1)
+            fresh = Z - fit.Q @ (fit.Q.T @ Z)
+        else:
+            Z = library.joints[at][:, index]
+            fresh = np.negative(fit.Q @ (Q[at].T @ Z))
+            fresh[at * M : (at + 1) * M] += Z
+        energy = np.sum(Z**2, axis=0)
+        seen = np.sum(fresh**2, axis=0) > 1e-7 * energy
+        seen = np.repeat(seen.reshape(-1, k).all(axis=1), k)
+        if seen.any():
+            W = largest_wald(BlockSums.of(fit, fresh[:, seen], k), signs)
+            largest[k] = np.maximum(largest.get(k, 0.0), W)
+    exponents = [_exponent(W, k) for k, W in largest.items()]
+    return float(np.quantile(np.max(exponents, axis=0), 0.99)) if exponents else 0.0

@@ -1,0 +1,189 @@
+"""What a search can add: every hypothesis, its shape constants chosen, and how well it explains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from sdp_vs_penalty.diagnosis.fit import Fit
+from sdp_vs_penalty.diagnosis.library import SEVERAL, Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
+from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, score_library, solve_group
+from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
+from sdp_vs_penalty.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+#: How many hypotheses a step looks at closely.
+_CONTENDERS = 8
+#: Folds for what depends on time: every so many blocks of time.
+_TIME_FOLDS = 5
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One effect on one joint with its best shape: chi2 it takes from the scaled residual, beta (k,),
+    evidence against nothing, columns : white (n M, k)."""
+
+    key: Key
+    effect: Effect
+    chi2: float
+    beta: Array
+    evidence: float
+    columns: Array
+
+    @property
+    def signed(self) -> bool:
+        return _signed(self.effect)
+
+
+class Candidates:
+    """The library on white rows, with the means to solve for, refine and cross-validate any of it."""
+
+    def __init__(self, rows: DiagnosisRows, noise: Noise, white: Library) -> None:
+        self.rows, self.noise, self.white = rows, noise, white
+        self.pieces = [pieces_of(rows, j) for j in range(rows.n)]
+        self.texts = [group.effect.text for group in white.groups]
+        self.by_key: dict[Key, list[int]] = {}
+        for g, group in enumerate(white.groups):
+            self.by_key.setdefault(group.key, []).append(g)
+
+    def contenders(
+        self, fit: Fit, scaled: Library, picked: Sequence[Hypothesis], known: frozenset[Key]
+    ) -> list[Hypothesis]:
+        """The most plausible hypotheses beside those ``picked`` and what the model has (``known``),
+        shapes refined, best first."""
+        plausible = self._coarse(fit, scaled)
+        taken = {h.effect.text for h in picked}
+        keys = {h.key for h in picked if h.key[0] not in SEVERAL}
+        present = {h.key for h in picked} | known
+        coarse: list[tuple[float, Key, int]] = []
+        for key, members in self.by_key.items():
+            refines = self.white.groups[members[0]].effect.refines
+            if key in keys or (refines and not any((name, key[1]) in present for name in refines)):
+                continue
+            values = np.array([0.0 if self.texts[g] in taken else plausible[g] for g in members])
+            coarse.append((_averaged(values), key, members[int(np.argmax(values))]))
+        coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])
+        close = [c for k, c in enumerate(coarse) if k < _CONTENDERS or c[0] > 0.7 * coarse[0][0]]
+        found = [
+            self.refined(fit, self.white.groups[g], key, v) for v, key, g in close[: 3 * _CONTENDERS]
+        ]
+        return sorted(found, key=lambda h: -h.evidence)
+
+    def _coarse(self, fit: Fit, scaled: Library) -> Array:
+        """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
+        only."""
+        scores = score_library(fit, scaled)
+        out = np.zeros(len(scores.chi2))
+        for batch in self.white.batches:
+            chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
+            if batch.joint is not None:
+                gains = fit.joint_gains(batch.joint, chi2)
+                out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
+                continue
+            for g in batch.groups[chi2 > k]:
+                columns = scaled.columns(self.white.groups[g]).reshape(len(fit.residual), -1)
+                out[g] = self._evidence(fit, fit.partialled(columns), scores.beta[g])
+        return out
+
+    @staticmethod
+    def _evidence(fit: Fit, partialled: Array, beta: Array) -> float:
+        left = fit.residual - partialled @ beta
+        gain = fit.likelihood_gain(fit.chi2_of(left))
+        return float(evidence(gain, len(beta)))
+
+    def refined(self, fit: Fit, group: Group, key: Key, averaged: float) -> Hypothesis:
+        """The hypothesis with its shape constants moved to where they explain most.
+
+        What a free shape costs is in ``averaged``, the evidence averaged over the grid.
+        """
+        columns = self.white.columns(group).reshape(len(fit.residual), -1)
+        start = self.hypothesis(fit, key, group.effect, columns)
+        best = self.tuned(fit, start)
+        return replace(best, evidence=averaged + best.evidence - start.evidence)
+
+    def tuned(self, fit: Fit, start: Hypothesis, fixed: frozenset[str] = frozenset()) -> Hypothesis:
+        """The hypothesis with every continuous shape constant refined in turn, but the fixed ones."""
+        best = start
+        for name in start.effect.shape_bounds:
+            if (
+                name not in fixed
+                and name in start.effect.shape
+                and not (name == "T" and start.effect.shape["form"] % 2)
+            ):
+                best = self._refine_one(fit, best, name)
+        return self.hypothesis(fit, best.key, best.effect, best.columns)
+
+    def _refine_one(self, fit: Fit, start: Hypothesis, name: str) -> Hypothesis:
+        low, high = start.effect.shape_bounds[name]
+        value = start.effect.shape[name]
+        linear = name == "k"  # waves: neighbours are a fixed distance apart, whatever their order
+        a, b = (value - 0.6, value + 0.6) if linear else (value / 2.2, value * 2.2)
+        a, b = max(a, low), min(b, high)
+        found = [start]
+
+        def loss(x: float) -> float:
+            shape = {**start.effect.shape, name: float(x if linear else np.exp(x))}
+            effect = type(start.effect)(start.effect.robot, start.effect.asked_joints, **shape)
+            found.append(self.solve(fit, start.key, effect, self.white_columns(effect)))
+            return -found[-1].chi2
+
+        bounds = (a, b) if linear else (np.log(a), np.log(b))
+        optimize.minimize_scalar(
+            loss, bounds=bounds, method="bounded", options={"xatol": 0.01, "maxiter": 14}
+        )
+        return max(found, key=lambda h: h.chi2)
+
+    def white_columns(self, effect: Effect) -> Array:
+        """(n M, k) white columns of any effect."""
+        raw = spread_columns(self.rows, effect)
+        white = np.stack([self.noise.whiten(raw[j], j, self.pieces[j]) for j in range(self.rows.n)])
+        return white.reshape(-1, raw.shape[2])
+
+    def solve(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
+        scaled = fit.scaled(columns)
+        C = fit.Q.T @ scaled
+        chi2, beta, _ = solve_group(
+            scaled.T @ scaled - C.T @ C,
+            np.sum(scaled**2, axis=0),
+            scaled.T @ fit.residual,
+            _signed(effect),
+        )
+        return Hypothesis(key, effect, chi2, beta, 0.0, columns)
+
+    def hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
+        found = self.solve(fit, key, effect, columns)
+        partialled = fit.partialled(fit.scaled(columns))
+        return replace(found, evidence=self._evidence(fit, partialled, found.beta))
+
+    def block_gains(self, fit: Fit, scaled: Library, hypothesis: Hypothesis) -> Array:
+        """(B,) cross-validated gains, the shape chosen anew in each fold."""
+        n, M = fit.rows.n, len(fit.rows.block)
+        shapes = [fit.scaled(hypothesis.columns)]
+        members = self.by_key.get(hypothesis.key, [])
+        if len(members) <= 12:
+            shapes += [
+                scaled.columns(self.white.groups[g]).reshape(n * M, -1)
+                for g in members
+                if self.white.groups[g].k == len(hypothesis.beta)
+            ]
+        # What follows the clock differs from run to run: it is judged between, not after, its data.
+        by_time = "t0" in hypothesis.effect.shape
+        fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
+        return cross_validate(fit, shapes, hypothesis.signed, fold)
+
+
+def _signed(effect: Effect) -> bool:
+    parameters = effect.parameters
+    return len(parameters) == 1 and parameters[0].lower == 0.0
+
+
+def _averaged(values: Array) -> float:
+    """2 log of the mean Bayes factor over shapes: what a free shape constant costs is built in."""
+    top = float(values.max(initial=0.0))
+    return top + 2.0 * float(np.log(np.mean(np.exp(0.5 * (values - top)))))

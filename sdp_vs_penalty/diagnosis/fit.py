@@ -1,0 +1,245 @@
+"""The model fitted to white rows, and the linear algebra that every hypothesis is judged by.
+
+All rows are white with unit variance, so that a drop of the squared residual is a chi-square. The
+model's columns are partialled out (Frisch and Waugh 1933): with Q an orthonormal basis of them and
+r, z what Q leaves of torque and candidate, the drop is (z'r)^2 / z'z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.library import Library
+
+Array = NDArray[np.float64]
+
+#: A candidate of whose energy less than this share survives the model's columns is invisible.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Rows:
+    """White rows of all joints one below the other: row j M + m is row m of joint j.
+
+    block : (M,) labels of time blocks, 0, 1, ... in order; fold : (M,) labels of cross-validation
+    folds; count (n,) : rows that carry information.
+    """
+
+    n: int
+    block: NDArray[np.intp]
+    fold: NDArray[np.intp]
+    count: Array
+
+    @property
+    def blocks(self) -> int:
+        return int(self.block.max()) + 1
+
+    @property
+    def folds(self) -> int:
+        return int(self.fold.max()) + 1
+
+    def block_sums(self, values: Array) -> Array:
+        """(B, ...) sums over the rows of each block, of values (n M, ...)."""
+        shaped = values.reshape(self.n, len(self.block), *values.shape[1:]).sum(axis=0)
+        return self.sums(shaped)
+
+    def sums(self, values: Array) -> Array:
+        """(B, ...) sums over the rows of each block, of values (M, ...)."""
+        starts = np.searchsorted(self.block, np.arange(self.blocks))
+        return np.add.reduceat(values, starts, axis=0)
+
+    def joint_sums(self, values: Array) -> Array:
+        """(n, ...) sums over the rows of each joint."""
+        return values.reshape(self.n, len(self.block), *values.shape[1:]).sum(axis=1)
+
+
+def independent(columns: Array) -> Array:
+    """An orthonormal basis (n M, r) of columns (n M, p), their rank found by a pivoted QR."""
+    norms = np.linalg.norm(columns, axis=0)
+    seen = norms > 1e-12 * norms.max(initial=0.0)
+    if not seen.any():
+        return np.zeros((len(columns), 0))
+    q, r, _ = scipy.linalg.qr(
+        columns[:, seen] / norms[seen], mode="economic", pivoting=True, check_finite=False
+    )
+    diagonal = np.abs(np.diagonal(r))
+    return np.ascontiguousarray(q[:, diagonal > 1e-8 * diagonal[0]])
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """What white rows go through before they are fitted.
+
+    level (n,) : the rows of each joint are divided by it, so that a joint whose error the model does
+    not explain does not outvote the others because its sensor is quiet. colour (n, order) : before
+    that, an autoregression of the unexplained error itself is taken out: error that nothing explains
+    is noise to every hypothesis, and strongly coloured noise; zero where only noise is left.
+    pieces : per joint the stretches of consecutive rows.
+    """
+
+    level: Array
+    colour: Array
+    pieces: tuple[tuple[NDArray[np.intp], ...], ...]
+
+    @property
+    def floor(self) -> Array:
+        """(n,) variance of the noise behind the colour's filter, before the division."""
+        return 1.0 + np.sum(self.colour**2, axis=1)
+
+    def apply(self, columns: Array, joint: int) -> Array:
+        """White rows (M, ...) of one joint, filtered and divided."""
+        if not np.any(columns):
+            return columns
+        if not np.any(self.colour[joint]):
+            return columns / self.level[joint]
+        out = np.zeros_like(columns)
+        order = self.colour.shape[1]
+        for piece in self.pieces[joint]:
+            x = columns[piece]
+            y = x[order:].copy()
+            for lag, a in enumerate(self.colour[joint], start=1):
+                y -= a * x[order - lag : -lag]
+            out[piece[order:]] = y / self.level[joint]
+        return out
+
+    def apply_all(self, columns: Array) -> Array:
+        """(n M, ...) rows of all joints."""
+        n = len(self.level)
+        stacked = columns.reshape(n, -1, *columns.shape[1:])
+        return np.concatenate([self.apply(c, j) for j, c in enumerate(stacked)])
+
+    def library(self, white: Library) -> Library:
+        """A white library's columns, weighted."""
+        joints = tuple(self.apply(m, j) for j, m in enumerate(white.joints))
+        robot = np.stack([self.apply(m, j) for j, m in enumerate(white.robot)])
+        return replace(white, joints=joints, robot=robot)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The model fitted to weighted white rows.
+
+    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves.
+    """
+
+    rows: Rows
+    Q: Array
+    residual: Array
+    target: Array
+    weighting: Weighting
+
+    @classmethod
+    def of(cls, rows: Rows, basis: Array, target: Array, weighting: Weighting) -> Fit:
+        """Least squares on white columns (n M, r) of full rank, target white (n M,)."""
+        q = np.linalg.qr(weighting.apply_all(basis))[0] if basis.shape[1] else basis
+        weighted = weighting.apply_all(target)
+        return cls(rows, q, weighted - q @ (q.T @ weighted), weighted, weighting)
+
+    def scaled(self, columns: Array) -> Array:
+        """White columns (n M, k), weighted."""
+        return self.weighting.apply_all(columns)
+
+    def partialled(self, columns: Array) -> Array:
+        """(n M, k) what the model's columns leave of weighted others; twice, against rounding."""
+        for _ in range(2):
+            columns = columns - self.Q @ (self.Q.T @ columns)
+        return columns
+
+    def extended(self, columns: Array) -> Fit:
+        """The fit with more weighted columns (n M, k)."""
+        before = np.linalg.norm(columns, axis=0)
+        fresh = self.partialled(columns)
+        fresh = fresh[:, np.linalg.norm(fresh, axis=0) > 1e-4 * np.sqrt(ROUNDING) * before]
+        q = np.linalg.qr(fresh)[0] if fresh.shape[1] else fresh
+        Q = np.column_stack([self.Q, q])
+        residual = self.residual - q @ (q.T @ self.residual)
+        return Fit(self.rows, Q, residual, self.target, self.weighting)
+
+    def without_folds(self, folds: NDArray[np.intp]) -> list[WithoutFold]:
+        """The model fitted without each of the folds (M,) in turn; kept for the next hypothesis."""
+        key = folds.tobytes()
+        if key not in self._without:
+            fold = np.tile(folds, self.rows.n)
+            found = []
+            for f in np.unique(folds):
+                out = fold == f
+                Q, target = self.Q[out], self.target[out]
+                inverse = _inverse(np.eye(Q.shape[1]) - Q.T @ Q)
+                theta = inverse @ (self.Q.T @ self.target - Q.T @ target)
+                found.append(WithoutFold(out, Q, target, inverse, theta, target - Q @ theta))
+            self._without[key] = found
+        return self._without[key]
+
+    @cached_property
+    def _without(self) -> dict[bytes, list[WithoutFold]]:
+        return {}
+
+    def chi2_of(self, residual: Array) -> Array:
+        """(n,) squared weighted residual of each joint, in units of (filtered) noise."""
+        return self.weighting.level**2 * self.rows.joint_sums(residual**2)
+
+    @cached_property
+    def joint_chi2(self) -> Array:
+        """(n,) what the model leaves: each joint's number of rows, if nothing is missing."""
+        return self.chi2_of(self.residual)
+
+    @cached_property
+    def degrees(self) -> Array:
+        """(n,) degrees of freedom of each joint: rows less its share of the model's rank."""
+        leverage = self.rows.joint_sums(np.sum(self.Q**2, axis=1))
+        return np.maximum(self.rows.count - leverage, 1.0)
+
+    def joint_gains(self, joint: int, chi2: Array) -> Array:
+        """(G,) :meth:`likelihood_gain` of hypotheses on one joint's error only, from the chi2 (G,) that
+        they take from the weighted residual."""
+        before = self.joint_chi2[joint]
+        after = np.maximum(before - chi2 * self.weighting.level[joint] ** 2, 0.0)
+        floor, degrees = self.weighting.floor[joint], self.degrees[joint]
+
+        def deviance(x: Array) -> Array:
+            variance = np.maximum(x / degrees, floor)
+            return np.asarray(degrees * np.log(variance) + x / variance)
+
+        return deviance(before) - deviance(after)
+
+    def likelihood_gain(self, after: Array) -> float:
+        """Twice the gain of log likelihood when the joints' squared residuals fall to ``after`` (n,).
+
+        The variance of each joint is whatever remains, but at least the noise: for R = joint_chi2
+        and N degrees, -2 log L = sum_j N log v + R / v with v = max(noise, R / N). Near the noise that
+        is the chi-square itself; far above, the logarithm of the error's reduction.
+        """
+        return float(self._deviance - self._deviance_of(after))
+
+    @cached_property
+    def _deviance(self) -> float:
+        return self._deviance_of(self.joint_chi2)
+
+    def _deviance_of(self, chi2: Array) -> float:
+        variance = np.maximum(chi2 / self.degrees, self.weighting.floor)
+        return float(np.sum(self.degrees * np.log(variance) + chi2 / variance))
+
+
+@dataclass(frozen=True)
+class WithoutFold:
+    """The model fitted without one fold: out (n M,) its rows, Q (m, r) and what theta (r,) leaves of
+    them, error (m,); inverse (r, r) of the gram of all other rows."""
+
+    out: NDArray[np.bool_]
+    Q: Array
+    target: Array
+    inverse: Array
+    theta: Array
+    error: Array
+
+
+def _inverse(gram: Array) -> Array:
+    """Inverse on the directions that the training folds determine."""
+    values, vectors = np.linalg.eigh(gram)
+    good = values > 1e-6
+    return (vectors[:, good] / values[good]) @ vectors[:, good].T

@@ -1,0 +1,109 @@
+"""What a search leaves: events, hums, and what comes back whenever the motion does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.events import (
+    Event,
+    intervals,
+    local_excess,
+    noise_profile,
+    robust_scale,
+    spectral_lines,
+)
+from sdp_vs_penalty.diagnosis.fit import Fit
+from sdp_vs_penalty.diagnosis.library import spread_columns
+from sdp_vs_penalty.diagnosis.stage import Stage, least_squares
+from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
+from sdp_vs_penalty.diagnosis.whitening import pieces_of, rate_features
+
+#: Events are rare: what fills more than this share of a joint's rows is something else.
+MOST_EVENTS = 0.15
+#: Hz: below, lines are the motion's own harmonics.
+_SLOWEST_HUM = 0.8
+#: In units of the row rate: above, what the low-pass folds has no flat surroundings.
+_FASTEST_HUM = 0.45
+
+
+def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
+    """What is left once events are set aside, and the events.
+
+    Windows of too much energy are events only if they are few and nothing repeatable is left
+    beside them: otherwise they are the peaks of the model's error.
+    """
+    rows, noise = stage.rows, stage.noise
+    n, M = rows.n, len(rows.t)
+    white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
+    left = remainder(fit, rows, noise)
+    mask = np.zeros((M, n), bool)
+    rates = rate_features(rows)
+    for j in range(n):
+        steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
+        # The noise may be larger than the repetition let on; its median does not see an event.
+        steady /= max(robust_scale(steady[steady != 0.0]), 1.0)
+        found = local_excess(steady, pieces_of(rows, j), n, float(noise.degrees[j]))
+        if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
+            mask[:, j] = found
+    repeats = _repeating(mask, stage)
+    mask &= ~repeats
+    if repeats.any():
+        left = replace(left, remains=True)
+    if mask.any():
+        without = remainder(fit, rows, noise, mask)
+        if without.remains:
+            mask[:] = False
+        else:
+            left = without
+    mask |= noise.suspect
+    whole = rows.with_masked(np.zeros((0, 0), bool))
+    events = [
+        Event(j, start, end)
+        for j in range(n)
+        for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0)
+    ]
+    events += _hums(stage)
+    return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
+
+
+def _hums(stage: Stage) -> list[Event]:
+    """One event a run for each joint in whose residual a spectral line stands.
+
+    The residual is not whitened for it: an autoregression takes a sine for its own colour.
+    """
+    rows = stage.rows
+    columns = [spread_columns(rows, p.hypothesis.effect) for p in stage.search.picks]
+    everything = np.concatenate([stage.base, *columns], axis=2)
+    left = stage.residual - (everything @ least_squares(stage, rows, everything)).T
+    out = []
+    for j in range(rows.n):
+        pieces = pieces_of(rows, j)
+        longest = max((len(p) for p in pieces), default=0)
+        pieces = [p for p in pieces if 2 * len(p) > longest]
+        series = [left[p, j] for p in pieces]
+        lines = [
+            f
+            for f in spectral_lines(series, rows.rate, rows.n, _SLOWEST_HUM)
+            if f < _FASTEST_HUM * rows.rate
+        ]
+        for piece in pieces if lines else ():
+            first, last = rows.t[piece[0]], rows.t[piece[-1]]
+            out.append(Event(j, float(first), float(last), "hum", lines[0]))
+    return out
+
+
+def _repeating(mask: NDArray[np.bool_], stage: Stage) -> NDArray[np.bool_]:
+    """Rows (M, n) of windows that come back when the motion does: error of the model, no event."""
+    out = np.zeros_like(mask)
+    starts = np.cumsum([0, *(len(s.t) for s in stage.rows.segments)])
+    wide = np.array([np.convolve(m, np.ones(3), mode="same") > 0 for m in mask.T]).T
+    for repeat in stage.noise.repeats:
+        times = stage.rows.segments[repeat.other].t
+        later = starts[repeat.other] + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
+        both = mask[repeat.rows] & wide[later]
+        out[repeat.rows] |= both
+        out[later] |= both & mask[later]
+    return out
