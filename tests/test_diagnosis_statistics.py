@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from sdp_vs_penalty.challenge_report import wilson
+from sdp_vs_penalty.diagnosis.autoregression import autoregression, beside
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, largest_wald, wald, wald_exponent
 from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, spectral_lines
 from sdp_vs_penalty.diagnosis.fit import Fit, Rows, Weighting, independent
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
-from sdp_vs_penalty.diagnosis.whitening import _beside, autoregression
 
 Array = NDArray[np.float64]
 
@@ -171,7 +171,7 @@ def test_slow_columns_do_not_take_the_slow_noise_with_them() -> None:
             [signal.lfilter([1.0], [1.0, -0.4], rng.normal(size=150))[50:] for _ in pieces]
         )
         rest = x - Q @ (Q.T @ x)
-        floor, a, sigma, rank = _beside(rest, pieces, slow)
+        floor, a, sigma, rank = beside(rest, pieces, slow)
         gains.append(1.0 - a.sum())
         plain.append(1.0 - autoregression(rest, pieces)[0].sum())
         sizes.append(sigma**2)

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.autoregression import ORDER
 from sdp_vs_penalty.diagnosis.fit import Rows
 from sdp_vs_penalty.diagnosis.ladder import Search
 from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import ORDER, Noise, noise_of, pieces_of
+from sdp_vs_penalty.diagnosis.whitening import Noise, noise_of, pieces_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.noise import repeat_period
