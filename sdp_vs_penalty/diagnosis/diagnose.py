@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.fit import Fit
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
-from sdp_vs_penalty.diagnosis.ladder import Pick
+from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, Pick
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import score_library
@@ -90,10 +90,7 @@ def _diagnosis(
     events: tuple[Event, ...],
     held_out: HeldOut,
 ) -> Diagnosis:
-    findings = tuple(
-        _finding(stage, picks, k, left, held_out.ladder[k], held_out.ladder[k + 1])
-        for k in range(len(picks))
-    )
+    findings = tuple(_finding(stage, picks, k, held_out) for k in range(len(picks)))
     unknown_function = explanations.unrelated_ripples(findings)
     if left.remains or unknown_function:
         verdict = UNKNOWN
@@ -113,9 +110,7 @@ def _diagnosis(
     )
 
 
-def _finding(
-    stage: Stage, picks: Sequence[Pick], k: int, left: Remainder, before: Array, after: Array
-) -> Finding:
+def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> Finding:
     pick = picks[k]
     h = pick.hypothesis
     fit = stage.search.fit(without=k)
@@ -127,7 +122,7 @@ def _finding(
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
     rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in pick.rivals))
-    sure = not rivals and abs(size) > 5.0 * std and pick.gain > 2.0 * 15.0
+    sure = held_out.holds[k] and not rivals and abs(size) > 5.0 * std and pick.gain > 2.0 * MIN_GAIN
     return Finding(
         h.effect.name,
         joints,
@@ -138,8 +133,8 @@ def _finding(
         {p.name: float(b) for p, b in zip(parameters, beta, strict=True)},
         "confident" if sure else "weak",
         rivals,
-        before,
-        after,
+        held_out.ladder[k],
+        held_out.ladder[k + 1],
         explanations.sentence(h.effect, size, std, rivals),
         h.effect.text,
         pick.gain,

@@ -50,12 +50,12 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
     """
     mask = np.zeros(len(white), bool)
     count = max(sum(len(p) for p in pieces), 1) * len(_LENGTHS) * tests
+    limits = [length * float(stats.f.isf(FALSE_EVENT / count, length, degrees)) for length in _LENGTHS]
     for piece in pieces:
         energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
-        for length in _LENGTHS:
+        for length, limit in zip(_LENGTHS, limits, strict=True):
             if length > len(piece):
                 continue
-            limit = length * stats.f.isf(FALSE_EVENT / count, length, degrees)
             windows = energy[length:] - energy[:-length]
             if length >= _LOGARITHMIC:
                 limit = max(limit, _outlying(windows))

@@ -19,17 +19,22 @@ from sdp_vs_penalty.preprocessing import Preprocessing
 Array = NDArray[np.float64]
 
 
+#: By this share an error falls, rather than merely not rising.
+_FALLS = 0.001
 #: Outer folds at most: the search is repeated without each of them.
 _OUTER = 3
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """ladder (steps + 1, n) : RMSE of each joint before the first effect and after each;
-    source : "test" or "folds"."""
+    """ladder (steps + 1, n) : RMSE of each joint before the first effect and after each; source :
+    "test" or "folds"; holds (steps,) : whether an effect bears out on data that did not choose it:
+    the error of a joint on which it acts falls on the test run, or the search finds it again in most
+    outer folds."""
 
     ladder: Array
     source: str
+    holds: tuple[bool, ...]
 
 
 def held_out_errors(
@@ -45,20 +50,33 @@ def held_out_errors(
         base = np.zeros((rows.n, len(rows.t), 0)) if stage.frozen else model_columns(rows, estimate)
         residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
         squares = _ladder(stage, picks, np.ones(len(stage.rows.t), bool), rows, base, residual)
-        return HeldOut(np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1)), "test")
+        ladder = np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1))
+        holds = (_falls(p, ladder[k], ladder[k + 1]) for k, p in enumerate(picks))
+        return HeldOut(ladder, "test", tuple(holds))
     total = np.zeros((len(picks) + 1, stage.rows.n))
     outer = stage.labels.fold % _OUTER
+    again = np.zeros(len(picks))
     for f in np.unique(outer):
         train = outer != f
         search = _search_on(stage, train)
         search.run(thorough=False)
+        found = {p.hypothesis.key for p in search.picks}
+        again += [p.hypothesis.key in found for p in picks]
         squares = _ladder(
             stage, search.picks, train, stage.rows, stage.base, stage.residual, only=~train
         )
         # The procedure's k-th step; where it stopped earlier, its last.
         at = np.minimum(np.arange(len(picks) + 1), len(squares) - 1)
         total += squares[at]
-    return HeldOut(np.sqrt(total / np.maximum(stage.rows.keep.sum(axis=0), 1)), "folds")
+    ladder = np.sqrt(total / np.maximum(stage.rows.keep.sum(axis=0), 1))
+    most = again > 0.5 * len(np.unique(outer))
+    return HeldOut(ladder, "folds", tuple(bool(m) for m in most))
+
+
+def _falls(pick: Pick, before: Array, after: Array) -> bool:
+    effect = pick.hypothesis.effect
+    acts = slice(None) if effect.whole_robot else list(effect.joints)
+    return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
 
 
 def _search_on(stage: Stage, train: NDArray[np.bool_]) -> Search:

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sdp_vs_penalty.console import out
-from sdp_vs_penalty.diagnosis.findings import EFFECT_MISSING, NOTHING_MISSING, Diagnosis
+from sdp_vs_penalty.diagnosis.findings import EFFECT_MISSING, NOTHING_MISSING, Diagnosis, Finding
 from sdp_vs_penalty.where_it_fails import BANDS, JointFailure
 
 Array = NDArray[np.float64]
@@ -36,21 +36,25 @@ def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]
     if result.effects:
         kinds = ", ".join(dict.fromkeys(units))
         out.print(f"[italic]Held-out RMSE of each joint below {result.band_hz:.3g} Hz \\[{kinds}]")
-        out.print(_ladder(result, len(units)))
+        shown = _worth_showing(result.effects)
+        out.print(_ladder(result, shown, len(units)))
         said: set[str] = set()
-        for k, finding in enumerate(result.effects, start=1):
+        for k, finding in enumerate(shown, start=1):
             head, _, physics = finding.explanation.partition(". ")
             rest = "" if finding.effect in said else f". {physics}"
             if rest == "" and finding.indistinguishable_from:
                 rest = f". Not told from {', '.join(finding.indistinguishable_from)}."
             said.add(finding.effect)
             out.print(f"{k}. {head}{rest}", markup=False)
-        command = ",".join(f.text for f in result.effects)
+        if len(shown) < len(result.effects):
+            rest = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
+            out.print(f"and, every one of them weak: {rest}", markup=False)
+        command = ",".join(f.text for f in shown)
         out.print(f"to add them: {add(command)}", markup=False, soft_wrap=True)
         if any(f.confidence == "weak" for f in result.effects):
             out.print(
                 "weak: something else explains it about as well, its size is uncertain by more than a "
-                "fifth, or the gain is small.",
+                "fifth, the gain is small, or it does not hold on data that did not choose it.",
                 markup=False,
             )
     share = ", ".join(f"{100 * max(x, 0.0):.0f} %" for x in result.unexplained)
@@ -71,11 +75,17 @@ def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]
         out.print(remark, markup=False)
 
 
-def _ladder(result: Diagnosis, joints: int) -> Table:
+def _worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:
+    """The ladder without the weak findings at its end, but for the first two of them."""
+    last = max((k for k, f in enumerate(effects) if f.confidence == "confident"), default=-1)
+    return effects[: last + 3]
+
+
+def _ladder(result: Diagnosis, shown: Sequence[Finding], joints: int) -> Table:
     """One row a step, numbered like the sentences below it: narrow enough for seven joints."""
     table = _plain_table(["with", *(str(j + 1) for j in range(joints)), ""])
     table.add_row("the model", *_cells(result.effects[0].held_out_rmse_before), "")
-    for k, f in enumerate(result.effects, start=1):
+    for k, f in enumerate(shown, start=1):
         table.add_row(f"+ {k}.", *_cells(f.held_out_rmse_after), f.confidence)
     table.add_row("noise", *_cells(result.noise_floor), "")
     return table

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Family-wise probability of calling Gaussian noise a repeatable error; a log's has heavier tails.
-FALSE_UNKNOWN = 2e-4
+FALSE_UNKNOWN = 5e-4
 
 
 @dataclass(frozen=True)
