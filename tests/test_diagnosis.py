@@ -272,7 +272,8 @@ def test_a_gain_is_added_beside_its_own_reference(two_link: Problem) -> None:
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
-        ("viscous_friction", "comes twice"),
+        ("viscous_friction", "already has viscous_friction on joints 1[+]2: name another"),
+        ("asymmetric_coulomb_friction", "exactly coulomb_friction with torque_offset"),
         ("joint_spring:9", "does not exist"),
         ("magic", "unknown"),
         ("", "No effect"),

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints import ConstraintSet
-from sdp_vs_penalty.diagnosis.diagnose import Stage, prepare
+from sdp_vs_penalty.diagnosis.library import SEVERAL
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import Stage, prepare
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
@@ -54,9 +55,10 @@ def add(
     wanted = parse_effects(effect, estimate.robot)
     if not wanted:
         raise InputError("No effect to add: name one, such as presliding_hysteresis:7.")
+    _refuse_twice(estimate, wanted)
     progress("estimating shape constants")
     new = with_shapes(estimate, wanted, _given_shapes(effect), measurements, frozen, seed)
-    Model(estimate.robot, (*estimate.model.effects, *new))  # refuses what is there already
+    Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
     if frozen or any(e.frozen_only for e in new):
         return _add_frozen(estimate, problem, new, measurements, seed, progress)
     return identify(
@@ -69,6 +71,25 @@ def add(
         seed=seed,
         progress=progress,
     )
+
+
+def _refuse_twice(estimate: Estimate, wanted: Sequence[Effect]) -> None:
+    for effect in wanted:
+        if effect.name in SEVERAL:
+            continue
+        there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+        twice = sorted(there & set(effect.joints))
+        if twice:
+            free = sorted(set(range(estimate.robot.n)) - there)
+            advice = "name another effect"
+            if free and not effect.whole_robot:
+                advice += f", or the joints without it: {effect.name}:{_joints(free)}"
+            where = "" if effect.whole_robot else f" on joints {_joints(twice)}"
+            raise InputError(f"The model already has {effect.name}{where}: {advice}.")
+
+
+def _joints(joints: Sequence[int]) -> str:
+    return "+".join(str(j + 1) for j in joints)
 
 
 def estimator_of(estimate: Estimate) -> Estimator:

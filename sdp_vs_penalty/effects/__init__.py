@@ -14,6 +14,14 @@ from sdp_vs_penalty.robot import Robot
 
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 
+#: Names that users look for, and what they are exactly made of.
+_MADE_OF = {
+    "asymmetric_coulomb_friction": (
+        "Coulomb friction that differs by direction is exactly coulomb_friction with torque_offset, "
+        "half the sum and half the difference of both; name these two"
+    ),
+}
+
 
 @cache
 def effect_types() -> dict[str, type[Effect]]:
@@ -66,6 +74,8 @@ def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
 
 
 def _lookup(name: str) -> type[Effect]:
+    if name in _MADE_OF:
+        raise InputError(f"effect {name!r}: {_MADE_OF[name]}.")
     try:
         return effect_types()[name]
     except KeyError:
