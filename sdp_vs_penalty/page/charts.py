@@ -19,7 +19,8 @@ def torque_chart(
 
     span : the seconds to look at; a long run shows more detail there.
     """
-    wider = None if span is None else (span[0] - 0.5, span[1] + 0.5)
+    edge = 0.0 if span is None else 0.25 * (span[1] - span[0])  # so that curves leave the picture
+    wider = None if span is None else (span[0] - edge, span[1] + edge)
     plot = torque_figure([run], [joint], units, beside=False, span=wider)
     if span is not None:
         plot.update_xaxes(range=list(span))

@@ -24,7 +24,7 @@ from sdp_vs_penalty.formats.table import write_npz
 from sdp_vs_penalty.hidden_effects import LEVELS, hideable
 from sdp_vs_penalty.hidden_runs import hidden_runs
 from sdp_vs_penalty.measurements import Measurements, concatenate, load_measurements
-from sdp_vs_penalty.page.summary import summary
+from sdp_vs_penalty.page.summary import summary, violation
 from sdp_vs_penalty.problem import Problem, load_problem, problem_names
 from sdp_vs_penalty.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
@@ -221,7 +221,7 @@ def methods(request: Request, progress: Progress) -> Answer:
                 "method": name,
                 "rmse": c.rmse.tolist(),
                 "relative": c.relative_error_percent,
-                "violation": made.certificate.worst,
+                "violation": violation(made),
                 "gap": made.certificate.gap,
                 "thickness": made.certificate.smallest_thickness,
                 "loss": made.certificate.loss,

@@ -6,6 +6,8 @@ import asyncio
 import atexit
 import contextlib
 import errno
+import os
+import signal
 import socket
 import webbrowser
 from collections.abc import AsyncIterator
@@ -74,6 +76,9 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
     address = f"http://{HOST}:{chosen}/"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(page.start)
+    nicegui_app.on_shutdown(page.close)  # also where a signal ends the server
+    if hasattr(signal, "SIGHUP"):  # the terminal is closed: end as if asked to
+        signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
     config = uvicorn.Config(

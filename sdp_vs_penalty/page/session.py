@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -41,6 +41,17 @@ class Notice:
     error: bool = True
 
 
+class Watcher(Protocol):
+    """A tab that shows a session."""
+
+    @property
+    def present(self) -> bool:
+        """Whether it is there: loading or connected."""
+
+    def redraw(self) -> None:
+        """The session has changed."""
+
+
 @dataclass
 class Session:
     """The state of a tab. Every verb starts its work in the background and returns at once.
@@ -66,7 +77,7 @@ class Session:
     notice: Notice | None = None
     working: Working | None = None
     task: asyncio.Task[None] | None = None
-    listeners: list[Callable[[], None]] = field(default_factory=list)
+    watchers: list[Watcher] = field(default_factory=list)
     arrived: dict[str, Path] = field(default_factory=dict)
     made_by: str | None = None
     left_at: float = field(default_factory=time.monotonic)
@@ -99,8 +110,8 @@ class Session:
         return self._curves[path]
 
     def changed(self) -> None:
-        for listener in list(self.listeners):
-            listener()
+        for watcher in list(self.watchers):
+            watcher.redraw()
 
     def say(self, *texts: str, error: bool = True) -> None:
         self.notice = Notice(texts, error) if texts else None
@@ -348,7 +359,7 @@ class Session:
         self._names |= {str(self.folder / run["file"]): run["name"] for run in new}
         if len(self.runs) == 1:  # one run alone is tested on its own end
             self.runs[0]["use"] = "split" if self.runs[0]["seconds"] >= _LONG else "train"
-        elif len(new) == len(self.runs) and all(run["use"] == "test" for run in new):
+        elif new and len(new) == len(self.runs) and all(run["use"] == "test" for run in new):
             new[0]["use"] = "train"
         if "effects" in answer:
             self.effects = list(answer["effects"])

@@ -37,11 +37,11 @@ class Sessions:
     def closed(self, token: str | None) -> Session | None:
         """The session of this name if no tab shows it."""
         session = self._all.get(token or "")
-        return session if session is not None and not session.listeners else None
+        return None if session is None or any(w.present for w in session.watchers) else session
 
     def leave(self, session: Session) -> None:
         """A tab was closed: what it was doing ends with the last one that shows it."""
-        if not session.listeners:
+        if not session.watchers:
             session.left_at = time.monotonic()
             session.cancel()
 
@@ -51,7 +51,7 @@ class Sessions:
         shutil.rmtree(self.root, ignore_errors=True)
 
     def _forget_old(self) -> None:
-        closed = sorted((s for s in self._all.values() if not s.listeners), key=lambda s: -s.left_at)
+        closed = sorted((s for s in self._all.values() if not s.watchers), key=lambda s: -s.left_at)
         now = time.monotonic()
         for k, session in enumerate(closed):
             if k >= _KEPT or now - session.left_at > _KEPT_FOR:

@@ -41,6 +41,8 @@ class View:
         self._sections: dict[str, Any] = {}
         self._links: dict[str, Any] = {}
         self._seen = self._marks()
+        self._met = False
+        client.on_connect(self._meet)
 
     def build(self) -> None:
         """Everything once; afterwards :meth:`redraw` keeps it up to date."""
@@ -63,13 +65,21 @@ class View:
                             tag("span", step.title).props["data-title"] = step.anchor
                     self._bodies[step.anchor] = tag("div", style="body")
         self._dock()
-        self.session.listeners.append(self.redraw)
+        self.session.watchers.append(self)
         self.redraw()
+
+    @property
+    def present(self) -> bool:
+        """Loading, or connected; a tab that was just closed is neither."""
+        return not self.client.is_deleted and (not self._met or self.client.has_socket_connection)
+
+    def _meet(self) -> None:
+        self._met = True
 
     def close(self) -> None:
         """The tab is gone."""
-        if self.redraw in self.session.listeners:
-            self.session.listeners.remove(self.redraw)
+        if self in self.session.watchers:
+            self.session.watchers.remove(self)
 
     def redraw(self) -> None:
         """Draw anew what has changed, and nothing else."""

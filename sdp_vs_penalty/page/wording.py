@@ -63,6 +63,13 @@ def change(before: float, after: float) -> str:
     return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
 
 
+def held(violation: Mapping[str, float]) -> str:
+    """Which constraints hold, from the worst violations of those that are convex and of the others."""
+    if violation["convex"] > 0.0:
+        return f"violated by {figure(violation['convex'], 2)}"
+    return "all hold" if violation["other"] == 0.0 else "all convex ones hold"
+
+
 def physics(finding: dict[str, Any]) -> str:
     """The sentences of a finding that say what it is, without its size and its rivals."""
     text = str(finding["explanation"]).partition(". ")[2]

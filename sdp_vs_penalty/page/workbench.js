@@ -33,6 +33,9 @@ document.addEventListener("change", (event) => {
   if (!kind) return;
   workbench.send([...event.target.files], kind).then(() => (event.target.value = ""));
 });
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Enter" && event.target.type === "file") event.target.click();
+});
 for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
   document.addEventListener(name, (event) => {
     event.preventDefault(); // a file dropped beside a zone must not replace the page
@@ -56,6 +59,8 @@ document.addEventListener("pointerdown", (event) => {
   if (!event.target.closest("[data-key]")) workbench.key = null;
 });
 addEventListener("DOMContentLoaded", () => {
+  // The plotting script is large: fetched while the person still reads.
+  setTimeout(() => import("nicegui-plotly").catch(() => {}), 1000);
   new MutationObserver(() => {
     if (document.activeElement !== document.body || workbench.key === null) return;
     document.querySelector(`[data-key="${CSS.escape(workbench.key)}"]`)?.focus({ preventScroll: true });

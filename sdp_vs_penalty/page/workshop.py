@@ -97,7 +97,7 @@ class Workshop:
 
     def __init__(self) -> None:
         forks = "forkserver" in multiprocessing.get_all_start_methods()
-        self._context = multiprocessing.get_context("forkserver" if forks else "spawn")
+        self._context: BaseContext = multiprocessing.get_context("forkserver" if forks else "spawn")
         if forks:
             self._context.set_forkserver_preload(["sdp_vs_penalty.page.worker"])
         self._spare: Work | None = None
@@ -105,7 +105,11 @@ class Workshop:
     def warm(self) -> None:
         """Start the next worker."""
         if self._spare is None or not self._spare.process.is_alive():
-            self._spare = Work(self._context)
+            try:
+                self._spare = Work(self._context)
+            except OSError:  # the name of a temporary folder can be too long for a forking server
+                self._context = multiprocessing.get_context("spawn")
+                self._spare = Work(self._context)
 
     def worker(self) -> Work:
         """A started worker; the next one starts meanwhile."""

@@ -8,7 +8,7 @@ from sdp_vs_penalty.page.charts import asked_span, merged, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
-from sdp_vs_penalty.page.wording import figure, with_unit
+from sdp_vs_penalty.page.wording import figure, held, with_unit
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
@@ -31,9 +31,7 @@ def _draw(view: View) -> None:
             "relative error": f"{figure(comparison['relative_error_percent'])} %",
             "judged on": _names(model["judged_on"]),
             "below": f"{figure(comparison['band_hz'])} Hz",
-            "constraints": "all hold"
-            if model["violation"] == 0.0
-            else f"violated by {figure(model['violation'], 2)}",
+            "constraints": held(model["violation"]),
             "certified gap": figure(model["gap"], 2),
             "time": f"{model['seconds']:.2g} s",
         }

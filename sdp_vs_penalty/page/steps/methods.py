@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sdp_vs_penalty.page.controls import button, check, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
-from sdp_vs_penalty.page.wording import figure
+from sdp_vs_penalty.page.wording import figure, held
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
@@ -53,18 +53,19 @@ def _draw(view: View) -> None:
             [
                 row["method"],
                 f"{row['relative']:.4g} %",
-                "none" if row["violation"] == 0.0 else figure(row["violation"], 2),
+                held(row["violation"]),
                 "-" if thick is None else f"{1e3 * thick:.3g} mm",
                 figure(row["gap"], 2),
                 f"{row['seconds']:.2g} s",
             ]
         )
-    heads = ["method", "error", "violation", "thinnest link", "certified gap", "time"]
+    heads = ["method", "error", "constraints", "thinnest link", "certified gap", "time"]
     table(heads, rows, "Methods compared", "numbers methods")
     tag(
         "p",
-        "Relative torque error on the same runs; the worst violation of any constraint; a link of no "
-        "thickness is possible on paper only; a gap is there where a method is convex.",
+        "Relative torque error on the same runs; upper bounds on inertias about the centre of mass are "
+        "not convex; a link of no thickness is possible on paper only; a gap is there where a method is "
+        "convex.",
         "soft",
     )
 

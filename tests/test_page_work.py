@@ -1,0 +1,363 @@
+"""The workbench without a browser: sessions, workers, uploads, who may ask."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimate import load_estimate
+from sdp_vs_penalty.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.measurements import save_csv
+from sdp_vs_penalty.page import uploads, worker
+from sdp_vs_penalty.page.charts import asked_span, torque_chart
+from sdp_vs_penalty.page.gate import Gate
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
+from sdp_vs_penalty.plots import Curves, envelope
+from sdp_vs_penalty.problem import Problem
+
+#: A job of seconds.
+LONG = {
+    "job": "simulate", "robot": {"source": "panda"}, "folder": "nowhere", "seed": 0, "runs": [],
+    "effect": "joint_spring", "joints": [1], "level": "strong",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def workshop() -> Any:
+    made = Workshop()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def sessions(workshop: Workshop) -> Any:
+    made = Sessions(workshop)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def hidden(two_link: Problem) -> HiddenRuns:
+    return hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+
+
+async def finish(session: Session, act: Callable[[], None]) -> None:
+    """Do something and wait until its job is done; a sentence about an error fails the test."""
+    act()
+    assert session.task is not None
+    await session.task
+    if session.notice is not None and session.notice.error:
+        raise InputError(" ".join(session.notice.texts))
+
+
+def drop(session: Session, path: Path, name: str | None = None) -> None:
+    session.arrived[name or path.name] = path
+
+
+def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp_path: Path) -> None:
+    """The same models, numbers and files as the functions of the command line give."""
+    for run, name in zip(hidden.runs, ("a.csv", "b.csv", "c.csv", "my test.csv"), strict=True):
+        save_csv(run, tmp_path / name)
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        for name in ("a.csv", "b.csv", "c.csv", "my test.csv"):
+            drop(s, tmp_path / name)
+        await finish(s, s.read_arrived)
+        assert [r["use"] for r in s.runs] == ["train", "train", "train", "test"]
+        await finish(s, s.identify)
+        await finish(s, s.diagnose)
+        assert s.findings is not None
+        assert s.findings["effects"][0]["effect"] == "presliding_hysteresis"
+        await finish(s, lambda: s.add(s.findings["texts"][:1]))  # type: ignore[index]
+        return s
+
+    s = asyncio.run(story())
+    before, after = (m["comparison"]["rmse"] for m in s.ladder)
+    assert after[0] < 0.6 * before[0]
+    assert s.ladder[1]["judged_on"] == ["my test.csv"]
+    assert s.added == set(s.findings["texts"][:1])  # type: ignore[index]
+    estimate = load_estimate(s.ladder[1]["file"])
+    from sdp_vs_penalty.comparison import compare
+
+    assert compare(estimate, hidden.runs[3])[0].rmse.tolist() == pytest.approx(after, rel=1e-12)
+    curves = s.curves(s.ladder[1])
+    assert len(curves) == 4
+    left = curves[3].torque - curves[3].modelled[s.ladder[1]["label"]]
+    np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), after, rtol=1e-4)
+    assert "--data a.csv b.csv c.csv" in s.commands()[0]
+    s.undo()
+    assert len(s.ladder) == 1
+    assert s.findings is not None
+    s.undo()
+    assert len(s.ladder) == 1
+
+
+def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) -> None:
+    async def story() -> tuple[Session, Work, float]:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("panda"))
+        s.simulate("joint_spring", [3], "strong", 0)
+        assert s.working is not None
+        work = s.working.work
+        while "simulating" not in (s.working.status if s.working else "simulating"):
+            await asyncio.sleep(0.01)
+        begin = time.perf_counter()
+        s.cancel()
+        assert s.task is not None
+        await s.task
+        return s, work, time.perf_counter() - begin
+
+    s, work, seconds = asyncio.run(story())
+    assert seconds < 1.0
+    assert s.runs == []
+    assert s.notice is not None
+    assert s.notice.texts == ("Cancelled: nothing was changed.",)
+    work.process.join(2.0)
+    assert not work.process.is_alive()
+
+
+def test_a_worker_that_the_system_ends_is_a_sentence(workshop: Workshop) -> None:
+    async def story() -> None:
+        work = workshop.worker()
+        doing = asyncio.ensure_future(work.do(LONG, lambda _: None))
+        await asyncio.sleep(0.05)
+        work.process.kill()
+        await doing
+
+    with pytest.raises(InputError, match="ended by the system"):
+        asyncio.run(story())
+
+
+def test_a_killed_worker_takes_no_message(workshop: Workshop) -> None:
+    async def story() -> None:
+        work = workshop.worker()
+        work.cancel()
+        await work.do({"job": "catalogue"}, lambda _: None)
+
+    with pytest.raises(Cancelled):
+        asyncio.run(story())
+
+
+def test_every_error_of_a_job_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(error: Exception) -> dict[str, Any]:
+        def job(request: Any, progress: Any) -> dict[str, Any]:
+            raise error
+
+        monkeypatch.setitem(worker.JOBS, "fails", job)
+        return worker.do({"job": "fails"}, lambda _: None)
+
+    assert fails(InputError("run.csv: row 3 is empty: delete it."))["error"].startswith("run.csv")
+    assert fails(MemoryError())["error"] == "Not enough memory: use fewer or shorter runs."
+    said = fails(ZeroDivisionError("float\ndivision"))["error"]
+    assert "ZeroDivisionError: float)" in said
+    assert "\n" not in said
+
+
+def test_a_worker_ends_with_its_server(workshop: Workshop) -> None:
+    """The server is killed: its end of the pipe closes, and with it the worker."""
+    work = workshop.worker()
+    work.connection.send_bytes(json.dumps(LONG).encode())
+    assert work.connection.poll(10.0)  # it works
+    work.connection.close()
+    work.process.join(3.0)
+    assert not work.process.is_alive()
+
+
+@pytest.mark.skipif(not hasattr(os, "sysconf"), reason="no limits on memory here")
+def test_a_job_cannot_take_all_of_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    import resource
+
+    asked: list[tuple[int, tuple[int, int]]] = []
+    monkeypatch.setattr(resource, "setrlimit", lambda what, limits: asked.append((what, limits)))
+    worker.limit_memory()
+    ((what, (limit, _)),) = asked
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert what == resource.RLIMIT_AS
+    assert 0.5 * total < limit < total
+
+
+async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
+    for chunk in chunks:
+        yield chunk
+
+
+def receive(folder: Path, name: str, *chunks: bytes, length: int | None = None) -> Path:
+    shown = uploads.shown_name(name)
+    return asyncio.run(uploads.receive(folder, shown, length, pieces(*chunks), False))
+
+
+def test_files_are_kept_under_our_names(tmp_path: Path) -> None:
+    for name in ("../../evil.csv", "C:\\Windows\\run.csv", "/etc/passwd.csv", "a\0b.csv", "ä ö.csv"):
+        path = receive(tmp_path, name, b"t,q1,", b"tau1\n")
+        assert path.parent == tmp_path
+        assert path.name.startswith("file-")
+        assert path.suffix == ".csv"
+        assert path.read_bytes() == b"t,q1,tau1\n"
+        assert path.stat().st_mode & 0o077 == 0
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+def test_too_much_is_refused_before_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match=r"run\.csv: 1024 MB; the page takes files up to 256 MB"):
+        receive(tmp_path, "run.csv", b"never read", length=2**30)
+    monkeypatch.setattr(uploads, "LARGEST_FILE", 2**20)
+    with pytest.raises(InputError, match="takes files up to 1 MB"):
+        receive(tmp_path, "run.csv", *[b"0" * 2**16] * 17)
+    monkeypatch.setattr(uploads, "LARGEST_SESSION", 3 * 2**19)
+    receive(tmp_path, "run.csv", b"0" * 2**20)
+    with pytest.raises(InputError, match="as many files as it can"):
+        receive(tmp_path, "run.csv", b"0", length=2**20)
+    with pytest.raises(InputError, match=r"run\.exe: files of this kind"):
+        receive(tmp_path, "run.exe", b"MZ")
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
+    files = {}
+    for name in uploads.LOG_FILES:
+        (tmp_path / f"user-{name}").write_text("1\n")
+        files[name] = tmp_path / f"user-{name}"
+    files["other.csv"] = tmp_path / "other.csv"
+    missing = dict(files)
+    del missing[uploads.LOG_FILES[2]]
+    assert uploads.logger_folder(tmp_path, missing) is None
+    assert len(missing) == 4
+    made = uploads.logger_folder(tmp_path, files)
+    assert made is not None
+    assert sorted(p.name for p in made.iterdir()) == sorted(uploads.LOG_FILES)
+    assert list(files) == ["other.csv"]
+    assert all((tmp_path / f"user-{name}").exists() for name in uploads.LOG_FILES)
+
+
+@pytest.mark.parametrize(
+    ("headers", "allowed"),
+    [
+        ({"host": "127.0.0.1:99"}, True),
+        ({"host": "localhost:99", "origin": "http://localhost:99"}, True),
+        ({"host": "127.0.0.1:99", "sec-fetch-site": "same-origin"}, True),
+        ({"host": "127.0.0.1:99", "sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, True),
+        ({"host": "127.0.0.1:98"}, False),
+        ({"host": "evil.example:99"}, False),
+        ({"host": "evil.example"}, False),
+        ({}, False),
+        ({"host": "127.0.0.1:99", "origin": "http://evil.example"}, False),
+        ({"host": "127.0.0.1:99", "origin": "null"}, False),
+        ({"host": "127.0.0.1:99", "sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors"}, False),
+        ({"host": "127.0.0.1:99", "sec-fetch-site": "same-site", "sec-fetch-mode": "cors"}, False),
+    ],
+)
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool, kind: str) -> None:
+    reached, sent = [], []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        reached.append(scope)
+        if kind == "http":
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": kind, "headers": [(k.encode(), v.encode()) for k, v in headers.items()]}
+    asyncio.run(Gate(app, 99)(scope, None, send))
+    assert bool(reached) == allowed
+    if not allowed:
+        assert sent[0] in ({"type": "websocket.close", "code": 1008},) or sent[0]["status"] == 403
+    elif kind == "http":
+        assert b"content-security-policy" in dict(sent[0]["headers"])
+
+
+class Tab:
+    present = True
+
+    def redraw(self) -> None:
+        pass
+
+
+def test_sessions_are_private_and_end_with_the_server(workshop: Workshop) -> None:
+    sessions = Sessions(workshop)
+    first, second = sessions.new(), sessions.new()
+    assert first.token != second.token
+    assert len(first.token) >= 32
+    assert first.folder.stat().st_mode & 0o077 == 0
+    assert sessions.root.stat().st_mode & 0o077 == 0
+    assert sessions.closed(first.token) is first
+    tab = Tab()
+    first.watchers.append(tab)
+    assert sessions.closed(first.token) is None
+    tab.present = False  # just closed: not yet forgotten, but to be found again
+    assert sessions.closed(first.token) is first
+    assert sessions.closed("other") is sessions.closed(None) is None
+    for _ in range(20):
+        sessions.new()
+    assert sessions.get(first.token) is first  # a tab shows it
+    assert sessions.get(second.token) is None
+    assert not second.folder.exists()
+    sessions.close()
+    assert not sessions.root.exists()
+
+
+def test_long_curves_are_drawn_by_their_envelope() -> None:
+    t = np.arange(200_000) / 1000.0
+    y = np.sin(t)
+    y[123_456] = 9.0
+    x, short = envelope(t, y)
+    assert len(x) <= 1200
+    assert short.max() == 9.0
+    assert x[np.argmax(short)] == 123.456
+    assert np.all(np.diff(x) > 0.0)
+    run = Curves(t, np.column_stack([y, y]), {"a": np.column_stack([y, 0.0 * y])})
+    whole = torque_chart(run, 1, ["N m", "N m"], False)
+    part = torque_chart(run, 1, ["N m", "N m"], False, (100.0, 100.4))
+    assert sum(len(trace["x"]) for trace in whole["data"]) <= 3 * 1200
+    inside = [x for x in part["data"][0]["x"] if 100.0 <= x <= 100.4]
+    assert len(inside) == 401  # every sample
+    assert json.dumps(whole)
+
+
+@pytest.mark.parametrize(
+    ("event", "span"),
+    [
+        ({"xaxis.range[0]": 1.0, "xaxis.range[1]": 2}, (1.0, 2.0)),
+        ({"xaxis.autorange": True}, None),
+        ({"xaxis.range[0]": "2020", "xaxis.range[1]": 2}, False),
+        ({"dragmode": "pan"}, False),
+        ("x", False),
+    ],
+)
+def test_what_a_zoom_asks_for(event: Any, span: Any) -> None:
+    assert asked_span(event) == span
+
+
+def test_workers_start_where_temporary_names_are_long(tmp_path: Path) -> None:
+    """A forking server listens at a path, which a system limits to a hundred characters or so."""
+    long = tmp_path / ("long" * 30)
+    long.mkdir()
+    code = (
+        "import asyncio\nfrom sdp_vs_penalty.page.workshop import Workshop\n"
+        "if __name__ == '__main__':\n    shop = Workshop()\n"
+        "    doing = shop.worker().do({'job': 'robot', 'source': 'two_link'}, print)\n"
+        "    print(asyncio.run(doing)['n'])\n    shop.close()\n"
+    )
+    (tmp_path / "ask.py").write_text(code)
+    environment = {**os.environ, "TMPDIR": str(long), "PYTHONPATH": str(Path(__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "ask.py")],
+        env=environment, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.stdout.strip().endswith("2"), done.stderr
