@@ -186,19 +186,27 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
     dt = 1.0 / _rate(run)
     kernel = _Kernel(settings.state_cutoff, dt)
     moving = _Movement(run, settings.standstill)
-    pieces = []
-    for t, q, tau in _segments(run, dt):
-        if len(t) <= 2 * kernel.half:
-            continue
-        inner = t[kernel.half : len(t) - kernel.half]
-        smooth, rate, _ = kernel.states(tau)
-        keep = np.flatnonzero(moving.at(inner))
-        pieces.append((inner[keep], *(x[keep] for x in (*kernel.states(q), smooth, rate))))
-    count = sum(len(piece[0]) for piece in pieces)
+    width = 2 * kernel.half + 1
+    places = []
+    for part in _stretches(run, dt):
+        k = np.arange(kernel.half, part.count - kernel.half)
+        places.append((part, k[moving.at(part.clock(k))]))
+    count = sum(len(k) for _, k in places)
     if count == 0:
-        raise _no_rows(run, 2 * kernel.half * dt)
+        raise _no_rows(run, (width - 1) * dt)
     chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
-    t, q, dq, ddq, tau, rate = (np.concatenate(parts)[chosen] for parts in zip(*pieces, strict=True))
+    pieces, start = [], 0
+    for part, k in places:
+        own = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
+        start += len(k)
+        # Only what the kernel reaches of a long run is looked at.
+        for at in np.split(own, np.flatnonzero(np.diff(own) > width) + 1):
+            if len(at):
+                begin, end = at[0] - kernel.half, at[-1] + kernel.half + 1
+                states = kernel.states(part.resampled(part.q, begin, end))
+                smooth, slope, _ = kernel.states(part.resampled(part.tau, begin, end))
+                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, smooth, slope))))
+    t, q, dq, ddq, tau, rate = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     return Motion(t, q, dq, ddq), tau, rate
 
 
@@ -383,7 +391,11 @@ class _Stretch:
     def resampled(self, values: Array, start: int, stop: int) -> Array:
         """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
         grid = self.clock(np.arange(start, stop))
-        return np.column_stack([np.interp(grid, self.t, x) for x in values.T])
+        # Of a long run only what lies around: interpolation copies what it is given.
+        first = max(int(np.searchsorted(self.t, grid[0], "right")) - 1, 0)
+        around = slice(first, int(np.searchsorted(self.t, grid[-1])) + 1)
+        known = self.t[around]
+        return np.column_stack([np.interp(grid, known, x) for x in values[around].T])
 
 
 def _stretches(run: Measurements, dt: float) -> Iterator[_Stretch]:
@@ -405,14 +417,17 @@ def _highest_harmonic(run: Measurements) -> float:
     dt = 1.0 / _rate(run)
     highest = 0.0
     moving = _moving_joints(run)
-    for t, q, _ in _segments(run, dt):
-        q = q[:, moving]
-        if len(t) < 16 or not np.any(np.ptp(q, axis=0) > 0):
+    for part in _stretches(run, dt):
+        count = part.count
+        if count < 16:
             continue
-        window = np.hanning(len(t))[:, None]
-        amplitude = np.abs(np.fft.rfft(window * (q - q.mean(axis=0)), axis=0))
-        present = np.any(amplitude > 0.01 * amplitude.max(axis=0, initial=1e-300), axis=1)
-        highest = max(highest, int(np.flatnonzero(present)[-1]) / (len(t) * dt))
+        for j in np.flatnonzero(moving):
+            q = part.resampled(part.q[:, j : j + 1], 0, count)[:, 0]
+            if np.ptp(q) == 0.0:
+                continue
+            amplitude = np.abs(fft.rfft(np.hanning(count) * (q - q.mean())))
+            present = np.flatnonzero(amplitude > 0.01 * amplitude.max())
+            highest = max(highest, int(present[-1]) / (count * dt))
     if highest == 0.0:
         if not moving.any():
             raise _no_motion(run)

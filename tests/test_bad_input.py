@@ -10,6 +10,7 @@ import copy
 import io
 import json
 import os
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -627,3 +628,31 @@ def test_fuzz_model_bytes(content: bytes, tmp_path: Path) -> None:
 def test_fuzz_effects(text: str, two_link: Problem) -> None:
     with contextlib.suppress(InputError):
         parse_effects(text, two_link.robot)
+
+
+@pytest.mark.parametrize("good", [True, False])
+def test_a_large_csv_costs_memory_for_its_numbers_only(good: bool, tmp_path: Path) -> None:
+    """Twice its numbers at most, however it ends; a bad last row is found without reading all of it."""
+    path, rows = tmp_path / "large.csv", 40_000
+    names = [f"{p}{j + 1}" for p in ("q", "dq", "tau") for j in range(7)]
+    line = ",".join(["-0.123456789012"] * 21)
+    with path.open("w") as file:
+        file.write(",".join(["t", *names]) + "\n")
+        file.writelines(f"{0.001 * k:.3f},{line}\n" for k in range(rows))
+        file.write("" if good else "1,2\n")
+    size = 8 * 22 * rows
+    assert path.stat().st_size > 1.8 * size
+    tracemalloc.start()
+    if good:
+        assert len(load_measurements(path).t) == rows
+    else:
+        refusal(lambda: load_measurements(path), f"row {rows + 2} has 2 cells")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.4 * size
+
+
+def test_a_file_without_lines_is_not_read_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "endless.csv"
+    path.write_bytes(b"1" * 3_000_000)
+    refusal(lambda: load_measurements(path), "row 1 is endless")

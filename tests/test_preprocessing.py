@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,13 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.preprocessing import Preprocessing, _Kernel, filtered_rows, filtered_torque
+from sdp_vs_penalty.preprocessing import (
+    Preprocessing,
+    _Kernel,
+    filtered_rows,
+    filtered_torque,
+    low_passed,
+)
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
@@ -259,3 +266,26 @@ def test_the_panda_runs_standstill_is_dropped(panda_run: Measurements) -> None:
     assert t[0] > moved - 0.5
     assert t[0] < moved + margin + 0.1
     assert np.diff(t).max() < 0.1
+
+
+def test_a_long_run_is_judged_by_what_lies_around_the_chosen_instants() -> None:
+    """The same states and torques as from the whole run, and next to no memory beside the data."""
+    run = model_and_run(seconds=400.0)[2]
+    settings = Preprocessing(state_cutoff=5.0, torque_cutoff=8.0)
+    motion, tau, rate = low_passed(run, settings, 200)
+    dt = float(np.median(np.diff(run.t)))
+    kernel = _Kernel(5.0, dt)
+    q, dq, ddq = kernel.states(run.q)
+    smooth, slope, _ = kernel.states(run.tau)
+    at = np.round((motion.t - run.t[0]) / dt).astype(int) - kernel.half
+    for got, whole in (
+        (motion.q, q), (motion.dq, dq), (motion.ddq, ddq), (tau, smooth), (rate, slope)
+    ):  # fmt: skip
+        assert np.abs(got - whole[at]).max() <= 1e-7 * np.abs(whole).max()
+    assert len(motion.t) == 200
+    assert motion.t[-1] - motion.t[0] > 398.0
+    tracemalloc.start()
+    low_passed(run, settings, 200)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < run.q.nbytes
