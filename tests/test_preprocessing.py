@@ -288,4 +288,4 @@ def test_a_long_run_is_judged_by_what_lies_around_the_chosen_instants() -> None:
     low_passed(run, settings, 200)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < run.q.nbytes
+    assert peak < 2 * run.q.nbytes  # the whole run filtered at once takes 14 times as much
