@@ -115,7 +115,7 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     test, ideal_test = (
         diagnosis_rows(m, estimate, estimate.preprocessing) for m in (made.runs[3], made.ideal[3])
     )
-    return {
+    record = {
         "class": name,
         "seed": seed,
         "truth": made.truth["effects"],
@@ -138,6 +138,16 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
         "after": (result.held_out_rmse / noise_std(test, ideal_test)).tolist(),
         "seconds": seconds,
     }
+    return {key: rounded(value) for key, value in record.items()}
+
+
+def rounded(value: Any) -> Any:
+    """The same with all floats at six digits: thousands of records are kept."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: rounded(x) for key, x in value.items()}
+    return [rounded(x) for x in value] if isinstance(value, (list, tuple)) else value
 
 
 def quick_estimate(problem: Problem, measurements: Measurements, effects: Sequence[str]) -> Estimate:
