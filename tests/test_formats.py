@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -254,3 +256,38 @@ def test_readers_fuzzed(
         except InputError as error:
             message = str(error)
         assert message == "" or (message.startswith(str(path)) and "\n" not in message)
+
+
+def test_a_zip_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:
+    """Zeros that fill a thousand times the file; an honest archive of the same kind is read."""
+    path, run = tmp_path / "bomb.npz", some_run()
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("t", "q1", "tau1"):
+            with archive.open(f"{name}.npy", "w") as file:
+                np.lib.format.write_array_header_1_0(
+                    file, {"descr": "<f8", "fortran_order": False, "shape": (8_000_000,)}
+                )
+                for _ in range(8):
+                    file.write(bytes(8_000_000))
+    assert path.stat().st_size < 10**6
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"unpacks from 0\.2 to 183 MiB"):
+        load_measurements(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10**7
+    save(run, path)
+    same(run, load_measurements(path))
+
+
+@pytest.mark.parametrize("share", [0.0001, 0.3, 0.99])
+@pytest.mark.parametrize("mcap", [False, True])
+def test_a_bag_that_was_cut_off_is_refused(mcap: bool, share: float, tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    write_bag(folder, some_run(3, 2000), mcap=mcap)
+    (file,) = (p for p in folder.iterdir() if p.name != "metadata.yaml")
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(share * len(whole))])
+    for path in (folder, file):
+        with pytest.raises(InputError, match="not a readable ROS bag"):
+            read_run(path)
