@@ -140,6 +140,19 @@ def counted(record: Record) -> bool:
     return identifiable(record) and plausible(record)
 
 
+def shares(records: Sequence[Record]) -> list[list[str]]:
+    """Class, what is counted in it, of how many cases, share, Wilson's interval, figure to reach."""
+    rows = []
+    for name, what, test, only, goal in MEASURES:
+        mine = [r for r in records if r["class"] == name and (counted(r) or not only)]
+        if mine:
+            hits = sum(test(r) for r in mine)
+            low, high = wilson(hits, len(mine))
+            interval = f"{100 * low:.1f} to {100 * high:.1f} %"
+            rows.append([name, what, str(len(mine)), f"{100 * hits / len(mine):.1f} %", interval, goal])
+    return rows
+
+
 def report_text(records: Sequence[Record], problem: str, cases: int, seed: int) -> str:
     """The committed report."""
     lines = [
@@ -152,16 +165,7 @@ def report_text(records: Sequence[Record], problem: str, cases: int, seed: int) 
         "| class | counted | cases | share | interval | to reach |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    for name, what, test, only, goal in MEASURES:
-        mine = [r for r in records if r["class"] == name and (counted(r) or not only)]
-        if not mine:
-            continue
-        hits = sum(test(r) for r in mine)
-        low, high = wilson(hits, len(mine))
-        lines.append(
-            f"| {name} | {what} | {len(mine)} | {100 * hits / len(mine):.1f} % | "
-            f"{100 * low:.1f} to {100 * high:.1f} % | {goal} |"
-        )
+    lines += ["| " + " | ".join(row) + " |" for row in shares(records)]
     lines += ["", *_numbers(records), "", *_excluded(records), "", *_confusion(records)]
     return "\n".join(lines) + "\n"
 

@@ -84,6 +84,7 @@ def remarks(
         )
     if held_out == "folds":
         out.append(
-            "Held-out errors come from outer folds: the search was repeated without each of them."
+            "Held-out errors come from outer folds: the search was repeated without each of them; where "
+            "that found fewer effects its last error is repeated. A test run (--test) shows each step."
         )
     return tuple(out)

@@ -28,9 +28,8 @@ _OUTER = 3
 @dataclass(frozen=True)
 class HeldOut:
     """ladder (steps + 1, n) : RMSE of each joint before the first effect and after each; source :
-    "test" or "folds"; holds (steps,) : whether an effect bears out on data that did not choose it:
-    the error of a joint on which it acts falls on the test run, or the search finds it again in most
-    outer folds."""
+    "test" or "folds"; holds (steps,) : whether the error of a joint on which an effect acts falls on
+    data from which its size was not estimated (the test run, or folds left out)."""
 
     ladder: Array
     source: str
@@ -51,26 +50,29 @@ def held_out_errors(
         residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
         squares = _ladder(stage, picks, np.ones(len(stage.rows.t), bool), rows, base, residual)
         ladder = np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1))
-        holds = (_falls(p, ladder[k], ladder[k + 1]) for k, p in enumerate(picks))
-        return HeldOut(ladder, "test", tuple(holds))
+        return HeldOut(ladder, "test", _holds(picks, ladder))
     total = np.zeros((len(picks) + 1, stage.rows.n))
     outer = stage.labels.fold % _OUTER
-    again = np.zeros(len(picks))
+    same = np.zeros_like(total)
     for f in np.unique(outer):
         train = outer != f
         search = _search_on(stage, train)
         search.run(thorough=False)
-        found = {p.hypothesis.key for p in search.picks}
-        again += [p.hypothesis.key in found for p in picks]
-        squares = _ladder(
-            stage, search.picks, train, stage.rows, stage.base, stage.residual, only=~train
-        )
+        squares = _left_out(stage, search.picks, train)
         # The procedure's k-th step; where it stopped earlier, its last.
         at = np.minimum(np.arange(len(picks) + 1), len(squares) - 1)
         total += squares[at]
-    ladder = np.sqrt(total / np.maximum(stage.rows.keep.sum(axis=0), 1))
-    most = again > 0.5 * len(np.unique(outer))
-    return HeldOut(ladder, "folds", tuple(bool(m) for m in most))
+        same += _left_out(stage, picks, train)
+    count = np.maximum(stage.rows.keep.sum(axis=0), 1)
+    return HeldOut(np.sqrt(total / count), "folds", _holds(picks, np.sqrt(same / count)))
+
+
+def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> Array:
+    return _ladder(stage, picks, train, stage.rows, stage.base, stage.residual, only=~train)
+
+
+def _holds(picks: Sequence[Pick], ladder: Array) -> tuple[bool, ...]:
+    return tuple(_falls(p, ladder[k], ladder[k + 1]) for k, p in enumerate(picks))
 
 
 def _falls(pick: Pick, before: Array, after: Array) -> bool:

@@ -54,7 +54,7 @@ def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]
         if any(f.confidence == "weak" for f in result.effects):
             out.print(
                 "weak: something else explains it about as well, its size is uncertain by more than a "
-                "fifth, the gain is small, or it does not hold on data that did not choose it.",
+                "fifth, the gain is small, or the error does not fall on data left out.",
                 markup=False,
             )
     share = ", ".join(f"{100 * max(x, 0.0):.0f} %" for x in result.unexplained)
