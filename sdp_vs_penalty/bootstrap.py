@@ -24,7 +24,9 @@ from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point, solve_s
 from sdp_vs_penalty.regression import LeastSquares, Regression, triangular
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.clarabel import Updated
-from sdp_vs_penalty.solvers.conic import Objective, SdpProblem, Solution, least_squares_sdp
+from sdp_vs_penalty.solvers.conic import Solution
+from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,8 @@ from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
+from sdp_vs_penalty.solvers.identification import least_squares_sdp
 from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, linear_objective
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.problem import Problem, load_problem
 from sdp_vs_penalty.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.shootout.instance import Instance, in_units
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 
 def prepared(

@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, interior_point, solve_sdp
 from sdp_vs_penalty.problem import Problem
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=15, deadline=None, derandomize=True)

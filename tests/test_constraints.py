@@ -270,7 +270,8 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed: int) -> 
 def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> np.ndarray:
     """The feasible point farthest in a random direction among the parameters' axes."""
     from sdp_vs_penalty.solvers import solver
-    from sdp_vs_penalty.solvers.conic import ConicProblem, _Rows
+    from sdp_vs_penalty.solvers.conic import ConicProblem
+    from sdp_vs_penalty.solvers.identification import _Rows
 
     pieces = _Rows(p)
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)

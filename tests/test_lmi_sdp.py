@@ -21,7 +21,7 @@ from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.preprocessing import Preprocessing
 from sdp_vs_penalty.problem import Problem
 from sdp_vs_penalty.regression import LeastSquares, base_parameters, compress
-from sdp_vs_penalty.solvers.conic import Entropy, Objective
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 seeds = st.integers(0, 2**32 - 1)
 METHODS = {"lmi-sdp-plain": 0.0, "lmi-sdp": 0.02, "lmi-sdp-entropic": 0.0}

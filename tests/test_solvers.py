@@ -24,16 +24,9 @@ from sdp_vs_penalty.solvers import (
     verified,
     version,
 )
-from sdp_vs_penalty.solvers.conic import (
-    Cone,
-    ConicProblem,
-    Entropy,
-    Objective,
-    SdpProblem,
-    Solution,
-    largest_margin,
-    least_squares_sdp,
-)
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
+from sdp_vs_penalty.solvers.identification import SdpProblem, largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.options import options
 
 SOLVERS = solver_modules()

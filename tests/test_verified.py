@@ -14,7 +14,8 @@ from sdp_vs_penalty import inertia
 from sdp_vs_penalty.constraints import Constraint, ConstraintSet
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.solvers import certificate, solver, verified
-from sdp_vs_penalty.solvers.conic import Entropy, Objective, largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 WHOLE = st.integers(-3, 3)
 

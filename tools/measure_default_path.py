@@ -31,7 +31,8 @@ from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.shootout import regular
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.solvers import clarabel
-from sdp_vs_penalty.solvers.conic import Objective, least_squares_sdp
+from sdp_vs_penalty.solvers.identification import least_squares_sdp
+from sdp_vs_penalty.solvers.objective import Objective
 
 UNITS = {"kg m": (1.0, 1.0), "g mm": (1e-3, 1e-3), "t km": (1e3, 1e3)}
 

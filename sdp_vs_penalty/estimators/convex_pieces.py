@@ -26,8 +26,9 @@ from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.conic import Objective, largest_margin
 from sdp_vs_penalty.solvers.extremes import Slice
+from sdp_vs_penalty.solvers.identification import largest_margin
+from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ import numpy as np
 from sdp_vs_penalty import inertia
 from sdp_vs_penalty.estimators.estimator import Array, Task
 from sdp_vs_penalty.problem import PARAMETER_RANGE, Problem
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 
 @dataclass(frozen=True)

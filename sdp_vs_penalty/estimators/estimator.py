@@ -19,7 +19,7 @@ from sdp_vs_penalty import constraints as build
 from sdp_vs_penalty.constraints import Constraint, ConstraintSet
 from sdp_vs_penalty.model import Model
 from sdp_vs_penalty.regression import LeastSquares, base_parameters, nearest_least_squares
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
-from sdp_vs_penalty.solvers.conic import Entropy, Objective, largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 #: A certified gap relative to the loss below which an answer is kept at once.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 #: Singular values of the column-scaled regressor below this share of the largest are rounding.
 _RANK_TOLERANCE = 1e-9

@@ -31,7 +31,7 @@ from sdp_vs_penalty.estimators.shifted_penalty import (
 )
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.solvers.certificate import repair
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from sdp_vs_penalty.constraints import ConstraintStack
 from sdp_vs_penalty.estimators.barycentric import BarycentricBox, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 QUICK_BUDGET = 3_000
 #: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in five steps.

@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.estimators.ols import condition_number
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from sdp_vs_penalty.problem import load_problem
 from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.shootout import regular
 from sdp_vs_penalty.shootout.instance import Instance, in_units
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 
 def _panda(name: str, shape: str = "gyration") -> Instance:

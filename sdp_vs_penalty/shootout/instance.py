@@ -14,7 +14,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.solvers.conic import Entropy, Objective, SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.unscaled import gram_sdp, rows_sdp
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.solvers import clarabel, verified
 from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.conic import largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from sdp_vs_penalty.real_data import measured_run, real_data_folder
 from sdp_vs_penalty.regression import LeastSquares, compress, triangular
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.solvers.conic import Entropy, Objective
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Array = NDArray[np.float64]
 

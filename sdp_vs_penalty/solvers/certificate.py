@@ -33,7 +33,7 @@ from sdp_vs_penalty.constraints import (
 )
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.solvers import verified
-from sdp_vs_penalty.solvers.conic import Objective
+from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
 

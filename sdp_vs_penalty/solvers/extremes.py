@@ -25,7 +25,8 @@ from sdp_vs_penalty.constraints import Constraint, ConstraintSet, project
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import cone_margin_batch, repair
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, largest_margin, svec, unsvec
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec, unsvec
+from sdp_vs_penalty.solvers.identification import largest_margin
 
 Array = NDArray[np.float64]
 

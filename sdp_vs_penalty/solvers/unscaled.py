@@ -17,7 +17,8 @@ from scipy import sparse
 
 from sdp_vs_penalty.constraints import Constraint
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Placed, SdpProblem, svec
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec
+from sdp_vs_penalty.solvers.identification import Placed, SdpProblem
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.constraints import Constraint
-from sdp_vs_penalty.solvers.conic import Entropy, Objective
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Array = NDArray[np.float64]
 #: Extended precision where the machine has it, plain doubles elsewhere; the error bounds follow.
