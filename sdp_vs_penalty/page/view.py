@@ -48,7 +48,7 @@ class View:
         """Everything once; afterwards :meth:`redraw` keeps it up to date."""
         ui.on("narrow", lambda e: self._set_narrow(bool(e.args)))
         self._header()
-        with tag("main", style="page", id="main") as self._main:
+        with tag("main", style="page", tabindex="-1") as self._main:
             tag("h1", "Identify your robot, see what the model misses, add it")
             tag(
                 "p",
@@ -56,14 +56,14 @@ class View:
                 "lead",
             )
             for k, step in enumerate(STEPS, start=1):
-                with tag("section", style="step", aria_labelledby=f"title-{step.anchor}") as section:
-                    section.props["data-step"] = step.anchor
+                with tag("section", style="step", data_step=step.anchor) as section:
                     self._sections[step.anchor] = section
                     with tag("div", style="title"):
                         tag("span", str(k), "number", aria_hidden="true")
-                        with tag("h2"):
-                            tag("span", step.title).props["data-title"] = step.anchor
+                        heading = tag("h2", step.title, tabindex="-1")
+                        section.props["aria-labelledby"] = heading.html_id
                     self._bodies[step.anchor] = tag("div", style="body")
+        self._skip.props["href"] = f"#{self._main.html_id}"
         self._dock()
         self.session.watchers.append(self)
         self.redraw()
@@ -117,7 +117,7 @@ class View:
             self.redraw()
 
     def _header(self) -> None:
-        tag("a", "To the content", "skip", href="#main")
+        self._skip = tag("a", "To the content", "skip")
         with tag("header", style="top"):
             with tag("div", style="inner"):
                 tag("span", "sdp-vs-penalty", "brand")
@@ -133,17 +133,19 @@ class View:
                 tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
             with tag("nav", style="steps", aria_label="Steps"):
                 for k, step in enumerate(STEPS, start=1):
-                    link = tag("a", f"{k} {step.title}", href=f"#{step.anchor}", data_key=f"nav-{k}")
-                    link.props["data-to"] = step.anchor
+                    link = tag(
+                        "a", f"{k} {step.title}", href="#", data_key=f"nav-{k}", data_to=step.anchor
+                    )
                     self._links[step.anchor] = link
 
     def _dock(self) -> None:
         with tag("div", style="dock", aria_label="What is going on", role="region"):
+            self._said = tag("p", "", "unseen", role="status", aria_live="polite")
             self._alert = tag("div", style="notice", role="alert")
             self._news = tag("div", style="notice", role="status")
             with tag("div", style="working") as self._working:
                 tag("div", style="runner", aria_hidden="true")
-                self._status = tag("span", "", "status", role="status", aria_live="polite")
+                self._status = tag("span", "", "status", aria_hidden="true")
                 self._clock = tag("span", "", "clock", aria_hidden="true")
                 button("Cancel", self.session.cancel, "cancel")
             ui.timer(0.25, self._tick)
@@ -177,8 +179,10 @@ class View:
         self._main.props["aria-busy"] = "false" if working is None else "true"
         if working is not None:
             self._status.text = working.title + (f": {working.status}" if working.status else "")
-        else:
+            self._said.text = f"{working.title}."
+        elif self._status.text:
             self._status.text, self._clock.text = "", ""
+            self._said.text = f"{self._said.text} Done." if session.notice is None else ""
         notice = session.notice
         for place, mine in (
             (self._alert, notice is not None and notice.error),

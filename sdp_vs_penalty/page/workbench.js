@@ -33,9 +33,6 @@ document.addEventListener("change", (event) => {
   if (!kind) return;
   workbench.send([...event.target.files], kind).then(() => (event.target.value = ""));
 });
-document.addEventListener("keydown", (event) => {
-  if (event.key === "Enter" && event.target.type === "file") event.target.click();
-});
 for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
   document.addEventListener(name, (event) => {
     event.preventDefault(); // a file dropped beside a zone must not replace the page
@@ -50,6 +47,7 @@ document.addEventListener("click", (event) => {
   if (!link) return;
   event.preventDefault();
   workbench.show(link.dataset.to);
+  document.querySelector(`[data-step="${link.dataset.to}"] h2`)?.focus({ preventScroll: true });
 });
 
 document.addEventListener("focusin", (event) => {
