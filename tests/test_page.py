@@ -328,6 +328,28 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
     assert page.faults == []  # type: ignore[attr-defined]
 
 
+def test_a_model_can_be_brought(
+    story: dict[str, Any], context: BrowserContext, server: Server, files: list[Path]
+) -> None:
+    """Nothing more is missing of the model that was taken away; another robot's is refused."""
+    page = open_page(context, server)
+    choose(page, "two_link", files)
+    page.click(key("open-model"))
+    page.set_input_files(key("drop-model"), str(story["folder"] / "model.json"))
+    page.wait_for_selector(key("diagnose"))
+    idle(page)
+    assert "model.json" in page.inner_text("[data-step=ladder]")
+    page.click(key("diagnose"))
+    page.wait_for_selector(".verdict")
+    assert "Nothing is missing that these measurements could show." in page.inner_text(".verdict")
+    text = (story["folder"] / "model.json").read_text().replace('"format": 1', '"format": 99')
+    idle(page)
+    page.set_input_files(
+        key("drop-model"), {"name": "new.json", "mimeType": "text/json", "buffer": text.encode()}
+    )
+    assert alert(page).startswith("new.json: written by a newer version")
+
+
 def test_undo_takes_the_last_step_back(story: dict[str, Any], browser: Browser, server: Server) -> None:
     """In a second tab on the same session: both show it."""
     page = open_page(story["context"], server, story["page"].url.removeprefix(server.address))

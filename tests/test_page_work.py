@@ -198,7 +198,7 @@ async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
 
 def receive(folder: Path, name: str, *chunks: bytes, length: int | None = None) -> Path:
     shown = uploads.shown_name(name)
-    return asyncio.run(uploads.receive(folder, shown, length, pieces(*chunks), False))
+    return asyncio.run(uploads.receive(folder, shown, length, pieces(*chunks), "runs"))
 
 
 def test_files_are_kept_under_our_names(tmp_path: Path) -> None:

@@ -153,6 +153,18 @@ def fit(request: Request, progress: Progress) -> Answer:
     return summary(estimate, train, test, Path(request["out"]), seconds, progress)
 
 
+def open_model(request: Request, progress: Progress) -> Answer:
+    """A model.json that somebody brings, judged on these runs."""
+    train, test = _runs(request)
+    estimate = load_estimate(request["model"])
+    if estimate.robot.n != train.n:
+        raise InputError(
+            f"{request['model']}: is of a robot with {estimate.robot.n} joint(s), the runs have "
+            f"{train.n}: choose the model that belongs to them."
+        )
+    return summary(estimate, train, test, Path(request["out"]), 0.0, progress)
+
+
 def extend(request: Request, progress: Progress) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
     train, test = _runs(request)
@@ -311,5 +323,8 @@ def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict
 #: By the name in a request.
 JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
     job.__name__: job
-    for job in (catalogue, robot, read, real, simulate, fit, extend, find, methods, take, report)
+    for job in (
+        *(catalogue, robot, read, real, simulate, fit, open_model),
+        *(extend, find, methods, take, report),
+    )
 }

@@ -196,15 +196,16 @@ async def _build(page: Page, session: Session) -> None:
 
 async def _keep(session: Session, request: Request, given: str, kind: str) -> Response:
     name, length = uploads.shown_name(given), request.headers.get("content-length", "")
-    robot = kind == "robot"
     try:
         announced = int(length) if length.isdigit() else None
-        path = await uploads.receive(session.folder, name, announced, _body(request), robot)
+        path = await uploads.receive(session.folder, name, announced, _body(request), kind)
     except InputError as error:
         session.say(str(error))
         return JSONResponse({"error": str(error)}, 400)
-    if robot:
+    if kind == "robot":
         session.choose_robot(str(path), name)
+    elif kind == "model":
+        session.open_model(str(path), name)
     else:
         while name in session.arrived:
             name = f"{Path(name).stem} again{Path(name).suffix}"

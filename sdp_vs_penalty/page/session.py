@@ -17,6 +17,7 @@ from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
 from sdp_vs_penalty.plots import Curves
 
+_OTHER_RUNS = "The runs have changed: identify again."
 #: Seconds of a run that is long enough to be split into one to identify from and one to test on.
 _LONG = 10.0
 #: Before the first identification of a robot.
@@ -168,6 +169,7 @@ class Session:
             if run["file"] == file:
                 run["use"] = use
         self.runs = [run for run in self.runs if run["use"]]
+        self.notice = Notice((_OTHER_RUNS,), error=False) if self.ladder else None
         self._forget_models()
         self.changed()
 
@@ -184,6 +186,16 @@ class Session:
             self.ladder = [{**answer, "label": "identified", "added": []}]
 
         self._start(f"Identifying by {self.method}", do())
+
+    def open_model(self, path: str, name: str) -> None:
+        """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
+
+        async def do() -> None:
+            answer = await self._job("open_model", model=path, out=self._next_file())
+            self._forget_models()
+            self.ladder = [{**answer, "label": name, "added": []}]
+
+        self._start(f"Opening {name}", do(), {path: name})
 
     def diagnose(self) -> None:
         """What the current model misses."""
@@ -363,10 +375,13 @@ class Session:
             new[0]["use"] = "train"
         if "effects" in answer:
             self.effects = list(answer["effects"])
+        had_models = bool(self.ladder)
         if new:
             self._forget_models()
         if answer["refused"]:
             self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
+        elif had_models:
+            self.notice = Notice((_OTHER_RUNS,), error=False)
 
     def without_paths(self, text: str) -> str:
         """A sentence with shown names instead of where the files are."""

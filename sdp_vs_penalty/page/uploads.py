@@ -18,6 +18,8 @@ MOST_FILES = 100
 #: Suffixes that the readers know.
 RUN_SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".pq", ".mcap", ".db3", ".bag", ".txt")
 ROBOT_SUFFIXES = (".urdf", ".xml")
+#: By what is dropped.
+SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",)}
 
 #: Of the authors' Panda logger: four text files that are one run, known by their names.
 LOG_FILES = tuple(f"exciting_traj_{part}.txt" for part in ("time", "positions", "velocity", "torques"))
@@ -52,14 +54,14 @@ def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:
 
 
 async def receive(
-    folder: Path, name: str, length: int | None, chunks: AsyncIterator[bytes], robot: bool
+    folder: Path, name: str, length: int | None, chunks: AsyncIterator[bytes], kind: str
 ) -> Path:
     """Write a file that arrives in pieces; never more than the limits, whole or not at all.
 
-    name : as :func:`shown_name` made it; length : in bytes, as announced; robot : a URDF is expected.
+    name : as :func:`shown_name` made it; length : in bytes, as announced; kind : of SUFFIXES.
     Raises InputError for a suffix that nobody reads and for too many bytes or files.
     """
-    suffix = suffix_of(name, ROBOT_SUFFIXES if robot else RUN_SUFFIXES)
+    suffix = suffix_of(name, SUFFIXES.get(kind, ()))
     if length is not None and length > LARGEST_FILE:
         raise too_large(name, length)
     kept = [p for p in folder.rglob("*") if p.is_file()]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.page.controls import button, check, choice, details, number, tag
+from sdp_vs_penalty.page.controls import button, check, choice, details, drop, number, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.uploads import SUFFIXES
 from sdp_vs_penalty.page.wording import plain_name
 
 if TYPE_CHECKING:
@@ -60,6 +61,14 @@ def _draw(view: View) -> None:
         choice("Method", options, session.method, lambda v: put("method", v), "method")
         number("Seed", session.seed, lambda v: put("seed", v), "seed")
     button("Identify", session.identify, "identify", "primary")
+    with details("Or go on from a model.json", "open-model"):
+        tag(
+            "p",
+            "One that was identified before, from other runs perhaps: kept as it is, it shows what has "
+            "changed since, such as a payload.",
+            "soft",
+        )
+        drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
 
 
 MODEL = Step(
