@@ -1,0 +1,133 @@
+"""The documentation works: its commands run in order, its notebook runs, its links lead somewhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from sdp_vs_penalty.cli import app, expand_many, main
+from sdp_vs_penalty.datasets import DATASETS
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+
+
+def commands(page: str) -> list[str]:
+    """The lines of a page's console blocks."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```console\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [line for block in blocks for line in block.splitlines()]
+
+
+def run_all(lines: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+    """Every command in order, each with exit code 0; what they said, by verb (the last of each)."""
+    said = {}
+    for line in lines:
+        program, *words = shlex.split(line)
+        assert program == "sdp-vs-penalty"
+        with pytest.raises(SystemExit) as stop:
+            main(words)
+        shown = capsys.readouterr()
+        assert stop.value.code == 0, f"{line}\n{shown.err}"
+        said[words[0]] = shown.out
+    return said
+
+
+def cached_panda(data_folder: Path, folder: Path) -> None:
+    """The Panda's files where `fetch` looks for them before it downloads anything."""
+    folder.mkdir(parents=True)
+    for file in DATASETS["panda"].files:
+        shutil.copy(data_folder / "panda" / file.name, folder / file.name)
+
+
+@pytest.mark.parametrize("page", [path.name for path in PAGES])
+def test_every_command_parses_and_every_link_leads_somewhere(page: str) -> None:
+    for line in commands(page):
+        _, verb, *words = expand_many(shlex.split(line))
+        typer.main.get_command(app).commands[verb].make_context(verb, list(words))  # type: ignore[attr-defined]
+    text = (DOCS / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
+        assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
+    assert max(map(len, re.sub(r"```.*?```", "", text, flags=re.DOTALL).splitlines())) <= 125
+
+
+def test_every_page_is_in_the_index_and_the_index_in_the_readme() -> None:
+    index = (DOCS / "README.md").read_text(encoding="utf-8")
+    for path in [*PAGES, *DOCS.glob("*.ipynb")]:
+        assert path.name == "README.md" or f"({path.name})" in index
+    assert "(docs/README.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_your_own_robot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The rehearsal: the spring that was hidden is found, added, and the error falls."""
+    shutil.copy(DOCS / "my_arm.urdf", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    said = run_all(commands("your-robot.md"), capsys)
+    assert "1. joint_spring on joint 2" in said["diagnose"]
+    (change,) = re.findall(r"^ 2 \[N\*m\].*?([+-][0-9.]+) %", said["add"], re.MULTILINE)
+    assert float(change) < -30.0
+    assert "flange" in (tmp_path / "identified.urdf").read_text()
+    assert (tmp_path / "report.html").stat().st_size > 10**6
+
+
+@pytest.mark.real_data
+def test_the_tutorial(
+    tmp_path: Path,
+    data_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What the page says of the outputs: hysteresis first, on joint 7, whose error falls most."""
+    cached_panda(data_folder, tmp_path / "data" / "panda")
+    monkeypatch.chdir(tmp_path)
+    said = run_all(commands("tutorial.md"), capsys)
+    assert "0 problem(s)" in said["check"]
+    assert "1. presliding_hysteresis on joint 7" in said["diagnose"]
+    rows = re.findall(r"^ (\d) \[N\*m\].*?([+-][0-9.]+) %", said["add"], re.MULTILINE)
+    changes = {int(joint): float(change) for joint, change in rows}
+    assert min(changes, key=lambda j: changes[j]) == 7
+    assert changes[7] < -45.0
+
+
+def test_the_notebook_is_kept_without_outputs_and_types_no_results() -> None:
+    nbformat = pytest.importorskip("nbformat")
+    book = nbformat.read(DOCS / "panda_hysteresis.ipynb", as_version=4)
+    nbformat.validate(book)
+    for cell in book.cells:
+        if cell.cell_type == "code":
+            assert not cell.outputs
+            assert cell.execution_count is None
+            assert len(cell.source.splitlines()) <= 16
+        else:
+            # Results are computed in cells: prose holds no decimal numbers.
+            assert not re.search(r"\d\.\d|\d ?%", cell.source), cell.source
+
+
+@pytest.mark.real_data
+def test_the_notebook_runs(tmp_path: Path, data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    cached_panda(data_folder, tmp_path / "cache" / "sdp-vs-penalty" / "panda")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), *sys.path]))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    book = nbformat.read(DOCS / "panda_hysteresis.ipynb", as_version=4)
+    nbclient.NotebookClient(
+        book, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+    ).execute()
+    outputs = [output for cell in book.cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    text = "\n".join(output.get("text", "") for output in outputs)
+    assert "presliding_hysteresis on joint 7" in text
+    assert "every constraint holds" in text
