@@ -197,7 +197,7 @@ def simulate(
     effects = []
     for effect in parse_effects(hide, robot.robot):
         effects.append((effect.name, list(effect.asked_joints or ())))
-    made = hidden_runs(robot, effects, size, seed)
+    made = hidden_runs(robot, effects, size, seed, must_show=True)
     for name, run in zip(names, made.runs, strict=True):
         save_csv(run, out / name)
     write_text(out / "truth.json", json.dumps(made.truth, indent=1) + "\n")

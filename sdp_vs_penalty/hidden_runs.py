@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, interp1d
 
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.experiment import Experiment, experiment
 from sdp_vs_penalty.hidden_effects import LEVELS, Hidden, World, make_hidden
 from sdp_vs_penalty.measurements import Measurements
@@ -76,13 +77,15 @@ def hidden_runs(
     count: int = 4,
     made: Sequence[Hidden] = (),
     world: World | None = None,
+    must_show: bool = False,
 ) -> HiddenRuns:
     """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
 
     effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
     the whole robot); made : hidden effects of another kind, sized alike. level : of LEVELS, or the
     root mean square of the hidden torque over the raw noise of the joint that it moves most.
-    world : the true robot (default: that of the seed).
+    world : the true robot (default: that of the seed). must_show : raise InputError for an effect that
+    makes no torque at all on its joint (backlash about a vertical axis) instead of hiding nothing.
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
@@ -103,7 +106,12 @@ def hidden_runs(
     for name, joints in effects:
         for joint in joints or _all_joints(problem, name):
             one = make_hidden(name, joint, usual, rng)
-            hidden.append(_sized(one, world, trajectories, setup, factor))
+            sized = _sized(one, world, trajectories, setup, factor)
+            if sized is not one or not must_show:
+                hidden.append(sized)
+            elif joints or not one.joints:
+                where = f"on joint {joint + 1}" if one.joints else "on this robot"
+                raise InputError(f"{name} makes no torque {where}: hide it elsewhere, or hide another.")
     hidden += [_sized(one, world, trajectories, setup, factor) for one in made]
     measured = [_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
     logged, ideal, plain = zip(*measured, strict=True)
@@ -208,7 +216,8 @@ def _sized(
     setup: Experiment,
     factor: float,
 ) -> Hidden:
-    """The effect scaled until its torque has the wanted size; twice, as some are not linear."""
+    """The effect scaled until its torque has the wanted size (twice, as some are not linear); as it is,
+    if it makes none."""
     for _ in range(2):
         change = np.concatenate(
             [_effect_torque(world, hidden, x, _start(k)) for k, x in enumerate(trajectories)]

@@ -285,6 +285,12 @@ def test_what_cannot_be_added_is_said(slope: HiddenRuns, effect: str, message: s
         add(estimate, effect, data)
 
 
+def test_what_would_hide_nothing_is_said(panda: Problem) -> None:
+    """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
+    with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):
+        hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1, must_show=True)
+
+
 def test_wrong_robot_is_said(slope: HiddenRuns, stribeck: HiddenRuns) -> None:
     estimate, _ = small(slope)
     with pytest.raises(InputError, match="7 joint"):

@@ -128,7 +128,7 @@ def simulate(request: Request, progress: Progress) -> Answer:
     progress("simulating four runs of 20 s")
     joints = [j - 1 for j in request["joints"]]
     hidden = [] if request["effect"] == "none" else [(request["effect"], joints)]
-    made = hidden_runs(problem, hidden, level, int(request["seed"]))
+    made = hidden_runs(problem, hidden, level, int(request["seed"]), must_show=True)
     runs = []
     for name, part in zip(("run1.csv", "run2.csv", "run3.csv", "test.csv"), made.runs, strict=True):
         progress(f"checking {name}")
