@@ -247,14 +247,14 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
         with zipfile.ZipFile(path) as archive:
             size = sum(info.file_size for info in archive.infolist())
             packed = sum(info.compress_size for info in archive.infolist())
+            if size > 4 * 2**30:
+                raise InputError(
+                    f"{path}: unpacks to {size / 2**30:.0f} GiB; split it into files below 4 GiB."
+                )
             if size > _WORTH_A_LOOK and size > _TIGHTEST * packed:
                 raise InputError(
                     f"{path}: unpacks from {packed / 2**20:.1f} to {size / 2**20:.0f} MiB: "
                     "measurements do not compress so well, this is no file of them."
-                )
-            if size > 4 * 2**30:
-                raise InputError(
-                    f"{path}: unpacks to {size / 2**30:.0f} GiB; split it into files below 4 GiB."
                 )
         with np.load(path, allow_pickle=False) as file:
             for name in file.files:
