@@ -24,7 +24,7 @@ from sdp_vs_penalty.formats.table import write_npz
 from sdp_vs_penalty.hidden_effects import LEVELS, hideable
 from sdp_vs_penalty.hidden_runs import hidden_runs
 from sdp_vs_penalty.measurements import Measurements, concatenate, load_measurements
-from sdp_vs_penalty.page.summary import summary, violation
+from sdp_vs_penalty.page.summary import Runs, summary, violation
 from sdp_vs_penalty.problem import Problem, load_problem, problem_names
 from sdp_vs_penalty.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
@@ -139,57 +139,57 @@ def simulate(request: Request, progress: Progress) -> Answer:
 
 def fit(request: Request, progress: Progress) -> Answer:
     """Identify a model and look where it fails."""
-    problem, (train, test) = _problem(request), _runs(request)
+    problem, runs = _problem(request), _runs(request)
     begin = time.perf_counter()
     estimate = identify(
         problem,
-        train,
+        runs.train,
         request["method"],
         effects=request["effects"],
         seed=int(request["seed"]),
         progress=progress,
     )
     seconds = time.perf_counter() - begin
-    return summary(estimate, train, test, Path(request["out"]), seconds, progress)
+    return summary(estimate, runs, Path(request["out"]), seconds, progress)
 
 
 def open_model(request: Request, progress: Progress) -> Answer:
     """A model.json that somebody brings, judged on these runs."""
-    train, test = _runs(request)
+    runs = _runs(request)
     estimate = load_estimate(request["model"])
-    if estimate.robot.n != train.n:
+    if estimate.robot.n != runs.train.n:
         raise InputError(
             f"{request['model']}: is of a robot with {estimate.robot.n} joint(s), the runs have "
-            f"{train.n}: choose the model that belongs to them."
+            f"{runs.train.n}: choose the model that belongs to them."
         )
-    return summary(estimate, train, test, Path(request["out"]), 0.0, progress)
+    return summary(estimate, runs, Path(request["out"]), 0.0, progress)
 
 
 def extend(request: Request, progress: Progress) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    train, test = _runs(request)
+    runs = _runs(request)
     begin = time.perf_counter()
     estimate = add(
         load_estimate(request["model"]),
         request["effect"],
-        train,
+        runs.train,
         problem=_problem(request),
         frozen=bool(request["frozen"]),
         seed=int(request["seed"]),
         progress=progress,
     )
     seconds = time.perf_counter() - begin
-    return summary(estimate, train, test, Path(request["out"]), seconds, progress)
+    return summary(estimate, runs, Path(request["out"]), seconds, progress)
 
 
 def find(request: Request, progress: Progress) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
-    train, test = _runs(request)
+    runs = _runs(request)
     begin = time.perf_counter()
     result = diagnose(
         load_estimate(request["model"]),
-        train,
-        test,
+        runs.train,
+        runs.test,
         frozen=bool(request["frozen"]),
         seed=int(request["seed"]),
         progress=progress,
@@ -209,7 +209,7 @@ def methods(request: Request, progress: Progress) -> Answer:
     """The same effects by other methods, judged alike."""
     from sdp_vs_penalty.comparison import compare
 
-    problem, (train, test) = _problem(request), _runs(request)
+    problem, runs = _problem(request), _runs(request)
     effects = load_estimate(request["model"]).model.effects
     rows = []
     for name in request["methods"]:
@@ -217,7 +217,7 @@ def methods(request: Request, progress: Progress) -> Answer:
         try:
             made = identify(
                 problem,
-                train,
+                runs.train,
                 name,
                 effects=effects,
                 seed=int(request["seed"]),
@@ -227,7 +227,7 @@ def methods(request: Request, progress: Progress) -> Answer:
             rows.append({"method": name, "failed": str(error)})
             continue
         seconds = time.perf_counter() - begin
-        c = compare({name: made}, train if test is None else test)[0]
+        c = compare({name: made}, runs.judge)[0]
         rows.append(
             {
                 "method": name,
@@ -255,10 +255,9 @@ def take(request: Request, progress: Progress) -> Answer:
 
 def report(request: Request, progress: Progress) -> Answer:
     """The self-contained report about the ladder of models."""
-    train, test = _runs(request)
     made = make_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},
-        train if test is None else test,
+        _runs(request).judge,
         problem=_problem(request),
         commands=request["commands"],
         progress=progress,
@@ -275,8 +274,8 @@ def _joint_names(problem: Problem) -> list[str]:
     return [j.name for j in problem.robot.joints]
 
 
-def _runs(request: Request) -> tuple[Measurements, Measurements | None]:
-    """Runs to identify from, and those to judge on (None without one), under their shown names.
+def _runs(request: Request) -> Runs:
+    """The runs of a request for what each is used for, under their shown names.
 
     A run of use "split" gives its beginning to the first and, after a pause, its end to the others.
     """
@@ -295,7 +294,7 @@ def _runs(request: Request) -> tuple[Measurements, Measurements | None]:
             (test if run["use"] == "test" else train).append(replace(part, names=(run["name"],)))
     if not train:
         raise InputError("No run is there to identify from: use at least one for it.")
-    return concatenate(train), concatenate(test) if test else None
+    return Runs(concatenate(train), concatenate(test) if test else None, loaded)
 
 
 def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[str, Any]:

@@ -1,124 +1,28 @@
-"""What one tab has chosen, read and identified, and everything that can be done to it."""
+"""Everything that can be done to what one tab has chosen, read and identified."""
 
 from __future__ import annotations
 
 import asyncio
-import shlex
-import time
 from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
-
-import numpy as np
+from typing import Any
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
-from sdp_vs_penalty.plots import Curves
+from sdp_vs_penalty.page.state import METHOD, Notice, State, Working
+from sdp_vs_penalty.page.workshop import Cancelled
 
 _OTHER_RUNS = "The runs have changed: identify again."
 #: Seconds of a run that is long enough to be split into one to identify from and one to test on.
 _LONG = 10.0
-#: Before the first identification of a robot.
-_METHOD = "lmi-sdp"
 
 
 @dataclass
-class Working:
-    """The job that is being done: what it is, where it stands, since when (monotonic seconds)."""
+class Session(State):
+    """What can be done to the state. Every verb starts its work in the background and returns."""
 
-    title: str
-    work: Work
-    status: str = ""
-    since: float = field(default_factory=time.monotonic)
-
-
-@dataclass(frozen=True)
-class Notice:
-    """One or more sentences for the person: an error, or something worth knowing."""
-
-    texts: tuple[str, ...]
-    error: bool = True
-
-
-class Watcher(Protocol):
-    """A tab that shows a session."""
-
-    @property
-    def present(self) -> bool:
-        """Whether it is there: loading or connected."""
-
-    def redraw(self) -> None:
-        """The session has changed."""
-
-
-@dataclass
-class Session:
-    """The state of a tab. Every verb starts its work in the background and returns at once.
-
-    robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; ladder :
-    summaries of models, each with a ``label``, the last one current; findings : of the model number
-    ``found_for`` of the ladder.
-    """
-
-    token: str
-    folder: Path
-    workshop: Workshop
-    robot: dict[str, Any] | None = None
-    runs: list[dict[str, Any]] = field(default_factory=list)
-    effects: list[str] = field(default_factory=list)
-    method: str = _METHOD
-    seed: int = 0
-    frozen: bool = False
-    ladder: list[dict[str, Any]] = field(default_factory=list)
-    findings: dict[str, Any] | None = None
-    found_for: int = 0
-    methods: list[dict[str, Any]] | None = None
-    notice: Notice | None = None
-    working: Working | None = None
-    task: asyncio.Task[None] | None = None
-    watchers: list[Watcher] = field(default_factory=list)
-    arrived: dict[str, Path] = field(default_factory=dict)
-    made_by: str | None = None
-    left_at: float = field(default_factory=time.monotonic)
-    #: How often a control was moved in vain: it has to be drawn anew as it is.
-    refusals: int = 0
     _count: int = 0
-    _names: dict[str, str] = field(default_factory=dict)
-    _curves: dict[str, list[Curves]] = field(default_factory=dict)
-
-    # What is shown
-
-    @property
-    def model(self) -> dict[str, Any] | None:
-        return self.ladder[-1] if self.ladder else None
-
-    @property
-    def added(self) -> set[str]:
-        """Texts of the findings that are part of the current model."""
-        return {text for model in self.ladder[self.found_for :] for text in model["added"]}
-
-    def curves(self, model: Mapping[str, Any]) -> list[Curves]:
-        """Measured and modelled torque of every run, once read kept."""
-        path = str(model["curves"])
-        if path not in self._curves:
-            with np.load(path, allow_pickle=False) as file:
-                self._curves[path] = [
-                    Curves(file[f"t{k}"], file[f"torque{k}"], {model["label"]: file[f"modelled{k}"]})
-                    for k in range(len(model["runs"]))
-                ]
-        return self._curves[path]
-
-    def changed(self) -> None:
-        for watcher in list(self.watchers):
-            watcher.redraw()
-
-    def say(self, *texts: str, error: bool = True) -> None:
-        self.notice = Notice(texts, error) if texts else None
-        self.changed()
-
-    # What a person does
 
     def choose_robot(self, source: str, urdf: str | None = None) -> None:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
@@ -126,8 +30,8 @@ class Session:
         async def do() -> None:
             answer = await self._job("robot", source=source)
             self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
-            self.runs, self.effects, self.method = [], list(answer["effects"]), _METHOD
-            self._forget_models()
+            self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
+            self.forget_models()
 
         self._start("Reading the robot", do(), {source: urdf or source})
 
@@ -170,7 +74,7 @@ class Session:
                 run["use"] = use
         self.runs = [run for run in self.runs if run["use"]]
         self.notice = Notice((_OTHER_RUNS,), error=False) if self.ladder else None
-        self._forget_models()
+        self.forget_models()
         self.changed()
 
     def identify(self) -> None:
@@ -182,7 +86,7 @@ class Session:
             answer = await self._job(
                 "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
             )
-            self._forget_models()
+            self.forget_models()
             self.ladder = [{**answer, "label": "identified", "added": []}]
 
         self._start(f"Identifying by {self.method}", do())
@@ -192,8 +96,8 @@ class Session:
 
         async def do() -> None:
             answer = await self._job("open_model", model=path, out=self._next_file())
-            self._forget_models()
-            self.ladder = [{**answer, "label": name, "added": []}]
+            self.forget_models()
+            self.ladder = [{**answer, "label": name, "added": [], "opened": name}]
 
         self._start(f"Opening {name}", do(), {path: name})
 
@@ -212,15 +116,16 @@ class Session:
         """Add effects to the current model."""
 
         async def do() -> None:
+            frozen = self.findings is not None and self.findings["frozen"]
             answer = await self._job(
                 "extend",
                 model=self._current(),
                 effect=",".join(texts),
-                frozen=self.findings is not None and self.findings["frozen"],
+                frozen=frozen,
                 out=self._next_file(),
             )
             label = " ".join(f"+ {text.partition('@')[0]}" for text in texts)
-            self.ladder.append({**answer, "label": label, "added": list(texts)})
+            self.ladder.append({**answer, "label": label, "added": list(texts), "frozen": frozen})
             self.methods = None
 
         self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
@@ -280,27 +185,6 @@ class Session:
         if self.working is not None:
             self.working.work.cancel()
 
-    def commands(self) -> list[str]:
-        """The same on the command line."""
-        if self.robot is None or not self.ladder:
-            return []
-        robot = shlex.quote(self.robot["file"] or self.robot["source"])
-        data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] != "test")
-        if len(self.runs) == 1 and self.runs[0]["use"] == "split":
-            data += f" --window 0:{0.7 * self.runs[0]['seconds']:.4g}"
-        first = self.ladder[0]
-        out = [f"sdp-vs-penalty simulate {robot} {self.made_by}"] if self.made_by else []
-        out += [
-            f"sdp-vs-penalty identify {robot} --data {data} --method {first['method']} "
-            f"--effects {','.join(first['effects'])} --seed {self.seed} --out model1.json"
-        ]
-        for k, model in enumerate(self.ladder[1:], start=1):
-            out.append(
-                f"sdp-vs-penalty add model{k}.json {','.join(model['added'])} --data {data} "
-                f"--out model{k + 1}.json"
-            )
-        return out
-
     # How it is done
 
     def _busy(self) -> bool:
@@ -313,7 +197,7 @@ class Session:
         if self._busy():
             doing.close()
             return
-        self._names |= names or {}
+        self.names |= names or {}
         self.notice = None
         self.working = Working(title, self.workshop.worker())
         self.task = asyncio.get_running_loop().create_task(self._watch(doing))
@@ -368,7 +252,7 @@ class Session:
             if job == "read" and "test" in run["name"].lower():
                 run["use"] = "test"
         self.runs, self.made_by = [*before, *new], None
-        self._names |= {str(self.folder / run["file"]): run["name"] for run in new}
+        self.names |= {str(self.folder / run["file"]): run["name"] for run in new}
         if len(self.runs) == 1:  # one run alone is tested on its own end
             self.runs[0]["use"] = "split" if self.runs[0]["seconds"] >= _LONG else "train"
         elif new and len(new) == len(self.runs) and all(run["use"] == "test" for run in new):
@@ -377,21 +261,11 @@ class Session:
             self.effects = list(answer["effects"])
         had_models = bool(self.ladder)
         if new:
-            self._forget_models()
+            self.forget_models()
         if answer["refused"]:
             self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
         elif had_models:
             self.notice = Notice((_OTHER_RUNS,), error=False)
-
-    def without_paths(self, text: str) -> str:
-        """A sentence with shown names instead of where the files are."""
-        for path, name in self._names.items():
-            text = text.replace(path, name)
-        return text.replace(f"{self.folder}/", "")
-
-    def _forget_models(self) -> None:
-        self.ladder, self.findings, self.methods = [], None, None
-        self._curves.clear()
 
     def _current(self) -> str:
         if self.model is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,20 @@ from sdp_vs_penalty.preprocessing import filtered_torque
 from sdp_vs_penalty.where_it_fails import where_it_fails
 
 
+@dataclass(frozen=True)
+class Runs:
+    """train : to identify from; test : to judge on, None without; whole : all of them, as measured."""
+
+    train: Measurements
+    test: Measurements | None
+    whole: Measurements
+
+    @property
+    def judge(self) -> Measurements:
+        """What errors are shown of."""
+        return self.train if self.test is None else self.test
+
+
 def violation(estimate: Estimate) -> dict[str, float]:
     """The worst violation of the convex constraints, and of those that no convex method can impose."""
     found = estimate.certificate.violations
@@ -30,20 +45,18 @@ def violation(estimate: Estimate) -> dict[str, float]:
 
 
 def summary(
-    estimate: Estimate,
-    train: Measurements,
-    test: Measurements | None,
-    out: Path,
-    seconds: float,
-    progress: Progress,
+    estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress
 ) -> dict[str, Any]:
-    """Save a model at ``out`` and its curves beside it; judge it on ``test``, or else on ``train``.
+    """Save a model at ``out`` and its curves beside it; judge it.
 
     Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz.
     """
-    judge = train if test is None else test
+    train, test, judge = given.train, given.test, given.judge
     progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, judge)[0]
+    if comparison.noise_floor is None:  # no motion repeats there: perhaps in all of the data
+        known = compare({"model": estimate}, given.whole)[0].noise_floor
+        comparison = replace(comparison, noise_floor=known)
     settings = estimate.preprocessing.resolve(judge)
     arrays = {}
     runs = [*train.runs(), *([] if test is None else test.runs())]

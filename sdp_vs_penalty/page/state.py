@@ -1,0 +1,147 @@
+"""What one tab has chosen, read and identified, and what is said of it."""
+
+from __future__ import annotations
+
+import asyncio
+import shlex
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from sdp_vs_penalty.page.workshop import Work, Workshop
+from sdp_vs_penalty.plots import Curves
+
+#: Before the first identification of a robot.
+METHOD = "lmi-sdp"
+
+
+@dataclass
+class Working:
+    """The job that is being done: what it is, where it stands, since when (monotonic seconds)."""
+
+    title: str
+    work: Work
+    status: str = ""
+    since: float = field(default_factory=time.monotonic)
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One or more sentences for the person: an error, or something worth knowing."""
+
+    texts: tuple[str, ...]
+    error: bool = True
+
+
+class Watcher(Protocol):
+    """A tab that shows a session."""
+
+    @property
+    def present(self) -> bool:
+        """Whether it is there: loading or connected."""
+
+    def redraw(self) -> None:
+        """The session has changed."""
+
+
+@dataclass
+class State:
+    """The state of a tab; it is kept while the server runs, also when the tab is closed.
+
+    robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; ladder :
+    summaries of models, each with a ``label``, the last one current; findings : of the model number
+    ``found_for`` of the ladder.
+    """
+
+    token: str
+    folder: Path
+    workshop: Workshop
+    robot: dict[str, Any] | None = None
+    runs: list[dict[str, Any]] = field(default_factory=list)
+    effects: list[str] = field(default_factory=list)
+    method: str = METHOD
+    seed: int = 0
+    frozen: bool = False
+    ladder: list[dict[str, Any]] = field(default_factory=list)
+    findings: dict[str, Any] | None = None
+    found_for: int = 0
+    methods: list[dict[str, Any]] | None = None
+    notice: Notice | None = None
+    working: Working | None = None
+    task: asyncio.Task[None] | None = None
+    watchers: list[Watcher] = field(default_factory=list)
+    arrived: dict[str, Path] = field(default_factory=dict)
+    made_by: str | None = None
+    left_at: float = field(default_factory=time.monotonic)
+    #: How often a control was moved in vain: it has to be drawn anew as it is.
+    refusals: int = 0
+    #: Shown names by path.
+    names: dict[str, str] = field(default_factory=dict)
+    _curves: dict[str, list[Curves]] = field(default_factory=dict)
+
+    @property
+    def model(self) -> dict[str, Any] | None:
+        return self.ladder[-1] if self.ladder else None
+
+    @property
+    def added(self) -> set[str]:
+        """Texts of the findings that are part of the current model."""
+        return {text for model in self.ladder[self.found_for :] for text in model["added"]}
+
+    def curves(self, model: Mapping[str, Any]) -> list[Curves]:
+        """Measured and modelled torque of every run, once read kept."""
+        path = str(model["curves"])
+        if path not in self._curves:
+            with np.load(path, allow_pickle=False) as file:
+                self._curves[path] = [
+                    Curves(file[f"t{k}"], file[f"torque{k}"], {model["label"]: file[f"modelled{k}"]})
+                    for k in range(len(model["runs"]))
+                ]
+        return self._curves[path]
+
+    def changed(self) -> None:
+        for watcher in list(self.watchers):
+            watcher.redraw()
+
+    def say(self, *texts: str, error: bool = True) -> None:
+        self.notice = Notice(texts, error) if texts else None
+        self.changed()
+
+    def commands(self) -> list[str]:
+        """The same on the command line."""
+        if self.robot is None or not self.ladder:
+            return []
+        robot = shlex.quote(self.robot["file"] or self.robot["source"])
+        data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] != "test")
+        if len(self.runs) == 1 and self.runs[0]["use"] == "split":
+            data += f" --window 0:{0.7 * self.runs[0]['seconds']:.4g}"
+        first = self.ladder[0]
+        out = [f"sdp-vs-penalty simulate {robot} {self.made_by}"] if self.made_by else []
+        names = [first.get("opened", "model1.json")]
+        if "opened" not in first:
+            out.append(
+                f"sdp-vs-penalty identify {robot} --data {data} --method {first['method']} "
+                f"--effects {','.join(first['effects'])} --seed {self.seed} --out {names[0]}"
+            )
+        for k, model in enumerate(self.ladder[1:], start=2):
+            names.append(f"model{k}.json")
+            frozen = " --frozen" if model["frozen"] else ""
+            out.append(
+                f"sdp-vs-penalty add {shlex.quote(names[-2])} {','.join(model['added'])}{frozen} "
+                f"--data {data} --out {names[-1]}"
+            )
+        return out
+
+    def without_paths(self, text: str) -> str:
+        """A sentence with shown names instead of where the files are."""
+        for path, name in self.names.items():
+            text = text.replace(path, name)
+        return text.replace(f"{self.folder}/", "")
+
+    def forget_models(self) -> None:
+        self.ladder, self.findings, self.methods = [], None, None
+        self._curves.clear()

@@ -1,0 +1,189 @@
+"""The page's verb and a browser on it, for the tests that use both."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from sdp_vs_penalty.formats.table import write_npz
+from sdp_vs_penalty.hidden_runs import HiddenRuns
+from sdp_vs_penalty.measurements import save_csv
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+pytest.importorskip("nicegui", reason="the page needs the extra [page]")
+psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
+playwright = pytest.importorskip("playwright.sync_api", reason="install the extra [test]")
+expect = playwright.expect
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+if CHROMIUM is None:
+    pytest.skip("Chromium is not installed", allow_module_level=True)
+
+DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+ROOT = str(Path(__file__).parents[1])
+#: Milliseconds that a job may take on a busy computer.
+PATIENCE = 60_000
+ARM = """<robot name="arm"><link name="base"/><link name="column"/><link name="slider"/>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="column"/>
+    <origin xyz="0 0 0.3"/><axis xyz="0 1 0"/></joint>
+  <joint name="slide" type="prismatic"><parent link="column"/><child link="slider"/>
+    <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="100"/></joint></robot>"""
+
+
+@dataclass
+class Server:
+    process: subprocess.Popen[str]
+    port: int
+    temporary: Path
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    def workers(self) -> list[psutil.Process]:
+        """Processes that do a job: each leads a group of its own; the next one only waits."""
+        found = []
+        for p in psutil.Process(self.process.pid).children(recursive=True):
+            try:
+                if os.getpgid(p.pid) == p.pid and p.status() != psutil.STATUS_ZOMBIE:
+                    found.append(p)
+            except (psutil.NoSuchProcess, ProcessLookupError):
+                continue
+        return found
+
+
+def start(temporary: Path, *arguments: str) -> Server:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    code = "from sdp_vs_penalty.cli import main; main()"
+    command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(port), *arguments]
+    environment = {
+        **os.environ,
+        "TMPDIR": str(temporary),
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONPATH": os.pathsep.join([ROOT, os.environ.get("PYTHONPATH", "")]),
+    }
+    process = subprocess.Popen(
+        command, cwd=temporary, env=environment, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert f"http://127.0.0.1:{port}/" in process.stdout.readline()
+    return Server(process, port, temporary)
+
+
+@contextmanager
+def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
+    """The verb; at the end it leaves neither processes nor files behind."""
+    made = start(temporary, *arguments)
+    try:
+        yield made
+    finally:
+        family = psutil.Process(made.process.pid).children(recursive=True)
+        made.process.terminate()
+        made.process.wait(10)
+    _, alive = psutil.wait_procs(family, 5)
+    assert not alive
+    assert list(made.temporary.glob("sdp-vs-penalty-page-*")) == []
+
+
+@contextmanager
+def browsing() -> Iterator[Browser]:
+    with playwright.sync_playwright() as started:
+        made = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield made
+        made.close()
+
+
+@contextmanager
+def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
+    """A browser of its own, as it were; faults of its pages fail the test."""
+    options = {"viewport": DESKTOP, "reduced_motion": "reduce", "accept_downloads": True, **options}
+    made = browser.new_context(**options)
+    yield made
+    faults = [fault for page in made.pages for fault in getattr(page, "faults", [])]
+    made.close()
+    assert faults == []
+
+
+def written(hidden: HiddenRuns, folder: Path) -> list[Path]:
+    """Three runs and a test run, in two formats."""
+    paths = [folder / "run1.csv", folder / "run2.npz", folder / "run3.npz", folder / "test.npz"]
+    save_csv(hidden.runs[0], paths[0])
+    for run, path in zip(hidden.runs[1:], paths[1:], strict=True):
+        write_npz(run, path)
+    return paths
+
+
+def key(name: str) -> str:
+    return f'[data-key="{name}"]'
+
+
+def open_page(context: BrowserContext, server: Server, path: str = "new") -> Page:
+    """A page whose faults fail the test, and whose every request stays on this computer."""
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE)
+    faults: list[str] = []
+    page.on("pageerror", lambda e: faults.append(str(e)))
+    page.on("request", lambda r: asked(r.url))
+    page.on("websocket", lambda w: asked(w.url))
+
+    def asked(url: str) -> None:
+        if not re.match(rf"(http|ws)://127\.0\.0\.1:{server.port}/|data:|blob:", url):
+            faults.append(f"asked {url}")
+
+    page.faults = faults  # type: ignore[attr-defined]
+    page.goto(server.address + path)
+    page.wait_for_selector(key("robot-two_link"))
+    return page
+
+
+def idle(page: Page) -> None:
+    expect(page.locator(".working")).to_be_hidden(timeout=PATIENCE)
+
+
+def alert(page: Page) -> str:
+    page.wait_for_selector(".notice[role=alert] p")
+    return page.inner_text(".notice[role=alert] .texts")
+
+
+def busy(server: Server) -> list[Any]:
+    """The processes that compute, once there are any."""
+    end = time.monotonic() + 10.0
+    while time.monotonic() < end:
+        if working := [p for p in server.workers() if p.cpu_times().user > 0.3]:
+            return working
+        time.sleep(0.05)
+    raise AssertionError("nothing computes")
+
+
+def choose(page: Page, robot: str, data: list[Path]) -> None:
+    page.click(key(f"robot-{robot}"))
+    page.wait_for_selector(key("drop-runs"))
+    page.set_input_files(key("drop-runs"), [str(path) for path in data])
+    page.wait_for_selector(f"table.runs tbody tr:nth-child({len(data)})")
+    idle(page)
+
+
+def errors(page: Page) -> list[list[float]]:
+    """RMS errors of the ladder's table: a list a joint, of its models."""
+    rows = page.locator("table.ladder tbody tr").all()
+    return [[float(cell) for cell in row.locator("td").all_inner_texts()[:-2]] for row in rows]
+
+
+def no_sideways_scrolling(page: Page) -> None:
+    inside, width = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert inside <= width

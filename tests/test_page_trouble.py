@@ -1,0 +1,304 @@
+"""The workbench when things go wrong: cancelled work, closed tabs, bad files, other sites."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import pickle
+import re
+import shutil
+import subprocess
+import sys
+import time
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from page_driver import (
+    ARM,
+    ROOT,
+    Server,
+    a_context,
+    alert,
+    browsing,
+    busy,
+    idle,
+    key,
+    open_page,
+    psutil,
+    serving,
+    written,
+)
+
+from sdp_vs_penalty.hidden_runs import hidden_runs
+from sdp_vs_penalty.problem import Problem
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with serving(tmp_path_factory.mktemp("page")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browsing() as made:
+        yield made
+
+
+@pytest.fixture
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    with a_context(browser) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def files(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Runs with a hidden effect."""
+    hidden = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+    return written(hidden, tmp_path_factory.mktemp("runs"))
+
+
+def test_cancel_ends_the_work_within_a_second(context: BrowserContext, server: Server) -> None:
+    page = open_page(context, server)
+    page.click(key("robot-panda"))
+    page.wait_for_selector(key("simulate"))
+    idle(page)
+    page.click(key("simulate"))
+    page.wait_for_selector(".working .status:has-text('simulating')")
+    workers = server.workers()
+    assert workers
+    begin = time.perf_counter()
+    page.click(key("cancel"))
+    page.wait_for_selector(".notice[role=status] p:has-text('Cancelled: nothing was changed.')")
+    assert time.perf_counter() - begin < 1.0
+    psutil.wait_procs(workers, 1.0)
+    assert page.locator("table.runs").count() == 0
+    page.click(key("simulate"))  # and it goes on
+    page.wait_for_selector(key("identify"))
+
+
+def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
+    context: BrowserContext, server: Server
+) -> None:
+    page = open_page(context, server)
+    address = page.url
+    page.click(key("robot-panda"))
+    page.wait_for_selector(key("simulate"))
+    idle(page)
+    page.click(key("simulate"))
+    page.wait_for_selector(key("identify"))
+    idle(page)
+    page.click(key("identify"))
+    page.wait_for_selector(key("compare"))
+    idle(page)
+    for name in ("lmi-sdp", "ols", "penalty"):
+        page.uncheck(key(f"method-{name}"))
+    page.check(key("method-penalty-paper"))  # simulated annealing: it takes long
+    page.click(key("compare"))
+    page.wait_for_selector(".working .status:has-text('penalty-paper')")
+    working = busy(server)
+    page.close()
+    _, alive = psutil.wait_procs(working, 8.0)
+    assert not alive
+    again = open_page(context, server, "")
+    assert again.url == address
+    again.wait_for_selector("[data-step=fit] .js-line")
+    assert again.locator("table.runs tbody tr").count() == 4
+    assert again.locator("table.methods").count() == 0
+    again.click(key("diagnose"))  # and it goes on
+    again.wait_for_selector(key("add-0"))
+
+
+def test_two_tabs_are_independent(context: BrowserContext, server: Server) -> None:
+    first, second = open_page(context, server), open_page(context, server, "")
+    assert first.url != second.url
+    first.click(key("robot-panda"))
+    second.click(key("robot-emps"))
+    for page in (first, second):
+        page.wait_for_selector(key("simulate"))
+        page.click(key("simulate"))
+    for page, joints in ((first, 7), (second, 1)):
+        page.wait_for_selector(key("identify"))
+        assert page.locator(f"{key('hide-joint')} option").count() == joints
+    assert "torques in N." in second.inner_text("[data-step=robot]")
+    assert "torques in N m." in first.inner_text("[data-step=robot]")
+
+
+def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
+    """Files that nobody can use, with what must be said of them."""
+
+    class Evil:
+        def __reduce__(self) -> Any:
+            return os.mkdir, (str(folder / "unpickled"),)
+
+    (folder / "binary.csv").write_bytes(bytes(range(256)) * 64)
+    (folder / "words.csv").write_text("t,q1,q2,tau1,tau2\n0,a,b,c,d\n")
+    (folder / "seven.csv").write_text("t,q1,tau1\n0,0,0\n1,0,0\n")
+    # Two members that unpack to 4 GiB each, by the archive's directory; one whose array says 5.6 GB.
+    np.savez_compressed(folder / "bomb.npz", t=np.zeros(2**17), q=np.zeros(2**17))
+    bomb = bytearray((folder / "bomb.npz").read_bytes())
+    for entry in re.finditer(b"PK\x01\x02", bytes(bomb)):
+        bomb[entry.start() + 24 : entry.start() + 28] = b"\xf0\xff\xff\xff"
+    (folder / "bomb.npz").write_bytes(bomb)
+    with zipfile.ZipFile(folder / "claims.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (700000000,), }".ljust(117) + b"\n"
+        start = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head
+        archive.writestr("t.npy", start + bytes(2**24))
+    np.savez(folder / "pickle.npz", t=np.array([Evil()], dtype=object))
+    (folder / "run.pkl").write_bytes(pickle.dumps(Evil()))
+    return {
+        "binary.csv": (folder / "binary.csv", "binary"),
+        "words.csv": (folder / "words.csv", "not a number"),
+        "seven.csv": (folder / "seven.csv", "the robot has 2"),
+        "bomb.npz": (folder / "bomb.npz", "bomb.npz: unpacks to 8 GiB"),
+        "claims.npz": (folder / "claims.npz", "claims.npz: not a readable .npz"),
+        "pickle.npz": (folder / "pickle.npz", "pickle.npz: not a readable .npz"),
+        "run.pkl": (folder / "run.pkl", "files of this kind are not read"),
+    }
+
+
+def test_bad_files_are_refused_in_a_sentence(
+    context: BrowserContext, server: Server, files: list[Path], tmp_path: Path
+) -> None:
+    page = open_page(context, server)
+    page.click(key("robot-two_link"))
+    page.wait_for_selector(key("drop-runs"))
+    for name, (path, words) in bad_runs(tmp_path).items():
+        idle(page)
+        page.set_input_files(key("drop-runs"), str(path))
+        text = alert(page)
+        assert words in text, text
+        assert name in text
+        assert str(server.temporary) not in text
+        assert "Traceback" not in text
+        idle(page)
+        page.click(key("close-notice"))
+        page.wait_for_selector(".notice[role=alert] p", state="detached")
+    assert not (tmp_path / "unpickled").exists()
+    with (tmp_path / "huge.csv").open("wb") as huge:
+        huge.truncate(2**30)
+    page.set_input_files(key("drop-runs"), str(tmp_path / "huge.csv"))
+    assert "huge.csv: 1024 MB; the page takes files up to 256 MB" in alert(page)
+    page.set_input_files(key("drop-runs"), str(files[1]))  # and it goes on
+    page.wait_for_selector(key("identify"))
+
+
+def test_bad_robots_are_refused_and_names_are_no_paths(context: BrowserContext, server: Server) -> None:
+    page = open_page(context, server)
+    entity = '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot name="r">&x;</robot>'
+    laughs = '<!DOCTYPE r [<!ENTITY a "ha">' + "".join(
+        f'<!ENTITY {b} "{"&" + a + ";" * 1}{("&" + a + ";") * 9}">'
+        for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+    )
+    laughs += ']><robot name="&i;"><link name="base"/></robot>'
+    secret = Path("/etc/hostname").read_text().strip() if Path("/etc/hostname").exists() else "?"
+    for name, content in (
+        ("entity.urdf", entity),
+        ("laughs.urdf", laughs),
+        ("../../<img src=x onerror=alert(1)>.urdf", "<robot"),
+        ("C:\\Users\\me\\broken.urdf", "<sdf/>"),
+    ):
+        idle(page)
+        begin = time.perf_counter()
+        page.set_input_files(
+            key("drop-robot"), {"name": name, "mimeType": "text/xml", "buffer": content.encode()}
+        )
+        text = alert(page)
+        assert time.perf_counter() - begin < 10.0
+        assert ".urdf: " in text
+        assert "/" not in text.split(":")[0]
+        assert "\\" not in text.split(":")[0]
+        assert len(secret) < 4 or secret not in text
+        idle(page)
+        page.click(key("close-notice"))
+        page.wait_for_selector(".notice[role=alert] p", state="detached")
+    assert page.locator("img").count() == 0  # a name is text
+    arm = {"name": "../my arm.urdf", "mimeType": "text/xml", "buffer": ARM.encode()}
+    page.set_input_files(key("drop-robot"), arm)
+    page.wait_for_selector(key("drop-runs"))
+    text = page.inner_text("[data-step=robot]")
+    assert "my arm.urdf: arm, 2 joint(s)" in text
+    assert "turn [N m], slide [N]" in text
+    # Whatever the names said, files are in the session's own folder under names of ours.
+    (root,) = server.temporary.glob("sdp-vs-penalty-page-*")
+    kept = [p for p in root.rglob("*") if p.is_file()]
+    assert any(re.fullmatch(r"file-[0-9a-f]{16}\.urdf", p.name) for p in kept)
+    assert not [p for p in server.temporary.rglob("*.urdf") if p not in kept]
+
+
+def test_files_can_be_dragged_onto_the_page(
+    context: BrowserContext, server: Server, two_link: Problem
+) -> None:
+    page = open_page(context, server)
+    drop = page.evaluate_handle(
+        "text => { const d = new DataTransfer();"
+        " d.items.add(new File([text], 'arm.urdf', {type: 'text/xml'})); return d; }",
+        ARM,
+    )
+    page.dispatch_event('[data-drop="robot"]', "drop", {"dataTransfer": drop})
+    page.wait_for_selector(".chosen:has-text('arm.urdf')")
+
+
+def test_other_sites_and_names_get_nothing(server: Server) -> None:
+    def status(method: str, path: str, headers: dict[str, str]) -> int:
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        answer.read()
+        connection.close()
+        return answer.status
+
+    own = {"Host": f"127.0.0.1:{server.port}"}
+    assert status("GET", "/new", own) == 303
+    assert status("GET", "/new", {"Host": "evil.example"}) == 403
+    assert status("GET", "/new", {**own, "Origin": "http://evil.example"}) == 403
+    upgrade = {
+        "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }  # fmt: skip
+    socket_path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    assert status("GET", socket_path, {**own, **upgrade, "Origin": "http://evil.example"}) == 403
+    for path in ("/s/guess/take/model.json", "/s/guess/take/..%2f..%2fetc%2fpasswd"):
+        assert status("GET", path, own) == 404
+    assert status("PUT", "/s/guess/files?name=a.csv&kind=runs", own) == 404
+
+
+def test_the_folder_is_offered_and_kept_as_it_is(
+    browser: Browser, files: list[Path], tmp_path: Path
+) -> None:
+    folder, temporary = tmp_path / "mine", tmp_path / "tmp"
+    folder.mkdir()
+    temporary.mkdir()
+    for path in files:
+        shutil.copy(path, folder)
+    (folder / "arm.urdf").write_text(ARM)
+    (folder / "elsewhere.csv").symlink_to("/etc/hosts")
+    before = {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
+    with serving(temporary, str(folder)) as server, a_context(browser) as context:
+        page = open_page(context, server)
+        assert "arm.urdf" in page.inner_text("[data-step=robot]")
+        page.click(key("robot-two_link"))
+        page.wait_for_selector(key("read-folder"))
+        assert "elsewhere.csv" not in page.inner_text("[data-step=runs]")
+        page.get_by_label("run1.csv").check()
+        page.get_by_label("test.npz").check()
+        page.click(key("read-folder"))
+        page.wait_for_selector("table.runs tbody tr:nth-child(2)")
+    assert before == {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
+
+
+def test_a_taken_port_is_said(server: Server) -> None:
+    code = "from sdp_vs_penalty.cli import main; main()"
+    command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(server.port)]
+    environment = {**os.environ, "PYTHONPATH": ROOT}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    assert done.returncode == 2
+    assert f"--port {server.port}: is taken: choose another" in done.stderr
+    assert done.stderr.count("\n") == 1
