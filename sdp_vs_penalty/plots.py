@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-#: Okabe, Ito, "Color universal design" (2008); readable on white and on black.
+#: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on white and black.
 MEASURED = "#888888"
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#B8A800")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
 
 #: Points of a curve: more than a screen is wide, few enough to draw at once.
 POINTS = 1200

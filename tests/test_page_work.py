@@ -361,3 +361,16 @@ def test_workers_start_where_temporary_names_are_long(tmp_path: Path) -> None:
         env=environment, capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert done.stdout.strip().endswith("2"), done.stderr
+
+
+def test_without_the_extra_it_says_what_to_install() -> None:
+    code = (
+        "import sys; sys.modules['nicegui'] = None; from sdp_vs_penalty.cli import main; main(['page'])"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2
+    assert "pip install '.[page]'" in done.stderr
+    assert "Traceback" not in done.stderr
