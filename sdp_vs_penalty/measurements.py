@@ -235,27 +235,16 @@ def _joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     return n, has_dq
 
 
-#: A zip bomb is an archive [bytes] that unpacks to so many times its size: zeros reach 1000, measured
-#: channels 3 to 20.
-_WORTH_A_LOOK, _TIGHTEST = 2**27, 200
-
-
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """The arrays of an .npz file as floats; InputError for anything but real numbers."""
+    from sdp_vs_penalty.formats import check_size
+
     arrays: dict[str, Array] = {}
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(info.file_size for info in archive.infolist())
             packed = sum(info.compress_size for info in archive.infolist())
-            if size > 4 * 2**30:
-                raise InputError(
-                    f"{path}: unpacks to {size / 2**30:.0f} GiB; split it into files below 4 GiB."
-                )
-            if size > _WORTH_A_LOOK and size > _TIGHTEST * packed:
-                raise InputError(
-                    f"{path}: unpacks from {packed / 2**20:.1f} to {size / 2**20:.0f} MiB: "
-                    "measurements do not compress so well, this is no file of them."
-                )
+            check_size(Path(path), size, packed)
         with np.load(path, allow_pickle=False) as file:
             for name in file.files:
                 array = file[name]

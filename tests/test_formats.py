@@ -202,7 +202,9 @@ def test_formats_without_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for suffix in (".parquet", ".mcap"):
         path = tmp_path / f"run{suffix}"
         path.write_bytes(b"anything")
-        with pytest.raises(InputError, match=r"sdp-vs-penalty\[formats\]"):
+        with pytest.raises(
+            InputError, match=r"sdp-vs-penalty\[formats\].*in a checkout: .*\.\[formats\]"
+        ):
             load_measurements(path)
 
 
@@ -278,6 +280,20 @@ def test_a_zip_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:
     assert peak < 10**7
     save(run, path)
     same(run, load_measurements(path))
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".parquet"])
+def test_other_compressed_files_cannot_burst_either(suffix: str, tmp_path: Path) -> None:
+    path, zeros = tmp_path / f"bomb{suffix}", np.zeros(6_000_000)
+    if suffix == ".mat":
+        savemat(path, {"t": zeros, "q": zeros, "tau": zeros}, do_compression=True)
+    else:
+        arrow = pytest.importorskip("pyarrow")
+        from pyarrow import parquet
+
+        parquet.write_table(arrow.table({"t": zeros, "q1": zeros, "tau1": zeros}), path)
+    with pytest.raises(InputError, match="MiB: measurements do not compress so well"):
+        load_measurements(path)
 
 
 @pytest.mark.parametrize("share", [0.0001, 0.3, 0.99])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.formats import LARGEST, Choice, from_columns
+from sdp_vs_penalty.formats import Choice, check_size, from_columns
 from sdp_vs_penalty.measurements import Measurements
 
 Array = NDArray[np.float64]
@@ -28,8 +28,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         if start.startswith(b"MATLAB 7.3") or start.startswith(b"\x89HDF"):
             raise InputError(f"{path}: a version 7.3 file (HDF5): save it with save(..., '-v7').")
         numbers = sum(int(np.prod(shape, dtype=float)) for _, shape, _ in whosmat(path))
-        if numbers > LARGEST:
-            raise InputError(f"{path}: {numbers} numbers are too many: split it into several runs.")
+        check_size(path, 8 * numbers, path.stat().st_size)
         content = loadmat(path, simplify_cells=True)
     except InputError:
         raise

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.formats import LARGEST, Choice, columns_of, from_columns
+from sdp_vs_penalty.formats import Choice, check_size, columns_of, from_columns
 from sdp_vs_penalty.measurements import Measurements
 
 
@@ -27,9 +27,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     _, parquet = _module()
     try:
         file = parquet.ParquetFile(path)  # type: ignore[attr-defined]
-        size = file.metadata.num_rows * file.metadata.num_columns
-        if size > LARGEST:
-            raise InputError(f"{path}: {size} numbers are too many: split it into several runs.")
+        check_size(path, 8 * file.metadata.num_rows * file.metadata.num_columns, path.stat().st_size)
         table = file.read()
     except InputError:
         raise

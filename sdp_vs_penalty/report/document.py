@@ -41,7 +41,7 @@ pre { background: var(--soft); padding: 0.8rem; overflow-x: auto; font-size: 0.8
 }
 """
 
-#: Draws the first figure once the text is there, the others when there is nothing else to do.
+#: Draws the first figure once the text is there, the others one by one: it can be read meanwhile.
 _DRAW = """
 (() => {
   const waiting = [...document.querySelectorAll(".plot")];
@@ -50,9 +50,8 @@ _DRAW = """
     const given = JSON.parse(place.nextElementSibling.textContent);
     Plotly.newPlot(place, given.data, given.layout, {displayModeBar: false, responsive: true});
   };
-  const idle = window.requestIdleCallback || setTimeout;
   const next = () => {
-    if (waiting.length) { draw(); idle(next); }
+    if (waiting.length) { draw(); setTimeout(next, 30); }
   };
   addEventListener("beforeprint", () => {
     document.querySelectorAll("details").forEach(part => { part.open = true; });
