@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -222,6 +223,23 @@ def test_held_out_errors_without_a_test_run(slope: HiddenRuns) -> None:
     first = result.effects[0]
     assert first.held_out_rmse_after[1] < first.held_out_rmse_before[1]
     assert any("outer folds" in r for r in result.remarks)
+
+
+def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None:
+    from types import SimpleNamespace
+
+    from sdp_vs_penalty.diagnosis.held_out import _falls
+
+    def pick(joints: tuple[int, ...], whole: bool = False) -> Any:
+        return SimpleNamespace(
+            hypothesis=SimpleNamespace(effect=SimpleNamespace(joints=joints, whole_robot=whole))
+        )
+
+    before, after = np.array([1.0, 1.0, 1.0]), np.array([1.0, 0.9, 1.1])
+    assert _falls(pick((1,)), before, after)
+    assert _falls(pick((), whole=True), before, after)
+    assert not _falls(pick((0,)), before, after)
+    assert not _falls(pick((2,)), before, after)
 
 
 def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:
