@@ -154,7 +154,8 @@ def make_app(page: Page) -> FastAPI:
             return _gone()
         return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
 
-    @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
+    # The first page waits for the first worker, which has to load everything.
+    @ui.page("/s/{token}", title="sdp-vs-penalty workbench", response_timeout=60.0)
     async def _show(token: str) -> Response | None:
         session = page.sessions.get(token)
         if session is None:
