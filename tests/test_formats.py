@@ -296,6 +296,32 @@ def test_other_compressed_files_cannot_burst_either(suffix: str, tmp_path: Path)
         load_measurements(path)
 
 
+def test_an_mcap_chunk_cannot_burst_either(tmp_path: Path) -> None:
+    """Zeros in one message are refused before they are unpacked."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, kind, zeros = (
+        get_typestore(Stores.ROS2_HUMBLE),
+        "sensor_msgs/msg/JointState",
+        np.zeros(18_000_000),
+    )
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=1, nanosec=0)
+    header = store.types["std_msgs/msg/Header"](stamp, "")
+    message = store.types[kind](header, ["a"], np.zeros(1), np.zeros(1), zeros)
+    folder = tmp_path / "bag"
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/joint_states", kind, typestore=store)
+        writer.write(connection, 1, store.serialize_cdr(message, kind))
+    assert (folder / "bag.mcap").stat().st_size < 10**6
+    for path in (folder, folder / "bag.mcap"):
+        with pytest.raises(InputError, match=r"bag\.mcap: unpacks from .* MiB: measurements do not"):
+            read_run(path)
+
+
 @pytest.mark.parametrize("share", [0.0001, 0.3, 0.99])
 @pytest.mark.parametrize("mcap", [False, True])
 def test_a_bag_that_was_cut_off_is_refused(mcap: bool, share: float, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from array import array
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError, missing_extra
-from sdp_vs_penalty.formats import LARGEST, Choice
+from sdp_vs_penalty.formats import LARGEST, Choice, check_size
 from sdp_vs_penalty.measurements import Measurements
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -29,6 +30,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise missing_extra("ROS bags and MCAP files need", "formats") from error
     try:
         _stay_inside(path)
+        _check_chunks(path)
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             return _read(path, reader, choice)
     except InputError:
@@ -51,6 +53,26 @@ def _stay_inside(path: Path) -> None:
     for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
         if Path(name).name != name:
             raise InputError(f"{path / 'metadata.yaml'}: {name!r} is not a file of this folder.")
+
+
+#: Opcode of a chunk, and what its record begins with: start and end time, uncompressed size.
+_CHUNK, _CHUNK_START = 6, "<QQQ"
+
+
+def _check_chunks(path: Path) -> None:
+    """Of an MCAP file every chunk's size, by its own header, before the library unpacks any."""
+    for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+        if file.suffix != ".mcap":
+            continue
+        with file.open("rb") as stream:
+            stream.seek(8)
+            while len(head := stream.read(9)) == 9:
+                kind, length = struct.unpack("<BQ", head)
+                start = stream.tell()
+                if kind == _CHUNK:
+                    *_, unpacked = struct.unpack(_CHUNK_START, stream.read(24))
+                    check_size(file, unpacked, length)
+                stream.seek(start + length)
 
 
 def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
