@@ -96,7 +96,7 @@ def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
         made.process.terminate()
         made.process.wait(10)
     _, alive = psutil.wait_procs(family, 5)
-    assert not alive
+    assert not alive, alive
     assert list(made.temporary.glob("sdp-vs-penalty-page-*")) == []
 
 
@@ -116,7 +116,7 @@ def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
     yield made
     faults = [fault for page in made.pages for fault in getattr(page, "faults", [])]
     made.close()
-    assert faults == []
+    assert not faults, faults
 
 
 def written(hidden: HiddenRuns, folder: Path) -> list[Path]:

@@ -322,8 +322,8 @@ def test_long_curves_are_drawn_by_their_envelope() -> None:
     assert x[np.argmax(short)] == 123.456
     assert np.all(np.diff(x) > 0.0)
     run = Curves(t, np.column_stack([y, y]), {"a": np.column_stack([y, 0.0 * y])})
-    whole = torque_chart(run, 1, ["N m", "N m"], False)
-    part = torque_chart(run, 1, ["N m", "N m"], False, (100.0, 100.4))
+    whole = torque_chart(run, 1, ["N m", "N m"])
+    part = torque_chart(run, 1, ["N m", "N m"], (100.0, 100.4))
     assert sum(len(trace["x"]) for trace in whole["data"]) <= 3 * 1200
     inside = [x for x in part["data"][0]["x"] if 100.0 <= x <= 100.4]
     assert len(inside) == 401  # every sample

@@ -12,7 +12,6 @@ def torque_chart(
     run: Curves,
     joint: int,
     units: Sequence[str],
-    narrow: bool,
     span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """Measured and modelled torque of one joint (from 0), and below it what is left.
@@ -24,7 +23,7 @@ def torque_chart(
     plot = torque_figure([run], [joint], units, beside=False, span=wider)
     if span is not None:
         plot.update_xaxes(range=list(span))
-    return _ready(styled(plot, 380 if narrow else 420), narrow)
+    return _ready(styled(plot, 420))
 
 
 def asked_span(event: Any) -> tuple[float, float] | bool | None:
@@ -46,12 +45,12 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
 
 
 def ladder_chart(
-    names: Sequence[str], rmse: Sequence[Sequence[float]], units: Sequence[str], narrow: bool
+    names: Sequence[str], rmse: Sequence[Sequence[float]], units: Sequence[str]
 ) -> dict[str, Any]:
     """The error of every joint from model to model."""
     plot = ladder_figure([f"{k}" for k in range(1, len(names) + 1)], rmse, units)
     plot.update_xaxes(title_text="model", type="category")
-    return _ready(styled(plot, 320 if narrow else 360), narrow)
+    return _ready(styled(plot, 360))
 
 
 def merged(first: Curves, last: Curves) -> Curves:
@@ -59,11 +58,10 @@ def merged(first: Curves, last: Curves) -> Curves:
     return Curves(first.t, first.torque, {**first.modelled, **last.modelled})
 
 
-def _ready(plot: Any, narrow: bool) -> dict[str, Any]:
-    """Plain lists; on a narrow screen a finger scrolls the page and not the chart."""
-    plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode=False if narrow else "zoom")
+def _ready(plot: Any) -> dict[str, Any]:
+    """Plain lists; to be zoomed in time only."""
+    plot.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
     plot.update_yaxes(fixedrange=True)
-    plot.update_xaxes(fixedrange=narrow)
     data = plot.to_dict()
     for trace, made in zip(data["data"], plot.data, strict=True):
         for axis in ("x", "y"):

@@ -23,8 +23,8 @@ _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"
 class View:
     """What a tab shows of its session, and the little that belongs to the looking alone.
 
-    joint, run : of the torque chart; narrow : a telephone's screen; methods : ticked for comparison;
-    hiding : what the form for simulated runs holds.
+    joint, run : of the torque chart; methods : ticked for comparison; hiding : what the form for
+    simulated runs holds.
     """
 
     def __init__(
@@ -33,7 +33,6 @@ class View:
         self.session, self.catalogue, self.folder, self.client = session, catalogue, folder, client
         self.joint: int | None = None
         self.run = ""
-        self.narrow = False
         self.methods = {"lmi-sdp", "ols", "penalty"}
         self.hiding = Hiding()
         self._drawn: dict[str, str] = {}
@@ -46,7 +45,6 @@ class View:
 
     def build(self) -> None:
         """Everything once; afterwards :meth:`redraw` keeps it up to date."""
-        ui.on("narrow", lambda e: self._set_narrow(bool(e.args)))
         self._header()
         with tag("main", style="page", tabindex="-1") as self._main:
             tag("h1", "Identify your robot, see what the model misses, add it")
@@ -109,12 +107,6 @@ class View:
             if p.suffix.lower() in suffixes and p.is_file() and p.resolve().parent == inside
         ]
         return found[:50]
-
-    def _set_narrow(self, narrow: bool) -> None:
-        if narrow != self.narrow:
-            self.narrow = narrow
-            self._drawn = {k: v for k, v in self._drawn.items() if k not in ("fit", "ladder")}
-            self.redraw()
 
     def _header(self) -> None:
         self._skip = tag("a", "To the content", "skip")

@@ -63,12 +63,4 @@ addEventListener("DOMContentLoaded", () => {
     if (document.activeElement !== document.body || workbench.key === null) return;
     document.querySelector(`[data-key="${CSS.escape(workbench.key)}"]`)?.focus({ preventScroll: true });
   }).observe(document.body, { childList: true, subtree: true });
-  const narrow = matchMedia("(max-width: 640px)");
-  const tell = () => emitEvent("narrow", narrow.matches);
-  narrow.addEventListener("change", tell);
-  const wait = setInterval(() => {
-    if (!window.socket?.connected || !window.did_handshake) return;
-    clearInterval(wait);
-    tell();
-  }, 50);
 });

@@ -61,7 +61,7 @@ def _draw(view: View) -> None:
         curves = session.curves(model)[k]
         if len(session.ladder) > 1:
             curves = merged(session.curves(session.ladder[0])[k], curves)
-        return torque_chart(curves, j, units, view.narrow, span)
+        return torque_chart(curves, j, units, span)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)

@@ -33,7 +33,7 @@ def _draw(view: View) -> None:
         return
     button("Undo the last step", session.undo, "undo")
     errors = [model["comparison"]["rmse"] for model in ladder]
-    chart(ladder_chart([m["label"] for m in ladder], errors, units, view.narrow), "Error of each joint")
+    chart(ladder_chart([m["label"] for m in ladder], errors, units), "Error of each joint")
     floor = ladder[-1]["comparison"]["noise_floor"]
     rows = [
         [
