@@ -191,9 +191,10 @@ def compare(
 
     estimates = {str(path): load_estimate(path) for path in models}
     start, stop = time_window(window)
-    measurements = load_measurements(*data, start=start, stop=stop)
-    results = compare_models(estimates, measurements)
     newest, estimate = list(estimates.items())[-1]
+    names = [joint.name for joint in estimate.robot.joints]
+    measurements = load_measurements(*data, start=start, stop=stop, names=names)
+    results = compare_models(estimates, measurements)
     failures = where_it_fails(estimate, measurements)
     if json_file is not None:
         content = {

@@ -66,11 +66,12 @@ def diagnose(
     from sdp_vs_penalty.measurements import load_measurements
 
     estimate = load_estimate(model)
+    names = [joint.name for joint in estimate.robot.joints]
     start, stop = time_window(window)
     first, last = time_window(test_window)
     with console.progress("reading the measurements") as progress:
-        measurements = load_measurements(*data, start=start, stop=stop)
-        held_out = None if test is None else load_measurements(test, start=first, stop=last)
+        measurements = load_measurements(*data, start=start, stop=stop, names=names)
+        held_out = None if test is None else load_measurements(test, start=first, stop=last, names=names)
         result = run(estimate, measurements, held_out, frozen=frozen, seed=seed, progress=progress)
     options = ["--data", *map(str, data)]
     options += [] if window is None else ["--window", window]
@@ -127,14 +128,15 @@ def add(
     from sdp_vs_penalty.problem import load_problem
 
     estimate = load_estimate(model)
+    names = [joint.name for joint in estimate.robot.joints]
     start, stop = time_window(window)
     first, last = time_window(test_window)
     bounds = None if problem is None else load_problem(problem)
     with console.progress("reading the measurements") as progress:
-        measurements = load_measurements(*data, start=start, stop=stop)
+        measurements = load_measurements(*data, start=start, stop=stop, names=names)
         judge = measurements
         if test is not None:
-            judge = load_measurements(test, start=first, stop=last)
+            judge = load_measurements(test, start=first, stop=last, names=names)
         bigger = run(
             estimate,
             effect,
@@ -202,13 +204,9 @@ def simulate(
         save_csv(run, out / name)
     write_text(out / "truth.json", json.dumps(made.truth, indent=1) + "\n")
     console.out.print(f"written: {out}/run1.csv run2.csv run3.csv test.csv truth.json", markup=False)
-    usual = ",".join(made.truth["model_effects"])
-    console.out.print(
-        f"next: sdp-vs-penalty identify {problem} --data {out}/run1.csv {out}/run2.csv {out}/run3.csv "
-        f"--effects {usual} --out model.json",
-        markup=False,
-        soft_wrap=True,
-    )
+    words = ["sdp-vs-penalty", "identify", problem, "--data", *(str(out / name) for name in names[:3])]
+    words += ["--effects", ",".join(made.truth["model_effects"]), "--out", "model.json"]
+    console.out.print(f"next: {shlex.join(words)}", markup=False, soft_wrap=True)
 
 
 def challenge(

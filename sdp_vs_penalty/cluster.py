@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
-from sdp_vs_penalty.measurements import load_measurements
+from sdp_vs_penalty.measurements import Measurements, load_measurements
 from sdp_vs_penalty.preprocessing import Preprocessing
 from sdp_vs_penalty.problem import load_problem
 from sdp_vs_penalty.regression import Regression, compress
+from sdp_vs_penalty.robot import Robot
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -109,10 +110,14 @@ def compress_files(
 
 def _resolved(item: _File) -> Preprocessing:
     robot = load_problem(item.problem).robot
-    return item.settings.resolve(load_measurements(item.path, joints=robot.n))
+    return item.settings.resolve(_run(item, robot))
 
 
 def _compressed(item: _File) -> tuple[int, Regression]:
     problem = load_problem(item.problem)
-    run = load_measurements(item.path, joints=problem.robot.n)
+    run = _run(item, problem.robot)
     return item.place, compress(run, problem.model(item.effects), item.settings)
+
+
+def _run(item: _File, robot: Robot) -> Measurements:
+    return load_measurements(item.path, joints=robot.n, names=[joint.name for joint in robot.joints])

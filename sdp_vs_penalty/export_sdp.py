@@ -66,7 +66,8 @@ def posed(
             f"method {method} is not one SDP: take lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic."
         )
     robot = load_problem(problem)
-    measurements = load_measurements(*data, joints=robot.robot.n)
+    names = [joint.name for joint in robot.robot.joints]
+    measurements = load_measurements(*data, joints=robot.robot.n, names=names)
     model = robot.model(effects)
     regression = compress(measurements, model, robot.preprocessing.resolve(measurements))
     task = make_task(robot, model, regression)
