@@ -8,9 +8,15 @@ from typing import Any
 
 
 def figure(value: float | None, digits: int = 3) -> str:
-    """Significant digits; a dash for what is not known."""
+    """Significant digits; a dash for what is not known.
+
+    >>> figure(0.012345), figure(1608.2, 2), figure(None)
+    ('0.0123', '1608', '-')
+    """
     if value is None or not math.isfinite(value):
         return "-"
+    if 10.0**digits <= abs(value) < 1e6:
+        return f"{value:.0f}"
     return f"{value:.{digits}g}"
 
 
