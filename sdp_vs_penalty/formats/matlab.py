@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ def read(path: Path, choice: Choice) -> Measurements:
             raise InputError(f"{path}: a version 7.3 file (HDF5): save it with save(..., '-v7').")
         numbers = sum(int(np.prod(shape, dtype=float)) for _, shape, _ in whosmat(path))
         check_size(path, 8 * numbers, path.stat().st_size)
+        _check_elements(path)
         content = loadmat(path, simplify_cells=True)
     except InputError:
         raise
@@ -42,6 +45,39 @@ def read(path: Path, choice: Choice) -> Measurements:
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])
     return from_columns(path, _numeric(named), choice.rename)
+
+
+#: Type of a compressed element in a version 5 file, and what an element begins with: type, bytes.
+_COMPRESSED, _TAG = 15, "II"
+#: Bytes unpacked at a time.
+_PIECE = 1 << 20
+
+
+def _check_elements(path: Path) -> None:
+    """What the compressed elements unpack to, counted piece by piece and not kept: the names and
+    shapes of a file do not tell how much a struct holds."""
+    with path.open("rb") as file:
+        start = file.read(128)
+        if start[126:128] not in (b"IM", b"MI"):
+            return  # version 4: not compressed
+        tag = struct.Struct(("<" if start[126:128] == b"IM" else ">") + _TAG)
+        unpacked = packed = 0
+        while len(head := file.read(tag.size)) == tag.size:
+            kind, length = tag.unpack(head)
+            if kind != _COMPRESSED:
+                file.seek(length, io.SEEK_CUR)
+                continue
+            packed += length
+            end, stream = file.tell() + length, zlib.decompressobj()
+            while file.tell() < end and not stream.eof:
+                rest = file.read(min(_PIECE, end - file.tell()))
+                if not rest:
+                    return  # cut off: the reader says so
+                while rest:
+                    unpacked += len(stream.decompress(rest, _PIECE))
+                    check_size(path, unpacked, packed)
+                    rest = stream.unconsumed_tail
+            file.seek(end)
 
 
 def _numeric(named: Mapping[str, Any]) -> dict[str, Array]:
