@@ -215,17 +215,6 @@ def _verdict(half: float, value: float, largest: float) -> str:
     return NOT_SEEN
 
 
-def _torque_size(regression: Regression) -> Array:
-    """(p,) the value with which a parameter alone would make all torque of some joint; inf if none."""
-    out = np.full(regression.p, np.inf)
-    for factor in regression.per_joint():
-        norms = np.linalg.norm(factor.triangle, axis=0)
-        with np.errstate(divide="ignore"):
-            alone = np.where(norms[:-1] > 1e-9 * norms.max(initial=0.0), norms[-1] / norms[:-1], np.inf)
-        np.minimum.at(out, factor.indices, alone)
-    return out
-
-
 def _visible_directions(R: Array, norms: Array) -> Array:
     """(p, r) directions of theta that the data show, of about one unit of loss each."""
     seen = np.flatnonzero(norms > 0.0)

@@ -144,7 +144,7 @@ class _Work:
             raise InputError(f"{self.run.names[0]}: only {len(self.run.t)} row(s) are usable.")
         moving = _moving_joints(self.run)
         if not moving.any():
-            self.mend(signals.no_motion(self.run))
+            self.mend(signals.no_motion())
             return None
         settings = self.settings.resolve(self.run)
         before = len(self.found)
@@ -161,6 +161,6 @@ class _Work:
             return physics.unexplained
         # A knock is faster than the motion: looked for in a wider band.
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
-        self.mend(excitation.find(self.problem, physics, moving))
+        self.mend(excitation.find(self.problem, physics))
         self.mend(events.knock(self.physics(wider, _EVENT_ROWS)))
         return physics.unexplained

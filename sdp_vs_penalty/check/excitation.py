@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import uncertainty
 from sdp_vs_penalty.check.finding import Finding, joints_text
@@ -21,7 +20,7 @@ _FEW = 0.1
 _NAMED = 8
 
 
-def find(problem: Problem, physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Finding]:
+def find(problem: Problem, physics: Physics) -> Iterator[Finding]:
     """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
     known = uncertainty.of_regression(problem, physics.model, regression_of(physics), draws=100)
     count = uncertainty.counts(known.base)

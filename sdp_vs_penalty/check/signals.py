@@ -29,13 +29,13 @@ _SHORTEST_CLIP = 10  # samples
 def find(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Finding]:
     """Problems of single channels; ``settings`` resolved."""
     yield from _stand_still(run, settings)
-    yield from velocity(run, robot, settings)
+    yield from velocity(run, settings)
     yield from _saturation(run, robot)
     yield from _quantisation(run, robot, settings)
-    yield from _sample_rate(run, settings)
+    yield from _sample_rate(run)
 
 
-def no_motion(run: Measurements) -> Iterator[Finding]:
+def no_motion() -> Iterator[Finding]:
     """For a run in which no joint moves."""
     yield Finding(
         "no motion",
@@ -168,7 +168,7 @@ def lattice_step(values: Array) -> float:
     return float(steps.min()) if len(steps) else 0.0
 
 
-def _sample_rate(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
+def _sample_rate(run: Measurements) -> Iterator[Finding]:
     """Whether the motion's fastest part is sampled often enough to be differentiated twice."""
     rate = 1.0 / float(np.median(np.diff(run.t)))
     highest = _highest_harmonic(run)
@@ -196,7 +196,7 @@ _RATIOS = {
 }
 
 
-def velocity(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Finding]:
+def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
     """Measured velocities beside the derivative of the positions; identification uses the latter."""
     if run.dq is None:
         return

@@ -79,11 +79,10 @@ def conclude(
     left, events = remaining(stage.search.fit(), stage)
     picks = stage.search.picks
     held_out = held_out_errors(estimate, stage, picks, test, settings)
-    return _diagnosis(estimate, stage, picks, left, events, held_out)
+    return _diagnosis(stage, picks, left, events, held_out)
 
 
 def _diagnosis(
-    estimate: Estimate,
     stage: Stage,
     picks: Sequence[Pick],
     left: Remainder,
@@ -106,7 +105,7 @@ def _diagnosis(
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(stage.noise.source, left.p, unknown_function, held_out.source),
+        explanations.remarks(stage.noise.source, unknown_function, held_out.source),
     )
 
 

@@ -52,8 +52,8 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
 
 
 def unrelated_ripples(findings: Sequence[Finding]) -> tuple[int, ...]:
-    """Joints (from 1) on which several ripples were found whose orders are no multiples of another:
-    that is an unknown function of the position, written as a sum of waves."""
+    """Joints (from 1) on which ripples were found whose orders are no multiples of the lowest, or three
+    and more: that is an unknown function of the position, written as a sum of waves."""
     orders: dict[int, list[float]] = {}
     for f in findings:
         if f.effect == "torque_ripple":
@@ -67,9 +67,7 @@ def unrelated_ripples(findings: Sequence[Finding]) -> tuple[int, ...]:
     return tuple(out)
 
 
-def remarks(
-    noise_source: str, p: float, unknown_functions: Sequence[int], held_out: str
-) -> tuple[str, ...]:
+def remarks(noise_source: str, unknown_functions: Sequence[int], held_out: str) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
     out = []
     if noise_source == "residual":

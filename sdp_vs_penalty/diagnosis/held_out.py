@@ -18,7 +18,6 @@ from sdp_vs_penalty.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 
-
 #: By this share an error falls, rather than merely not rising.
 _FALLS = 0.001
 #: Outer folds at most: the search is repeated without each of them.

@@ -29,8 +29,8 @@ FALSE_UNKNOWN = 5e-4
 @dataclass(frozen=True)
 class Remainder:
     """share (n,) : variance above the noise over that of the noise; p : smallest p value, corrected
-    for the number of tests; remains : whether that is below FALSE_UNKNOWN; known : whether the noise
-    was known from repetition."""
+    for the number of tests (1 where only the residual shows the noise: nothing can be tested then);
+    remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat."""
 
     share: Array
     p: float

@@ -20,8 +20,8 @@ LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
 
 @dataclass(frozen=True)
 class World:
-    """The robot as it truly is: links (n, 10), friction f_v, f_c, f_o (n,) each; hidden : what acts
-    besides, each a function from (world, motion) to torque (N, n) on top, or to a change of it."""
+    """The robot as it truly is without hidden effects: links (n, 10); friction viscous, coulomb and
+    offset (n,) each."""
 
     robot: Robot
     links: Array

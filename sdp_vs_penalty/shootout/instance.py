@@ -20,9 +20,6 @@ from sdp_vs_penalty.solvers.unscaled import gram_sdp, rows_sdp
 
 Array = NDArray[np.float64]
 
-#: How a problem can be posed to a solver.
-FORMULATIONS = ("residual", "gram", "gram in float32", "rows")
-
 
 @dataclass(frozen=True)
 class Instance:
