@@ -13,24 +13,22 @@ through in pieces with exactly the result of the whole:
    with memory: at the full rate), where the low-pass is the same to 1e-4 of the sharpest of them,
    Coulomb friction's.
 
-The kernel is a windowed sinc of half-length 2 / cut-off, made maximally flat: its moments of order
-2, 4 and 6 vanish, so that it is exact on polynomials of degree 7 and its gain differs from 1 by 5e-8
-at a tenth of the cut-off, 1 % at half of it; at the cut-off it is 1/2 (what forward and backward
-Butterworth filtering gives). Rows within the half lengths of both kernels of the ends of a run would
-need samples from outside it, and are dropped.
+The kernel (kernels.py) reaches 2 / cut-off to either side. Rows within the half lengths of both kernels
+of the ends of a run would need samples from outside it, and are dropped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy import fft, sparse
+from numpy.typing import NDArray
+from scipy import fft
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.kernels import Kernel
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.model import JointColumns, Model
 
@@ -98,8 +96,8 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
     assert settings.state_cutoff is not None
     assert settings.torque_cutoff is not None
     dt = 1.0 / _rate(run)
-    state = _Kernel(settings.state_cutoff, dt)
-    column = _Kernel(settings.torque_cutoff, dt)
+    state = Kernel(settings.state_cutoff, dt)
+    column = Kernel(settings.torque_cutoff, dt)
     margin = state.half + column.half
     step = _decimation(settings.torque_cutoff, dt)
     moving = _Movement(run, settings.standstill)
@@ -145,7 +143,7 @@ def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
     """
     assert settings.torque_cutoff is not None
     dt = 1.0 / _rate(run)
-    kernel = _Kernel(settings.torque_cutoff, dt).value
+    kernel = Kernel(settings.torque_cutoff, dt).value
     return float(1.0 / (_decimation(settings.torque_cutoff, dt) * (kernel @ kernel)))
 
 
@@ -184,7 +182,7 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
     """
     assert settings.state_cutoff is not None
     dt = 1.0 / _rate(run)
-    kernel = _Kernel(settings.state_cutoff, dt)
+    kernel = Kernel(settings.state_cutoff, dt)
     moving = _Movement(run, settings.standstill)
     width = 2 * kernel.half + 1
     places = []
@@ -228,100 +226,6 @@ def _no_rows(run: Measurements, seconds: float) -> InputError:
 
 def _no_motion(run: Measurements) -> InputError:
     return InputError(f"{run.names[0]}: the robot does not move in this run: record a motion.")
-
-
-class _LowPass:
-    """A symmetric kernel (2 half + 1,) of a low-pass on a uniform grid."""
-
-    def __init__(self, value: Array) -> None:
-        self.value, self.half = value, len(value) // 2
-
-    def decimator(self, length: int, at: NDArray[np.int64]) -> sparse.csr_array:
-        """(len(at), length) matrix: the low-pass evaluated at the samples ``at`` only."""
-        width = 2 * self.half + 1
-        columns = (at[:, None] - self.half + np.arange(width)).ravel()
-        values = np.tile(self.value[::-1], len(at))
-        starts = np.arange(len(at) + 1) * width
-        return sparse.csr_array((values, columns, starts), shape=(len(at), length))
-
-
-class _Kernel(_LowPass):
-    """A low-pass and its first two derivatives, sampled at dt.
-
-    h(t) = sinc(t) hann(u) (c_0 + c_1 u^2 + c_2 u^4 + c_3 u^6), u = t / support, with c such that its
-    moments are those of an impulse up to order 7; the derivatives' moments are those of an
-    impulse's derivatives.
-    """
-
-    def __init__(self, cutoff: float, dt: float) -> None:
-        self.dt = dt
-        self.half = int(np.ceil(2.0 / cutoff / dt))
-        support = (self.half + 1) * dt  # the window is zero one sample beyond the ends
-        t = np.arange(-self.half, self.half + 1) * dt
-        u, w, a = t / support, 2.0 * np.pi * cutoff, np.pi / support
-        safe = np.where(t == 0.0, 1.0, t)
-        sinc = np.where(t == 0.0, w, np.sin(w * t) / safe)
-        sinc1 = np.where(t == 0.0, 0.0, (w * np.cos(w * t) - sinc) / safe)
-        sinc2 = np.where(t == 0.0, -(w**3) / 3.0, (-(w**2) * np.sin(w * t) - 2.0 * sinc1) / safe)
-        hann, hann1, hann2 = (
-            0.5 + 0.5 * np.cos(a * t),
-            -0.5 * a * np.sin(a * t),
-            -0.5 * a**2 * np.cos(a * t),
-        )
-        h = sinc * hann
-        h1 = sinc1 * hann + sinc * hann1
-        h2 = sinc2 * hann + 2.0 * sinc1 * hann1 + sinc * hann2
-        c = _moment_factor(h, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))
-        c1, c2 = c.deriv(1), c.deriv(2)
-        self.value = h * c(u)
-        first = h1 * c(u) + h * c1(u) / support
-        second = h2 * c(u) + 2.0 * h1 * c1(u) / support + h * c2(u) / support**2
-        # The moments of the samples differ a little from those of the function that they sample.
-        self.first = first * _moment_factor(first, u, (1, 3, 5, 7), (-1.0 / support, 0.0, 0.0, 0.0))(u)
-        self.second = second * _moment_factor(
-            second, u, (0, 2, 4, 6), (0.0, 2.0 / support**2, 0.0, 0.0)
-        )(u)
-
-    def states(self, q: Array) -> tuple[Array, Array, Array]:
-        """q, dq, ddq (N - 2 half, n) from positions (N, n)."""
-        centred = q - q[:1]  # keeps the rounding of the transforms relative to the motion
-        low, first, second = convolve(centred, self.value, self.first, self.second)
-        return low + q[:1], first, second
-
-    def sampled(self, stride: int) -> _LowPass:
-        """The same low-pass on a grid ``stride`` times coarser: the same response below its rate."""
-        if stride == 1:
-            return self
-        offsets = np.arange(-(self.half // stride), self.half // stride + 1)
-        value = self.value[self.half + stride * offsets]
-        u = offsets / max(offsets[-1], 1)
-        return _LowPass(value * _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))(u))
-
-
-def convolve(x: Array, *kernels: Array) -> list[Array]:
-    """x (N, n) convolved with each kernel (K,), where the two overlap fully: (N - K + 1, n).
-
-    By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
-    the same, but its import takes longer than to identify a robot.)
-    """
-    length = fft.next_fast_len(len(x), real=True)
-    spectrum = fft.rfft(x, length, axis=0)
-    return [
-        fft.irfft(spectrum * fft.rfft(kernel, length)[:, None], length, axis=0)[len(kernel) - 1 : len(x)]
-        for kernel in kernels
-    ]
-
-
-def _moment_factor(
-    kernel: ArrayLike, u: ArrayLike, orders: Sequence[int], moments: Sequence[float]
-) -> np.polynomial.Polynomial:
-    """The even polynomial c(u) with sum kernel c(u) u^k = moment for each order k."""
-    powers = 2 * np.arange(len(orders))
-    u, kernel = (np.asarray(x, float)[:, None] for x in (u, kernel))
-    matrix = (u ** np.array(orders)).T @ (kernel * u**powers)
-    coefficients = np.zeros(powers[-1] + 1)
-    coefficients[powers] = np.linalg.solve(matrix, np.array(moments))
-    return np.polynomial.Polynomial(coefficients)
 
 
 class _Movement:

@@ -99,10 +99,10 @@ def test_the_floor_is_the_noise_whatever_the_model_gets_wrong(repeats: str) -> N
 
 def test_the_floor_of_noise_in_the_band_is_unbiased() -> None:
     """What compare() hands over has passed the low-pass and is sampled at twice its Nyquist rate."""
-    from sdp_vs_penalty.preprocessing import _Kernel
+    from sdp_vs_penalty.kernels import Kernel
 
     rng = np.random.default_rng(2)
-    kernel = _Kernel(8.0, 1e-3)
+    kernel = Kernel(8.0, 1e-3)
     raw = rng.normal(size=(120_000, 2))
     band, _, _ = kernel.states(raw)
     rows = band[::31]

@@ -14,11 +14,11 @@ from random_robots import link_parameters, sines, tree
 from sdp_vs_penalty import preprocessing
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.kernels import Kernel
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.model import Model
 from sdp_vs_penalty.preprocessing import (
     Preprocessing,
-    _Kernel,
     filtered_rows,
     filtered_torque,
     low_passed,
@@ -27,13 +27,13 @@ from sdp_vs_penalty.preprocessing import (
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
 
-def taps(kernel: _Kernel) -> np.ndarray:
+def taps(kernel: Kernel) -> np.ndarray:
     return np.arange(-kernel.half, kernel.half + 1) * kernel.dt
 
 
 def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
     """Gains (3,) of value, first and second derivative at share * cutoff over the ideal ones."""
-    kernel = _Kernel(cutoff, dt)
+    kernel = Kernel(cutoff, dt)
     w, t = 2.0 * np.pi * share * cutoff, taps(kernel)
     return np.array(
         [
@@ -46,7 +46,7 @@ def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("cutoff", "dt"), CASES)
 def test_kernel_is_exact_on_polynomials_of_degree_seven(cutoff: float, dt: float) -> None:
-    kernel = _Kernel(cutoff, dt)
+    kernel = Kernel(cutoff, dt)
     t = np.arange(4 * kernel.half) * dt
     u = t / t[-1] - 0.5
     c = np.random.default_rng(0).normal(size=8)
@@ -70,7 +70,7 @@ def test_gain_is_what_the_docstring_says(cutoff: float, dt: float) -> None:
 
 @pytest.mark.parametrize(("cutoff", "dt"), CASES)
 def test_kernel_has_no_phase(cutoff: float, dt: float) -> None:
-    kernel = _Kernel(cutoff, dt)
+    kernel = Kernel(cutoff, dt)
     size = np.abs(kernel.value).max()
     np.testing.assert_allclose(kernel.value, kernel.value[::-1], atol=1e-13 * size)
     np.testing.assert_allclose(
@@ -82,7 +82,7 @@ def test_kernel_has_no_phase(cutoff: float, dt: float) -> None:
 
 
 def test_decimator_is_the_kernel_at_chosen_samples() -> None:
-    kernel = _Kernel(6.0, 2e-3)
+    kernel = Kernel(6.0, 2e-3)
     x = np.random.default_rng(1).normal(size=(3000, 2))
     every, _, _ = kernel.states(x)
     at = np.array([kernel.half, 700, 1234, 3000 - kernel.half - 1])
@@ -92,7 +92,7 @@ def test_decimator_is_the_kernel_at_chosen_samples() -> None:
 
 def test_a_position_far_from_zero_keeps_its_derivatives() -> None:
     """A continuous joint after a thousand turns: rounding stays relative to the motion."""
-    kernel = _Kernel(5.0, 1e-3)
+    kernel = Kernel(5.0, 1e-3)
     t = np.arange(6000) * 1e-3
     q = np.sin(2 * np.pi * 0.3 * t)[:, None]
     near, far = kernel.states(q), kernel.states(q + 6283.0)
@@ -274,7 +274,7 @@ def test_a_long_run_is_judged_by_what_lies_around_the_chosen_instants() -> None:
     settings = Preprocessing(state_cutoff=5.0, torque_cutoff=8.0)
     motion, tau, rate = low_passed(run, settings, 200)
     dt = float(np.median(np.diff(run.t)))
-    kernel = _Kernel(5.0, dt)
+    kernel = Kernel(5.0, dt)
     q, dq, ddq = kernel.states(run.q)
     smooth, slope, _ = kernel.states(run.tau)
     at = np.round((motion.t - run.t[0]) / dt).astype(int) - kernel.half

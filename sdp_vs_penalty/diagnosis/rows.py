@@ -25,15 +25,13 @@ from scipy import sparse
 from sdp_vs_penalty.effects.effect import Block, CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.kernels import Kernel, LowPass, convolve
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.preprocessing import (
     Preprocessing,
-    _Kernel,
-    _LowPass,
     _Movement,
     _rate,
     _segments,
-    convolve,
 )
 
 Array = NDArray[np.float64]
@@ -166,8 +164,8 @@ def _run_segments(
     assert settings.torque_cutoff is not None
     dt = 1.0 / _rate(run)
     cutoff = settings.torque_cutoff
-    state, torque_kernel = _Kernel(settings.state_cutoff, dt), _Kernel(cutoff, dt)
-    wider = _Kernel(1.6 * settings.state_cutoff, dt)
+    state, torque_kernel = Kernel(settings.state_cutoff, dt), Kernel(cutoff, dt)
+    wider = Kernel(1.6 * settings.state_cutoff, dt)
     stride = max(1, int(1.0 / (_COLUMN_RATE * cutoff * dt)))
     coarse = _sampled(torque_kernel, stride)
     half = coarse.half
@@ -223,8 +221,8 @@ def _links(estimate: Estimate) -> Array:
     return links if len(links) else np.zeros((estimate.robot.n, 10))
 
 
-def _sampled(kernel: _Kernel, stride: int) -> _LowPass:
+def _sampled(kernel: Kernel, stride: int) -> LowPass:
     """The kernel on a grid ``stride`` times coarser: the same response below the coarse grid's rate."""
     reach = kernel.half // stride
     values = kernel.value[kernel.half + stride * np.arange(-reach, reach + 1)]
-    return _LowPass(values / values.sum())
+    return LowPass(values / values.sum())
