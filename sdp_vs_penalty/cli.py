@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 import time
 import traceback
@@ -17,6 +16,7 @@ import typer
 
 from sdp_vs_penalty import __version__, cli_diagnosis, cli_files, cli_page, cli_paper, cli_shootout
 from sdp_vs_penalty.cli_arguments import expand_many, numbers, time_window
+from sdp_vs_penalty.cli_errors import explain
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import protect
 
@@ -314,7 +314,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (Exception, KeyboardInterrupt) as error:
         if "--debug" in given:
             traceback.print_exc()
-        message, code = _explain(error)
+        message, code = explain(error)
         print(f"sdp-vs-penalty: {message}", file=sys.stderr)
     finally:
         protect([])
@@ -329,27 +329,3 @@ def _inputs(given: Sequence[str]) -> list[str]:
         for before, word in zip(["", *given], given, strict=False)
         if before not in outputs and not word.startswith("-")
     ]
-
-
-def _plain(message: str) -> str:
-    """A usage error without the words of the library that converts the values."""
-    message = message.rstrip(".").replace("Value error, ", "")
-    for kind, words in (("integer", "a whole number"), ("number", "a number")):
-        message = re.sub(rf"Input should be a valid {kind}\b.*", f"{words} is needed", message)
-    return message.replace("Input should be", "it must be")
-
-
-def _explain(error: BaseException) -> tuple[str, int]:
-    """One sentence about an error and the exit code that it deserves."""
-    if isinstance(error, KeyboardInterrupt | typer.Abort):
-        return "interrupted; files that were there before are unchanged.", 130
-    if isinstance(error, InputError):
-        return str(error), 2
-    if isinstance(error, MemoryError):
-        return "not enough memory: use fewer or shorter runs.", 2
-    if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer's usage errors
-        context = getattr(error, "ctx", None)
-        verb = "sdp-vs-penalty" if context is None else context.command_path
-        return f"{_plain(error.format_message())}; see `{verb} --help`.", int(error.exit_code)
-    what = f"{type(error).__name__}: {error}"
-    return f"an error of the program's own ({what}): run again with --debug and report it.", 1

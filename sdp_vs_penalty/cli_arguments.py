@@ -21,8 +21,18 @@ def numbers(option: str, text: str, count: int) -> list[float]:
     return values
 
 
-def time_window(text: str | None) -> tuple[float, float]:
-    """START:STOP in seconds; either may be left out."""
+def pairs(option: str, text: str | None) -> dict[str, str] | None:
+    """OURS=THEIRS separated by commas; InputError naming the option otherwise."""
+    if text is None:
+        return None
+    words = [word.partition("=") for word in text.split(",")]
+    if not all(key and equals and value for key, equals, value in words):
+        raise InputError(f"{option} {text!r}: write OURS=THEIRS separated by commas, like t=time,q=qm.")
+    return {key.strip(): value.strip() for key, _, value in words}
+
+
+def time_window(text: str | None, option: str = "--window") -> tuple[float, float]:
+    """START:STOP in seconds; either may be left out. InputError naming the option otherwise."""
     if text is None:
         return 0.0, float("inf")
     first, colon, last = text.partition(":")
@@ -32,7 +42,7 @@ def time_window(text: str | None) -> tuple[float, float]:
         start, stop = 0.0, -1.0
     if not (colon and 0.0 <= start < stop):
         raise InputError(
-            f"--window {text!r}: write START:STOP in seconds from a run's start, like 0:14 or 14.2:."
+            f"{option} {text!r}: write START:STOP in seconds from a run's start, like 0:14 or 14.2:."
         )
     return start, stop
 

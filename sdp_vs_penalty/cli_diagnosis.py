@@ -68,7 +68,7 @@ def diagnose(
     estimate = load_estimate(model)
     names = [joint.name for joint in estimate.robot.joints]
     start, stop = time_window(window)
-    first, last = time_window(test_window)
+    first, last = time_window(test_window, "--test-window")
     with console.progress("reading the measurements") as progress:
         measurements = load_measurements(*data, start=start, stop=stop, names=names)
         held_out = None if test is None else load_measurements(test, start=first, stop=last, names=names)
@@ -130,7 +130,7 @@ def add(
     estimate = load_estimate(model)
     names = [joint.name for joint in estimate.robot.joints]
     start, stop = time_window(window)
-    first, last = time_window(test_window)
+    first, last = time_window(test_window, "--test-window")
     bounds = None if problem is None else load_problem(problem)
     with console.progress("reading the measurements") as progress:
         measurements = load_measurements(*data, start=start, stop=stop, names=names)

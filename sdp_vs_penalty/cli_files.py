@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sdp_vs_penalty.cli_arguments import numbers, pairs, time_window
+
 if TYPE_CHECKING:
     from sdp_vs_penalty.check import Report
     from sdp_vs_penalty.measurements import Measurements
@@ -60,7 +62,7 @@ def check_runs(
     from sdp_vs_penalty.measurements import read_run
     from sdp_vs_penalty.problem import load_problem
 
-    robot = load_problem(problem, None if gravity is None else _vector("--gravity", gravity))
+    robot = load_problem(problem, None if gravity is None else numbers("--gravity", gravity, 3))
     if fix is not None and len(data) > 1 and fix.suffix:
         raise InputError(f"--fix {fix}: {len(data)} runs are given: name a folder for their copies.")
     if fix is not None and any(path.resolve() == fix.resolve() for path in data):
@@ -175,34 +177,11 @@ def convert_run(
     names = joints.split(",") if joints else None
     if problem is not None and names is None:
         names = [joint.name for joint in load_problem(problem).robot.joints]
-    run = read_run(source, None, names, topic, _pairs("--rename", rename))
+    run = read_run(source, None, names, topic, pairs("--rename", rename))
     save(run, out)
     velocity = "" if run.dq is None else ", velocities"
     text = f"written: {out} ({len(run.t)} samples of {run.n} joint(s){velocity})"
     console.out.print(text, markup=False, soft_wrap=True)
-
-
-def _vector(option: str, text: str) -> list[float]:
-    from sdp_vs_penalty.errors import InputError
-
-    try:
-        values = [float(word) for word in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != 3:
-        raise InputError(f"{option} {text!r}: 3 numbers separated by commas are needed.")
-    return values
-
-
-def _pairs(option: str, text: str | None) -> dict[str, str] | None:
-    from sdp_vs_penalty.errors import InputError
-
-    if text is None:
-        return None
-    pairs = [word.partition("=") for word in text.split(",")]
-    if not all(key and equals and value for key, equals, value in pairs):
-        raise InputError(f"{option} {text!r}: write OURS=THEIRS separated by commas, like t=time,q=qm.")
-    return {key.strip(): value.strip() for key, _, value in pairs}
 
 
 def export_model(
@@ -342,7 +321,6 @@ def write_report(
     import sys
 
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.cli_arguments import time_window
     from sdp_vs_penalty.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.measurements import load_measurements

@@ -268,6 +268,15 @@ def test_usage_errors_are_one_sentence(run: Run, arguments: list[str], words: li
     assert_one_sentence(err, *words)
 
 
+def test_a_wrong_window_is_said_of_the_option_that_has_it(run: Run, runs: list[Path]) -> None:
+    model = runs[0].with_name("model.json")
+    assert run("identify", "two_link", "--data", runs[0], "--method", "ols", "--out", model)[0] == 0
+    data = ("--data", runs[0], "--test", runs[0])
+    code, _, err = run("diagnose", model, *data, "--test-window", "4:1")
+    assert code == 2
+    assert_one_sentence(err, "--test-window '4:1'", "START:STOP")
+
+
 def test_debug_shows_the_traceback(runs: list[Path], tmp_path: Path) -> None:
     arguments = ["identify", "two_link", "--method", "magic", "--data", runs[0], "--out", "m.json"]
     result = subprocess.run(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,13 +54,23 @@ def _row(i: Interval) -> tuple[str, ...]:
 
 def arm(material: Material) -> Section:
     """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and its margins."""
-    from plotly.graph_objects import Figure, Mesh3d, Scatter3d
-
     estimate = material.last
     if not len(estimate.model.rigid_indices):
         return Section("arm", "Links", text("This model has no rigid_body."))
     robot, links = estimate.robot, estimate.links
-    poses = joint_poses(robot, material.measurements.q.mean(axis=0))
+    plot = _picture(robot, links, joint_poses(robot, material.measurements.q.mean(axis=0)))
+    caption = (
+        "The uniform ellipsoids that have the identified masses and inertias, in the runs' mean pose. "
+        "One that leaves the picture belongs to a link that these data hardly see. A link of zero "
+        "thickness would be a rod or a sheet: possible on paper only."
+    )
+    return Section("arm", "Links on the arm", figure(plot, caption, 520) + _margins(robot, links))
+
+
+def _picture(robot: Robot, links: Array, poses: list[Array]) -> Any:
+    """The skeleton and an ellipsoid a link."""
+    from plotly.graph_objects import Figure, Mesh3d, Scatter3d
+
     plot = Figure()
     for i, joint in enumerate(robot.joints):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
@@ -105,6 +117,11 @@ def arm(material: Material) -> Section:
     camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
     ratio = dict(zip("xyz", (1.2 * (high - low) / (high - low).max()).tolist(), strict=True))
     plot.update_layout(scene={"aspectmode": "manual", "aspectratio": ratio, "camera": camera, **axes})
+    return plot
+
+
+def _margins(robot: Robot, links: Array) -> str:
+    """Mass, centre of mass and what is left until no body is possible, a row a link."""
     rows = []
     thick, triangle = inertia.thickness(links), inertia.triangle_margin(links)
     margins = inertia.consistency_margin(links)
@@ -128,13 +145,7 @@ def arm(material: Material) -> Section:
         "pseudo-inertia",
         "thickness [mm]",
     )
-    caption = (
-        "The uniform ellipsoids that have the identified masses and inertias, in the runs' mean pose. "
-        "One that leaves the picture belongs to a link that these data hardly see. A link of zero "
-        "thickness would be a rod or a sheet: possible on paper only."
-    )
-    body = figure(plot, caption, 520) + table(heads, rows)
-    return Section("arm", "Links on the arm", body)
+    return table(heads, rows)
 
 
 def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
