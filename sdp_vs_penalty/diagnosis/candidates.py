@@ -125,19 +125,32 @@ class Candidates:
         linear = name == "k"  # waves: neighbours are a fixed distance apart, whatever their order
         a, b = (value - 0.6, value + 0.6) if linear else (value / 2.2, value * 2.2)
         a, b = max(a, low), min(b, high)
-        found = [start]
+        best = (start.chi2, start.effect)
 
         def loss(x: float) -> float:
+            nonlocal best
             shape = {**start.effect.shape, name: float(x if linear else np.exp(x))}
             effect = type(start.effect)(start.effect.robot, start.effect.asked_joints, **shape)
-            found.append(self.solve(fit, start.key, effect, self.white_columns(effect)))
-            return -found[-1].chi2
+            chi2 = self._chi2(fit, effect)
+            best = max(best, (chi2, effect), key=lambda found: found[0])
+            return -chi2
 
         bounds = (a, b) if linear else (np.log(a), np.log(b))
         optimize.minimize_scalar(
             loss, bounds=bounds, method="bounded", options={"xatol": 0.01, "maxiter": 14}
         )
-        return max(found, key=lambda h: h.chi2)
+        if best[1] is start.effect:
+            return start
+        return self.solve(fit, start.key, best[1], self.white_columns(best[1]))
+
+    def _chi2(self, fit: Fit, effect: Effect) -> float:
+        """What an effect takes from the squared residual; one joint's from that joint's rows alone."""
+        if effect.whole_robot or effect.needs_links or len(effect.joints) != 1:
+            return self.solve(fit, (effect.name, None), effect, self.white_columns(effect)).chi2
+        joint, M = effect.joints[0], len(fit.rows.block)
+        mine = slice(joint * M, (joint + 1) * M)
+        white = self.noise.whiten(self.rows.column(effect, joint), joint, self.pieces[joint])
+        return _solved(fit.weighting.apply(white, joint), fit.Q[mine], fit.residual[mine], effect)[0]
 
     def white_columns(self, effect: Effect) -> Array:
         """(n M, k) white columns of any effect."""
@@ -146,14 +159,7 @@ class Candidates:
         return white.reshape(-1, raw.shape[2])
 
     def solve(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
-        scaled = fit.scaled(columns)
-        C = fit.Q.T @ scaled
-        chi2, beta, _ = solve_group(
-            scaled.T @ scaled - C.T @ C,
-            np.sum(scaled**2, axis=0),
-            scaled.T @ fit.residual,
-            _signed(effect),
-        )
+        chi2, beta = _solved(fit.scaled(columns), fit.Q, fit.residual, effect)
         return Hypothesis(key, effect, chi2, beta, 0.0, columns)
 
     def hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
@@ -176,6 +182,14 @@ class Candidates:
         by_time = "t0" in hypothesis.effect.shape
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
         return cross_validate(fit, shapes, hypothesis.signed, fold)
+
+
+def _solved(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[float, Array]:
+    """chi2 and coefficients of weighted columns beside the basis Q, from the residual that Q leaves."""
+    C = Q.T @ columns
+    gram, raw = columns.T @ columns - C.T @ C, np.sum(columns**2, axis=0)
+    chi2, beta, _ = solve_group(gram, raw, columns.T @ residual, _signed(effect))
+    return chi2, beta
 
 
 def _signed(effect: Effect) -> bool:

@@ -155,7 +155,10 @@ class Fit:
         before = np.linalg.norm(columns, axis=0)
         fresh = self.partialled(columns)
         fresh = fresh[:, np.linalg.norm(fresh, axis=0) > 1e-4 * np.sqrt(ROUNDING) * before]
-        q = np.linalg.qr(fresh)[0] if fresh.shape[1] else fresh
+        if fresh.shape[1] == 1:
+            q = fresh / np.linalg.norm(fresh)
+        else:
+            q = np.linalg.qr(fresh)[0] if fresh.shape[1] else fresh
         Q = np.column_stack([self.Q, q])
         residual = self.residual - q @ (q.T @ self.residual)
         return Fit(self.rows, Q, residual, self.target, self.weighting)
