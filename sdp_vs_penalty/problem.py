@@ -6,8 +6,6 @@ estimators read the same :class:`Problem`; what each can take of it is decided i
 
 from __future__ import annotations
 
-import csv
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,9 +22,9 @@ from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.nominal import plausible_links
 from sdp_vs_penalty.preprocessing import Preprocessing
-from sdp_vs_penalty.problem_fields import check_fields
-from sdp_vs_penalty.robot import STANDARD_GRAVITY, Robot
+from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.urdf import load_urdf
 
 Array = NDArray[np.float64]
@@ -39,10 +37,6 @@ DEFAULT_REACH_FACTOR = 1.5
 DEFAULT_RADIUS = 1.0  # m: what a last link bears beyond its frame, the kinematics do not say
 #: Friction, offsets and other joint parameters: |theta| below this, in SI units.
 PARAMETER_RANGE = 1e4
-#: Nominal mass per length of a link about which nothing is known [kg/m].
-DEFAULT_LINEAR_DENSITY = 10.0
-
-_AXES = "xyz"
 
 
 @dataclass(frozen=True)
@@ -153,7 +147,9 @@ class Problem:
         """The paper's tables that belong to this problem, by name ("table_III"), as text cells."""
         if self.folder is None:
             return {}
-        return {p.stem: _read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
+        from sdp_vs_penalty.problem_folder import read_table
+
+        return {p.stem: read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
 
     def _centre_of_mass(self, link: int) -> Array:
         """(3,) bounds of |c| from the box and the cones [m]; infinite where there is none."""
@@ -305,11 +301,13 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
     gravity : the gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
     Raises InputError where there is no such problem, or its files contradict themselves.
     """
+    from sdp_vs_penalty.problem_folder import load_folder
+
     path = Path(source)
     if str(source) in problem_names():
-        problem = _load_folder(problems_folder() / str(source))
+        problem = load_folder(problems_folder() / str(source))
     elif (path / "problem.toml").is_file():
-        problem = _load_folder(path)
+        problem = load_folder(path)
     elif path.is_file():
         problem = _from_urdf(path)
     else:
@@ -333,182 +331,5 @@ def _from_urdf(path: Path) -> Problem:
         f"{robot.name} from {path.name}",
         robot,
         box,
-        _plausible(robot, nominal),
+        plausible_links(robot, nominal),
     )
-
-
-def _plausible(robot: Robot, given: Array) -> Array:
-    """Strictly consistent nominal links: those given where they are, else a slender ball each."""
-    out = np.array(given, float)
-    for i, reach in enumerate(robot.link_reach()):
-        scale = np.array([reach, reach, reach, 1.0])
-        scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
-        if out[i, 0] > 0.0 and np.linalg.eigvalsh(scaled)[0] > 1e-6 * out[i, 0]:
-            continue
-        children = [j.placement[:3, 3] for j in robot.joints if j.parent == i]
-        centre = np.mean(children, axis=0) / 2.0 if children else np.zeros(3)
-        centre = np.linalg.inv(robot.joints[i].link_frame) @ np.append(centre, 1.0)
-        mass, moment = DEFAULT_LINEAR_DENSITY * reach, 0.4 * (0.25 * reach) ** 2
-        out[i] = inertia.standard_from_barycentric(
-            [mass, *centre[:3], *(mass * moment * np.array([1, 0, 1, 0, 0, 1]))]
-        )
-    return out
-
-
-def _load_folder(folder: Path) -> Problem:
-    file = folder / "problem.toml"
-    try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}).") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{file}: not a TOML file ({error}).") from error
-    try:
-        return _from_toml(folder, data)
-    except InputError as error:
-        if str(folder) in str(error):
-            raise
-        raise InputError(f"{file}: {error}") from error
-    except KeyError as error:
-        raise InputError(f"{file}: the field {error.args[0]!r} is missing.") from error
-    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(f"{file}: a field has the wrong content ({error}).") from error
-
-
-def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
-    check_fields(data)
-    kinematics = data["kinematics"]
-    given: Array | None = None
-    if "urdf" in kinematics:
-        robot, given = load_urdf(folder / kinematics["urdf"])
-        gravity = kinematics.get("gravity", STANDARD_GRAVITY)
-        robot = replace(robot, gravity=(float(gravity[0]), float(gravity[1]), float(gravity[2])))
-    else:
-        n = len(kinematics["a"])
-        keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
-        robot = Robot.from_dh(
-            folder.name,
-            kinematics["a"],
-            [np.pi * x for x in kinematics["alpha_over_pi"]],
-            kinematics["d"],
-            kinematics["convention"],
-            kinematics.get("gravity", STANDARD_GRAVITY),
-            [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
-        )
-    if data.get("links", robot.n) != robot.n:
-        raise InputError(f"links = {data['links']}, the kinematics have {robot.n}.")
-    bounds = data.get("bounds", {})
-    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.0
-    for table in bounds.get("tables", ()):
-        _fill_box(box, folder / table)
-    low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
-    if not low <= high:
-        raise InputError(f"total_mass has its lower bound {low:g} above its upper {high:g}.")
-    for c in data.get("centre_of_mass_cone", ()):
-        if c["axis"] not in tuple(_AXES):
-            raise InputError(f"centre_of_mass_cone axis {c['axis']!r} is unknown; there are: x, y, z.")
-    cones = tuple(
-        CentreOfMassCone(
-            int(c["link"]) - 1, _AXES.index(c["axis"]), float(c["radius"]), float(c["slope"])
-        )
-        for c in data.get("centre_of_mass_cone", ())
-    )
-    for cone in cones:
-        if not 0 <= cone.link < robot.n:
-            raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {robot.n}.")
-    side = data.get("torque_side", "link")
-    if side not in ("link", "motor"):
-        raise InputError(f"torque_side {side!r} is unknown; there are: link, motor.")
-    base = data.get("base_parameters", {}).get("independent")
-    settings = data.get("preprocessing", {})
-    problem = Problem(
-        folder.name,
-        data["title"],
-        robot,
-        box,
-        np.zeros((robot.n, 10)),
-        (low, high),
-        cones,
-        side,
-        Preprocessing(**settings),
-        None if base is None else tuple(base),
-        folder,
-        tuple(data["effects"]) if "effects" in data else None,
-    )
-    if given is None:
-        given = _nominal_from_box(problem)
-    return replace(problem, nominal_links=_plausible(robot, given))
-
-
-def _nominal_from_box(problem: Problem) -> Array:
-    """Uniform solid ellipsoids that fill the centre-of-mass boxes; never published estimates.
-
-    Masses share the middle of the total-mass range in proportion to the boxes' surface; half axes
-    are those of the box, at least 6 cm. Links without a finite box stay zero (see _plausible).
-    """
-    size = np.zeros((problem.robot.n, 3))
-    centre = np.zeros_like(size)
-    for link in range(problem.robot.n):
-        com = np.minimum(problem._link_size(link)[1], problem.robot.link_reach()[link])
-        box = problem.box[link, 1:4]
-        box = np.where(np.isfinite(box), box, np.column_stack([-com, com]))
-        size[link] = np.maximum(0.5 * (box[:, 1] - box[:, 0]), 0.06)
-        centre[link] = box.mean(axis=1)
-        for cone in problem.cones:
-            # A centre inside every cone of the link: half way into the box, on the axis.
-            if cone.link == link:
-                centre[link, [a for a in range(3) if a != cone.axis]] = 0.0
-    surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
-    total = problem.total_mass
-    if not np.isfinite(total[1]):
-        return np.zeros((problem.robot.n, 10))
-    mass = np.mean(total) * surface / surface.sum()
-    mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
-    out = []
-    for m, c, half in zip(mass, centre, size, strict=True):
-        second = m * half**2 / 5.0
-        moments = second.sum() - second
-        out.append([m, *c, moments[0], 0.0, moments[1], 0.0, 0.0, moments[2]])
-    return inertia.standard_from_barycentric(out)
-
-
-def _read_table(path: Path) -> list[dict[str, str]]:
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            return [dict(row) for row in csv.DictReader(file)]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a CSV table ({error}).") from error
-
-
-def _fill_box(box: Array, path: Path) -> None:
-    """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
-    entries = dict(zip(("xx", "xy", "yy", "xz", "yz", "zz"), range(4, 10), strict=True))
-    for number, row in enumerate(_read_table(path), start=2):
-        name = row.get("parameter")
-        try:
-            if not name:
-                raise ValueError
-            if name[0] == "m":
-                link, entry = int(name[1:]) - 1, 0
-            elif name[0] == "c":
-                link, entry = int(name[1:-1]) - 1, 1 + _AXES.index(name[-1])
-            elif name[0] == "I":
-                link, entry = int(name[1:-2]) - 1, entries[name[-2:]]
-            else:
-                raise ValueError
-            lower, upper = float(row["lower"]), float(row["upper"])
-            if not 0 <= link < len(box):
-                raise ValueError
-        except (ValueError, KeyError, IndexError, TypeError):
-            raise InputError(
-                f"{path}: row {number}: parameter {name!r} is not m1, c1x or I1xx of a link of this "
-                "robot with numbers as lower and upper."
-            ) from None
-        if not lower <= upper:
-            raise InputError(
-                f"{path}: row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}."
-            )
-        box[link, entry] = lower, upper

@@ -15,7 +15,8 @@ from sdp_vs_penalty import inertia
 from sdp_vs_penalty.estimators import identify
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.problem import Problem, _plausible, load_problem
+from sdp_vs_penalty.nominal import plausible_links
+from sdp_vs_penalty.problem import Problem, load_problem
 from sdp_vs_penalty.regression import base_parameters
 from sdp_vs_penalty.robot import Joint, Robot
 
@@ -27,7 +28,7 @@ def bare(robot: Robot, given: np.ndarray | None = None) -> Problem:
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.01
     links = np.zeros((robot.n, 10)) if given is None else given
-    return Problem("odd", "odd", robot, box, _plausible(robot, links))
+    return Problem("odd", "odd", robot, box, plausible_links(robot, links))
 
 
 def odd_robots() -> dict[str, Robot]:
@@ -78,10 +79,10 @@ def test_given_inertials_are_kept_where_they_are_consistent(seed: int) -> None:
     spoiled = given.copy()
     for link in np.flatnonzero(bad):
         spoiled[link] = rng.choice([0, 1, 2]) * 0.0 if rng.random() < 0.5 else -given[link]
-    found = _plausible(robot, spoiled)
+    found = plausible_links(robot, spoiled)
     np.testing.assert_array_equal(found[~bad], given[~bad])
     assert np.all(inertia.consistency_margin(found) > 0.0)
-    np.testing.assert_array_equal(_plausible(robot, found), found)
+    np.testing.assert_array_equal(plausible_links(robot, found), found)
 
 
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"/>

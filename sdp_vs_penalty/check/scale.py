@@ -10,7 +10,8 @@ import numpy as np
 from sdp_vs_penalty.check.finding import Finding
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.problem import Problem, _plausible
+from sdp_vs_penalty.nominal import plausible_links
+from sdp_vs_penalty.problem import Problem
 
 #: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
 #: place of the masses.
@@ -26,7 +27,7 @@ def possible_scale(problem: Problem) -> tuple[float, float] | None:
     low, high = problem.total_mass
     if np.isfinite(high):
         return max(low, 0.1 * high) / float(masses.sum()) / _SLACK, high / float(masses.sum()) * _SLACK
-    made_up = _plausible(problem.robot, np.zeros_like(problem.nominal_links))
+    made_up = plausible_links(problem.robot, np.zeros_like(problem.nominal_links))
     if not np.allclose(problem.nominal_links, made_up):
         return 0.5 / _SLACK, 2.0 * _SLACK
     return None

@@ -20,7 +20,8 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD, identify, joint_weights, m
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.problem import Problem, _plausible, load_problem, problem_names
+from sdp_vs_penalty.nominal import plausible_links
+from sdp_vs_penalty.problem import Problem, load_problem, problem_names
 from sdp_vs_penalty.regression import LeastSquares, compress
 
 Array = NDArray[np.float64]
@@ -105,7 +106,7 @@ def _problem_of(estimate: Estimate) -> Problem:
     box = np.full((estimate.robot.n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0
     given = estimate.links if len(estimate.links) else np.zeros((estimate.robot.n, 10))
-    nominal = _plausible(estimate.robot, given)
+    nominal = plausible_links(estimate.robot, given)
     return Problem(estimate.problem, estimate.problem, estimate.robot, box, nominal)
 
 
