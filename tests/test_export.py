@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -363,6 +364,18 @@ def test_numpy_function_needs_numpy_only(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_no_text_of_a_model_becomes_code(tmp_path: Path) -> None:
+    """A model.json may come from anybody: names and versions stay inside the docstring."""
+    estimate = estimate_of(load_problem("two_link").robot, FULL, 3)
+    bad = '1"""\\\nraise SystemExit\n"""'
+    robot = estimate.robot
+    joints = tuple(replace(joint, name=f"{bad}{k}") for k, joint in enumerate(robot.joints))
+    estimate = estimate_of(replace(robot, name=bad, joints=joints), FULL, 3)
+    estimate = replace(estimate, provenance={"versions": {"sdp_vs_penalty": bad}})
+    export(estimate, tmp_path / "model.py")
+    assert str(imported(tmp_path / "model.py").__doc__).count("raise SystemExit") == 4
 
 
 def test_numpy_function_says_when_it_needs_time(tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ def make_function(estimate: Estimate) -> bytes:
     text = _TEMPLATE.format(
         robot=_quoted(robot.name),
         method=_quoted(estimate.method),
-        version=estimate.provenance.get("versions", {}).get(_PACKAGE, ""),
+        version=_quoted(str(estimate.provenance.get("versions", {}).get(_PACKAGE, ""))),
         timed=", ".join(timed) or "no effect of this model",
         joints=_quoted(", ".join(j.name for j in robot.joints)),
         effects=_quoted(", ".join(e.text for e in model.effects)),
