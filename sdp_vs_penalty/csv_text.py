@@ -82,11 +82,12 @@ def _no_header(path: Path, count: int) -> str:
 
 
 def _is_number(text: str) -> bool:
+    """Whether NumPy reads it: unlike Python neither 1_000 nor the digits of other scripts."""
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text and text.strip().isascii()
 
 
 def numbers(path: Path, width: int, first: int = 2) -> Array:

@@ -155,9 +155,9 @@ def read_run(
     elif path.is_dir():
         part = _read_panda_folder(path)
     elif rename:
-        arrays = numeric_arrays(path) if path.suffix == ".npz" else _csv_columns(path)
+        arrays = numeric_arrays(path) if path.suffix.lower() == ".npz" else _csv_columns(path)
         part = formats.from_columns(path, arrays, rename)
-    elif path.suffix == ".npz":
+    elif path.suffix.lower() == ".npz":
         part = _read_npz(path)
     else:
         part = _read_csv(path)
@@ -322,7 +322,10 @@ def _check(path: Path, m: Measurements) -> None:
     if len(m.t) < 2:
         raise InputError(f"{path}: the run has {len(m.t)} sample(s): record longer.")
     # Where a sample is in its file: below the header of a CSV file, otherwise counted from 1.
-    word, first = ("row", 2) if path.is_file() and path.suffix != ".npz" else ("sample", 1)
+    from sdp_vs_penalty.formats import reader_of
+
+    text = path.is_file() and path.suffix.lower() != ".npz" and reader_of(path) is None
+    word, first = ("row", 2) if text else ("sample", 1)
     for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
         if values is None:
             continue

@@ -86,6 +86,10 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
     "a column comes twice": (csv_with(setting(1, "t,q1,q1,dq1,dq2,tau1,tau2")), ["q1 comes twice"]),
     "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "by semicolons", "commas"]),
     "a word": (csv_with(setting(4, "0.02,x,0,0,0,1,2")), ["row 4, column 2 holds 'x'", "correct it"]),
+    "digits that NumPy does not read": (
+        csv_with(setting(5, "0.03,0,0,0,0,1_0,2")),
+        ["row 5, column 6", "'1_0'"],
+    ),
     "not a number": (csv_with(setting(5, "0.03,0,0,0,0,nan,2")), ["row 5, column tau1", "finite"]),
     "infinite": (csv_with(setting(5, "0.03,0,-inf,0,0,1,2")), ["row 5, column q2", "finite"]),
     "an empty cell": (csv_with(setting(6, "0.04,0,,0,0,1,2")), ["row 6, column 3 holds ''"]),

@@ -53,6 +53,26 @@ def test_written_and_read_to_the_last_bit(suffix: str, n: int, velocity: bool, t
     same(run, load_measurements(path, joints=n))
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_suffixes_may_be_written_large(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"RUN{suffix.upper()}"
+    save(some_run(), path)
+    same(some_run(), load_measurements(path))
+
+
+def test_a_sample_is_named_as_its_file_counts(tmp_path: Path) -> None:
+    run = some_run()
+    run.q[7, 1] = np.nan
+    for suffix in SUFFIXES:
+        path = tmp_path / f"run{suffix}"
+        save(run, path)
+        where = "row 9" if suffix == ".csv" else "sample 8"
+        with pytest.raises(
+            InputError, match=rf"run\{suffix}: {where}, column q2 is not a finite number"
+        ):
+            load_measurements(path)
+
+
 def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = some_run()
     for source in SUFFIXES:

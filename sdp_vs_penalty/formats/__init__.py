@@ -54,11 +54,12 @@ def check_size(path: Path, unpacked: int, packed: int) -> None:
 
 def reader_of(path: Path) -> Callable[[Path, Choice], Measurements] | None:
     """The reader for a file or folder of a foreign format; None for our own (CSV, NPZ, Panda logs)."""
-    if path.suffix == ".mat":
+    suffix = path.suffix.lower()
+    if suffix == ".mat":
         from sdp_vs_penalty.formats.matlab import read
-    elif path.suffix in (".parquet", ".pq"):
+    elif suffix in (".parquet", ".pq"):
         from sdp_vs_penalty.formats.parquet import read
-    elif path.suffix in (".mcap", ".db3", ".bag") or (path / "metadata.yaml").is_file():
+    elif suffix in (".mcap", ".db3", ".bag") or (path / "metadata.yaml").is_file():
         from sdp_vs_penalty.formats.bag import read
     else:
         return None
@@ -70,17 +71,18 @@ def save(measurements: Measurements, path: str | Path) -> None:
     from sdp_vs_penalty.measurements import save_csv
 
     path = Path(path)
-    if path.suffix == ".csv":
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
         save_csv(measurements, path)
-    elif path.suffix == ".npz":
+    elif suffix == ".npz":
         from sdp_vs_penalty.formats.table import write_npz
 
         write_npz(measurements, path)
-    elif path.suffix == ".mat":
+    elif suffix == ".mat":
         from sdp_vs_penalty.formats.matlab import write
 
         write(measurements, path)
-    elif path.suffix in (".parquet", ".pq"):
+    elif suffix in (".parquet", ".pq"):
         from sdp_vs_penalty.formats.parquet import write
 
         write(measurements, path)
