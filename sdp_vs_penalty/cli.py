@@ -176,8 +176,7 @@ def compare(
     window: Window = None,
     debug: Debug = False,
 ) -> None:
-    """Compare models with measured runs: the error of each joint beside the noise, and where the last
-    of the models fails.
+    """Compare models with runs: each joint's error beside the noise, where the last model fails.
 
     Example: [cyan]sdp-vs-penalty compare model.json --data test.csv --json out.json[/cyan]
     """
