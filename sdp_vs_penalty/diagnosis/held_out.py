@@ -108,7 +108,7 @@ def _ladder(
     masked = stage.rows.with_masked(np.repeat(~train[:, None], n, axis=1) | ~stage.rows.keep)
     out = []
     for k in range(len(picks) + 1):
-        theta = least_squares(stage, masked, np.concatenate(columns[: k + 1], axis=2))
+        theta = least_squares(stage, masked, np.concatenate(columns[: k + 1], axis=2), balanced=True)
         predicted = np.concatenate(there[: k + 1], axis=2) @ theta
         out.append(np.sum(keep * (residual - predicted.T) ** 2, axis=0))
     return np.array(out)

@@ -35,7 +35,7 @@ MIN_SHARE = 0.004
 #: short to be told apart: odds of 150 to 1.
 TOLD_APART = 10.0
 #: Residual variance over that of the noise from which the evidence is not taken at its word.
-_MISFIT = 1.3
+MISFIT = 1.3
 #: How many hypotheses a step tries to add, how many steps there are.
 _TRIES = 3
 _STEPS = 40
@@ -109,7 +109,7 @@ class Search:
         white = fit.residual.reshape(n, -1) * self.weighting.level[:, None]
         colour = np.zeros((n, ORDER))
         for j in range(n):
-            if self.weighting.level[j] ** 2 > _MISFIT:
+            if self.weighting.level[j] ** 2 > MISFIT:
                 colour[j] = autoregression(white[j], self.weighting.pieces[j])[0]
         weighting = replace(self.weighting, level=np.ones(n), colour=colour)
         for _ in range(2):
@@ -143,7 +143,7 @@ class Search:
         """
         fit, scaled = self.fit(), self.scaled
         contenders = self.contenders(fit, scaled)
-        if contenders and self._left(fit, contenders[0]) > _MISFIT:
+        if contenders and self._left(fit, contenders[0]) > MISFIT:
             fit, scaled = self.coloured(contenders[0])
             contenders = self.contenders(fit, scaled)
         if not contenders:
@@ -198,7 +198,7 @@ class Search:
         """
         others = [h for h in contenders if h.key != chosen.key and h.evidence > 0.0]
         close = [h for h in others if chosen.evidence - h.evidence < TOLD_APART]
-        if self._left(fit, chosen) > _MISFIT:
+        if self._left(fit, chosen) > MISFIT:
             own = self.candidates.block_gains(fit, scaled, chosen)
             for h in others:
                 if h in close:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.autoregression import ORDER
 from sdp_vs_penalty.diagnosis.fit import Rows
-from sdp_vs_penalty.diagnosis.ladder import Search
+from sdp_vs_penalty.diagnosis.ladder import MISFIT, Search
 from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
 from sdp_vs_penalty.diagnosis.whitening import Noise, noise_of, pieces_of
@@ -195,8 +195,12 @@ def white_rows(rows: DiagnosisRows, noise: Noise, base: Array, residual: Array) 
     return columns.reshape(n * M, -1), target.ravel()
 
 
-def least_squares(stage: Stage, rows: DiagnosisRows, columns: Array) -> Array:
-    """(p,) smallest change of parameters that fits white columns (n, M, p) to the residual."""
+def least_squares(stage: Stage, rows: DiagnosisRows, columns: Array, balanced: bool = False) -> Array:
+    """(p,) smallest change of parameters that fits white columns (n, M, p) to the residual.
+
+    balanced : a joint whose error is more than noise counts by that error, once more, so that it does
+    not spoil the others for its own sake.
+    """
     n, M, p = columns.shape
     if p == 0:
         return np.zeros(0)
@@ -205,7 +209,17 @@ def least_squares(stage: Stage, rows: DiagnosisRows, columns: Array) -> Array:
         pieces = pieces_of(rows, j)
         white[j] = stage.noise.whiten(columns[j], j, pieces)
         b[j] = stage.noise.whiten(stage.residual[:, j], j, pieces)
-    A = white.reshape(n * M, p)
+    theta = _solved(white, b)
+    if balanced:
+        left = np.sum((b - white @ theta) ** 2, axis=1) / np.maximum(np.sum(b != 0.0, axis=1), 1)
+        level = np.sqrt(np.where(left > MISFIT, left, 1.0))
+        if np.any(level > 1.0):
+            theta = _solved(white / level[:, None, None], b / level[:, None])
+    return theta
+
+
+def _solved(white: Array, b: Array) -> Array:
+    A = white.reshape(-1, white.shape[2])
     norms = np.linalg.norm(A, axis=0)
     unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-    return np.linalg.lstsq(A / unit, b.ravel(), rcond=1e-8)[0] / unit
+    return np.asarray(np.linalg.lstsq(A / unit, b.ravel(), rcond=1e-8)[0] / unit)
