@@ -98,6 +98,7 @@ def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
     _, alive = psutil.wait_procs(family, 5)
     assert not alive, alive
     assert list(made.temporary.glob("sdp-vs-penalty-page-*")) == []
+    assert list(made.temporary.glob("pymp-*")) == []  # Python's own, of its processes
 
 
 @contextmanager

@@ -131,6 +131,72 @@ def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) 
     assert not work.process.is_alive()
 
 
+async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> int:
+    """What the server answers to a dropped file."""
+    from starlette.requests import Request
+
+    from sdp_vs_penalty.page.server import _keep
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": content, "more_body": False}
+
+    request = Request({"type": "http", "method": "PUT", "headers": []}, receive)
+    return (await _keep(session, request, name, kind)).status_code
+
+
+def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions: Sessions) -> None:
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        s.simulate("joint_spring", [1], "strong", 0)
+        assert await put(s, "arm.urdf", "robot") == 400
+        assert s.notice is not None
+        assert s.notice.texts[0].startswith("arm.urdf: wait until the work is done")
+        assert await put(s, "run.csv", "runs") == 200  # read when the work is done
+        assert s.task is not None
+        s.cancel()
+        await s.task
+        return s
+
+    assert asyncio.run(story()).robot is not None
+
+
+def test_a_full_disk_is_said(sessions: Sessions, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(uploads.os, "open", full)
+    s = sessions.new()
+    assert asyncio.run(put(s, "run.csv", "runs")) == 507
+    assert s.notice is not None
+    said = "run.csv: cannot be kept (No space left on device): make room on the disk."
+    assert s.notice.texts == (said,)
+    assert s.arrived == {}
+
+
+def test_of_a_dropped_run_only_its_samples_are_kept(
+    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
+) -> None:
+    """The file's copy goes when it was read, or refused; a file of the person's own stays."""
+    save_csv(hidden.runs[0], tmp_path / "own.csv")
+    save_csv(hidden.runs[1], tmp_path / "dropped.csv")
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        assert await put(s, "dropped.csv", "runs", (tmp_path / "dropped.csv").read_bytes()) == 200
+        assert await put(s, "broken.csv", "runs", b"no table") == 200
+        drop(s, tmp_path / "own.csv")
+        with pytest.raises(InputError, match=r"broken\.csv"):
+            await finish(s, s.read_arrived)
+        return s
+
+    s = asyncio.run(story())
+    assert [run["name"] for run in s.runs] == ["dropped.csv", "own.csv"]
+    assert sorted(p.name for p in s.folder.iterdir()) == sorted(run["file"] for run in s.runs)
+    assert (tmp_path / "own.csv").is_file()
+
+
 def test_a_worker_that_the_system_ends_is_a_sentence(workshop: Workshop) -> None:
     async def story() -> None:
         work = workshop.worker()

@@ -9,6 +9,7 @@ import errno
 import os
 import signal
 import socket
+import sys
 import webbrowser
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -77,6 +78,9 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(page.start)
     nicegui_app.on_shutdown(page.close)  # also where a signal ends the server
+    # The server ends in order and then raises the signal again: leave by exit, so that what Python
+    # itself keeps for processes is taken away too.
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     if hasattr(signal, "SIGHUP"):  # the terminal is closed: end as if asked to
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
     if browser:
@@ -198,11 +202,16 @@ async def _build(page: Page, session: Session) -> None:
 async def _keep(session: Session, request: Request, given: str, kind: str) -> Response:
     name, length = uploads.shown_name(given), request.headers.get("content-length", "")
     try:
+        if kind != "runs" and session.busy:
+            raise InputError(f"{name}: wait until the work is done, or cancel it, and drop it again.")
         announced = int(length) if length.isdigit() else None
         path = await uploads.receive(session.folder, name, announced, _body(request), kind)
     except InputError as error:
         session.say(str(error))
         return JSONResponse({"error": str(error)}, 400)
+    except OSError as error:
+        session.say(f"{name}: cannot be kept ({error.strerror}): make room on the disk.")
+        return JSONResponse({"error": str(error.strerror)}, 507)
     if kind == "robot":
         session.choose_robot(str(path), name)
     elif kind == "model":

@@ -37,15 +37,23 @@ class Session(State):
 
     def read_arrived(self) -> None:
         """Read the files that were dropped; after the job that is being done, if there is one."""
-        if self._busy() or not self.arrived:
+        if self.busy or not self.arrived:
             return
         files, self.arrived = self.arrived, {}
+        given = list(files.values())
         log = uploads.logger_folder(self.folder, files)
         listed = [{"path": str(path), "name": name} for name, path in files.items()]
         if log is not None:
             listed.append({"path": str(log), "name": "exciting_traj"})
         names = {str(file["path"]): str(file["name"]) for file in listed}
-        self._start("Reading measurements", self._take_runs("read", files=listed), names)
+
+        async def do() -> None:
+            try:
+                await self._take_runs("read", files=listed)
+            finally:
+                uploads.forget(self.folder, [*given, *([] if log is None else [log])])
+
+        self._start("Reading measurements", do(), names)
 
     def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
         """The built-in data with an effect hidden in them, instead of the runs that are there."""
@@ -65,7 +73,7 @@ class Session(State):
 
     def use(self, file: str, use: str) -> None:
         """Use a run for training, for testing, or not at all ("")."""
-        if self._busy():
+        if self.busy:
             self.refusals += 1
             self.say("Wait until the work is done, or cancel it.", error=False)
             return
@@ -132,7 +140,7 @@ class Session(State):
 
     def undo(self) -> None:
         """One model back."""
-        if self._busy() or len(self.ladder) < 2:
+        if self.busy or len(self.ladder) < 2:
             return
         self.ladder.pop()
         self.methods = None
@@ -187,14 +195,16 @@ class Session(State):
 
     # How it is done
 
-    def _busy(self) -> bool:
+    @property
+    def busy(self) -> bool:
+        """Whether a job is being done."""
         return self.task is not None and not self.task.done()
 
     def _start(
         self, title: str, doing: Coroutine[Any, Any, None], names: Mapping[str, str] | None = None
     ) -> None:
         """Begin a job unless one is being done; names : what to call the paths that it reads."""
-        if self._busy():
+        if self.busy:
             doing.close()
             return
         self.names |= names or {}

@@ -95,3 +95,13 @@ def logger_folder(folder: Path, files: dict[str, Path]) -> Path | None:
     for name in LOG_FILES:
         shutil.copyfile(files.pop(name), out / name)
     return out
+
+
+def forget(folder: Path, files: list[Path]) -> None:
+    """Remove files that were read, where they are copies of ours in this folder: their runs are kept."""
+    for path in files:
+        if path.parent == folder:
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)

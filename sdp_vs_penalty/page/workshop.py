@@ -36,7 +36,7 @@ class Work:
         process.start()
         theirs.close()
         self.process = process
-        self.cancelled = False
+        self.cancelled = self.killed = False
 
     async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
         """The answer to a request; raises InputError with the worker's sentence, or Cancelled."""
@@ -62,10 +62,11 @@ class Work:
         self.kill()
 
     def kill(self) -> None:
-        """End the worker and whatever it has started, at once."""
+        """End the worker and whatever it has started, at once; its number may be another's later."""
         pid = self.process.pid
-        if pid is None:
+        if pid is None or self.killed:
             return
+        self.killed = True
         with contextlib.suppress(OSError, AttributeError):
             if os.getpgid(pid) == pid:
                 os.killpg(pid, signal.SIGKILL)

@@ -63,7 +63,7 @@ def _draw(view: View) -> None:
             _card(view, k, text, text in added)
     if len(open_texts) > 1:
         button(f"Add all {len(open_texts)}", lambda: session.add(open_texts), "add-all")
-    _rest(view, found)
+    _rest(found)
 
 
 def _card(view: View, k: int, text: str, added: bool) -> None:
@@ -122,7 +122,7 @@ def _fall(before: float, after: float, floor: float, joint: int, unit: str) -> N
         tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}", "soft")
 
 
-def _rest(view: View, found: dict[str, Any]) -> None:
+def _rest(found: dict[str, Any]) -> None:
     """Events, what is left, what can never be seen, and remarks."""
     for event in found["events"]:
         start, end = figure(event["t_start"], 4), figure(event["t_end"], 4)
