@@ -130,6 +130,7 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
                 "joints": list(f.joints),
                 "size": f.size,
                 "rivals": list(f.indistinguishable_from),
+                "confidence": f.confidence,
                 "shape": dict(f.shape),
             }
             for f in result.effects

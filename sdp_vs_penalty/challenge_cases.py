@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.hidden_effects import Hidden, World, hideable, lugre, on_joint, wrench_torque
+from sdp_vs_penalty.hidden_runs import starts
 from sdp_vs_penalty.problem import Problem
 
 Array = NDArray[np.float64]
@@ -111,7 +112,7 @@ def disturbance(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     n = world.robot.n
     kind = str(rng.choice(["contact", "hum", "knock"]))
     run = int(rng.integers(3))
-    start = run * 51.4 + float(rng.uniform(3.0, 18.0))  # on the sitting's clock, inside a run
+    start = starts(run) + float(rng.uniform(3.0, 18.0))  # on the sitting's clock, inside a run
     length = {"contact": rng.uniform(0.3, 2.0), "knock": rng.uniform(0.05, 0.15), "hum": 0.0}[kind]
     frequency, phase = float(rng.uniform(1.0, 7.0)), float(rng.uniform(0.0, 2.0 * np.pi))
     force, moment = rng.normal(size=3), 0.1 * rng.normal(size=3)

@@ -63,6 +63,27 @@ def flagged(record: Record) -> bool:
     return bool(record["events"]) or abstained(record)
 
 
+def found_in_time(record: Record) -> bool:
+    """An event overlaps the disturbance, give or take a second; a hum goes on all the time."""
+    truth = record["truth"][0]
+    if truth["kind"] == "hum":
+        return bool(record["events"])
+    return any(
+        e["t_start"] < truth["t_end"] + 1.0 and e["t_end"] > truth["t_start"] - 1.0
+        for e in record["events"]
+    )
+
+
+def nothing_else(record: Record) -> bool:
+    """Of the findings after the first none is anything that was not hidden."""
+    return all(any(_same(f, t) for t in record["truth"]) for f in record["found"][1:])
+
+
+def nothing_else_confident(record: Record) -> bool:
+    sure = [f for f in record["found"][1:] if f["confidence"] == "confident"]
+    return all(any(_same(f, t) for t in record["truth"]) for f in sure)
+
+
 def named_payload(record: Record) -> bool:
     return bool(record["found"]) and record["found"][0]["effect"] == "payload"
 
@@ -75,11 +96,20 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], bool, str]] = (
     ("strong", "truth in the equivalence set", in_set, True, ">= 99 %"),
     ("medium", "truth in the equivalence set", in_set, True, ">= 99 %"),
     ("weak", "truth in the equivalence set", in_set, True, ">= 99 %"),
+    *(
+        (name, what, test, True, "")
+        for name in ("strong", "medium", "weak")
+        for what, test in (
+            ("nothing named besides", nothing_else),
+            ("nothing confident besides", nothing_else_confident),
+        )
+    ),
     ("clean", "false claims", false_claim, False, "<= 1 %"),
     ("clean", "false events", lambda r: bool(r["events"]), False, ""),
     ("unknown_strong", "abstained", abstained, True, ">= 95 %"),
     ("unknown_medium", "abstained", abstained, True, ">= 95 %"),
     ("disturbance", "flagged as event or unknown", flagged, False, ">= 80 %"),
+    ("disturbance", "an event at the right time", found_in_time, False, ""),
     ("two_effects", "both named", both_named, True, ">= 90 %"),
     ("other_forms", "right or in the set", in_set, True, ">= 99 %"),
     ("one_run", "first named effect right", first_right, True, ">= 95 %"),

@@ -138,7 +138,8 @@ def _motion(trajectory: FourierTrajectory, local: Array, start: float) -> Motion
     return Motion(local + start, *trajectory.states(local))
 
 
-def _start(k: int) -> float:
+def starts(k: int) -> float:
+    """When run k begins on the sitting's clock [s]."""
     return k * (DURATION + 2.0 * _BLEND + PAUSE)
 
 
@@ -220,7 +221,7 @@ def _sized(
     if it makes none."""
     for _ in range(2):
         change = np.concatenate(
-            [_effect_torque(world, hidden, x, _start(k)) for k, x in enumerate(trajectories)]
+            [_effect_torque(world, hidden, x, starts(k)) for k, x in enumerate(trajectories)]
         )
         ratio = float((np.sqrt(np.mean(change**2, axis=0)) / setup.sensor.torque_std).max())
         if ratio < 1e-9:
@@ -244,15 +245,15 @@ def _measure(
     sensor, rng = setup.sensor, np.random.default_rng([seed, 3, k])
     duration = DURATION + 2.0 * _BLEND
     local = np.arange(int(np.ceil(duration * sensor.rate)) + 1) / sensor.rate
-    motion = _motion(trajectory, local, _start(k))
-    torque, plain = true_torque(world, hidden, trajectory, local, _start(k))
+    motion = _motion(trajectory, local, starts(k))
+    torque, plain = true_torque(world, hidden, trajectory, local, starts(k))
     position = motion.q + encoder_error(world, hidden, motion)
     noise = sensor.noise(len(local), rng)
     log = sensor.log_times(duration, rng)
     log = log[(log >= _BLEND) & (log < _BLEND + DURATION)]
     held = np.clip(np.floor(log * sensor.rate + 1e-9).astype(np.intp), 0, len(local) - 1)
     q = _quantise(position[held], sensor.position_step)
-    clock = log + _start(k)
+    clock = log + starts(k)
     name = f"run{k + 1}"
     noisy = _quantise((torque + noise)[held], sensor.torque_step)
     found = [(q, noisy)]

@@ -13,6 +13,7 @@ from sdp_vs_penalty.challenge import quick_estimate
 from sdp_vs_penalty.challenge_cases import disturbance
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.whitening import noise_of
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate, load_estimate
 from sdp_vs_penalty.experiment import experiment
@@ -101,6 +102,27 @@ def test_the_floor_is_that_of_the_true_noise(stribeck: HiddenRuns, found: Diagno
     assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
     assert np.all((ratio > 0.8) & (ratio < 1.25))
     assert found.noise_source == "repetition"
+
+
+def test_equal_runs_are_not_more_independent_than_their_number(two_link: Problem) -> None:
+    """Four runs of the same motion are six pairs, but three differences an instant."""
+    made = hidden_runs(two_link, [], 0.0, seed=31, count=1)
+    run = made.runs[0]
+    rng = np.random.default_rng(0)
+    noisy = [
+        replace(run, t=run.t + 60.0 * k, tau=run.tau + 0.01 * rng.normal(size=run.tau.shape))
+        for k in range(4)
+    ]
+    estimate = identified(made, run)
+    degrees = []
+    for runs in (noisy[:2], noisy):
+        rows = diagnosis_rows(concatenate(runs), estimate, estimate.preprocessing)
+        residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
+        dense = [s.torque_dense - s.dense @ s.motion.model_torque for s in rows.segments]
+        degrees.append(noise_of(rows, dense, residual).degrees[0])
+    rows_a_run = len(rows.t) / 4
+    assert degrees[0] < 1.4 * rows_a_run  # the run repeats its own first third as well
+    assert degrees[1] < 3.4 * rows_a_run
 
 
 def test_same_seed_same_findings(stribeck: HiddenRuns, found: Diagnosis) -> None:

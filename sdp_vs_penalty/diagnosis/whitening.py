@@ -14,7 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.interpolate import CubicSpline
+from scipy.sparse import csgraph
 
 from sdp_vs_penalty.diagnosis.autoregression import ORDER, autoregression, beside, filtered
 from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, robust_scale
@@ -165,6 +167,7 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
     )
     gap = np.concatenate([r.later - rows.t[r.rows] for r in repeats])
     pieces = _consecutive(repeats)
+    share = min(1.0, _independent(rows, repeats) / len(index))
     t, speed, rates = rows.t[index], rows.dq[index], rate_features(rows)
     profile = np.ones_like(rows.dq)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
@@ -184,13 +187,35 @@ def noise_of(rows: DiagnosisRows, residual_dense: Sequence[Array], residual: Arr
                 good[:] = True  # noise that is not stationary, rather than an event
         runs = [p[good[p]] for p in pieces]
         floor[j], ar[j], sigma[j], rank = beside(rest, runs, drift * good[:, None])
-        degrees[j] = max(degrees[j] - rank, 1.0)
+        degrees[j] = max(share * degrees[j] - rank, 1.0)
         # Known on the rows that repeat, wanted on all.
         profile[:, j] = noise_profile(filtered(rest, ar[j], runs), rates[j][index], rates[j])
         floor[j] *= np.sqrt(np.mean(profile[rows.keep[:, j], j] ** 2))
         suspect[index[~good], j] = True
         _mark_later(rows, repeats, good, j, suspect)
     return Noise(floor, ar, sigma, degrees, "repetition", suspect, profile, repeats)
+
+
+def _independent(rows: DiagnosisRows, repeats: Sequence[Repeat]) -> int:
+    """How many of the differences are independent: of K instants with the same motion, K - 1.
+
+    Six equal runs make fifteen pairs and not more than five differences an instant.
+    """
+    starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
+    first = np.concatenate([r.rows for r in repeats])
+    second = np.concatenate(
+        [starts[r.other] + _nearest(rows.segments[r.other].t, r.later) for r in repeats]
+    )
+    count = len(rows.t)
+    graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
+    return count - int(csgraph.connected_components(graph, directed=False)[0])
+
+
+def _nearest(t: Array, moments: Array) -> NDArray[np.intp]:
+    """Places in t (M,), evenly spaced, that are nearest to the moments."""
+    step = (t[-1] - t[0]) / max(len(t) - 1, 1)
+    places = np.rint((moments - t[0]) / max(step, 1e-12)).astype(np.intp)
+    return np.asarray(np.clip(places, 0, len(t) - 1))
 
 
 def _mark_later(
