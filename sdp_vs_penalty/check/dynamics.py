@@ -67,23 +67,18 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
     """The simplest of the hypotheses that explain the torque best, or None where none does."""
     base = physics.unexplained
     found: list[tuple[float, Hypothesis]] = []
+    cheap = (motion.degrees, motion.delay, signs.signs, gravity.direction)
+    dear = (order.exchanged, motion.turned_or_exchanged)
     # Where next to nothing is unexplained, only what acts on it weakly can be wrong.
-    every = (
-        motion.degrees,
-        motion.delay,
-        signs.signs,
-        order.exchanged,
-        gravity.direction,
-        motion.turned_or_exchanged,
-    )
-    for make in every if base > _ENOUGH else (signs.signs, gravity.direction):
+    for make in (*cheap, *dear) if base > _ENOUGH else (signs.signs, gravity.direction):
+        # An explanation that leaves next to nothing makes the dearer ones unnecessary. The cheap ones
+        # compete: with gravity turned round, one sign turned may leave little as well.
+        if make in dear and found and min(found, key=lambda f: f[0])[0] < _ENOUGH:
+            break
         for hypothesis in make(physics, moving):
             after = hypothesis.apply(physics).unexplained
             if after < BETTER * base:
                 found.append((after, hypothesis))
-        # An explanation that leaves next to nothing makes the dearer ones unnecessary.
-        if found and min(found, key=lambda f: f[0])[0] < _ENOUGH:
-            break
     best = min((after for after, _ in found), default=np.inf)
     near = [f for f in found if f[0] <= ABOUT_SAME * best]
     for _, hypothesis in sorted(near, key=lambda f: f[1].simplicity):
