@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.estimate import Estimate
+    from sdp_vs_penalty.measurements import Measurements
 
 Data = Annotated[
     list[Path],
@@ -58,20 +62,14 @@ def diagnose(
     Example: [cyan]sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv[/cyan]
     """
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.cli_arguments import time_window
     from sdp_vs_penalty.diagnosis import diagnose as run
     from sdp_vs_penalty.diagnosis import printing
     from sdp_vs_penalty.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
-    from sdp_vs_penalty.measurements import load_measurements
 
     estimate = load_estimate(model)
-    names = [joint.name for joint in estimate.robot.joints]
-    start, stop = time_window(window)
-    first, last = time_window(test_window, "--test-window")
     with console.progress("reading the measurements") as progress:
-        measurements = load_measurements(*data, start=start, stop=stop, names=names)
-        held_out = None if test is None else load_measurements(test, start=first, stop=last, names=names)
+        measurements, held_out = _runs(estimate, data, window, test, test_window)
         result = run(estimate, measurements, held_out, frozen=frozen, seed=seed, progress=progress)
     options = ["--data", *map(str, data)]
     options += [] if window is None else ["--window", window]
@@ -87,6 +85,33 @@ def diagnose(
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
         console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+
+
+def _runs(
+    estimate: Estimate, data: list[Path], window: str | None, test: Path | None, test_window: str | None
+) -> tuple[Measurements, Measurements | None]:
+    """The runs to fit and the run to test on, both possible for the model's robot."""
+    from sdp_vs_penalty.cli_arguments import time_window
+    from sdp_vs_penalty.measurements import load_measurements
+    from sdp_vs_penalty.plausibility import check_plausible
+
+    robot = estimate.robot
+    names = [joint.name for joint in robot.joints]
+    start, stop = time_window(window)
+    first, last = time_window(test_window, "--test-window")
+    if test is None and test_window is not None:
+        raise InputError(f"--test-window {test_window!r}: say with --test which run it is a part of.")
+    runs = load_measurements(*data, start=start, stop=stop, names=names)
+    held_out = None if test is None else load_measurements(test, start=first, stop=last, names=names)
+    for given in (runs, held_out):
+        if given is not None and given.n != robot.n:
+            raise InputError(
+                f"{given.names[0]}: the file has {given.n} joint(s), the model {robot.n}: choose the "
+                "model that belongs to it."
+            )
+        if given is not None:
+            check_plausible(robot, given)
+    return runs, held_out
 
 
 def _next_to(model: Path) -> Path:
@@ -119,24 +144,16 @@ def add(
     Example: [cyan]sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json[/cyan]
     """
     from sdp_vs_penalty import console
-    from sdp_vs_penalty.cli_arguments import time_window
+    from sdp_vs_penalty.cli_arguments import bounds_for
     from sdp_vs_penalty.comparison import compare
     from sdp_vs_penalty.diagnosis import add as run
     from sdp_vs_penalty.diagnosis import printing
     from sdp_vs_penalty.estimate import load_estimate
-    from sdp_vs_penalty.measurements import load_measurements
-    from sdp_vs_penalty.problem import load_problem
 
     estimate = load_estimate(model)
-    names = [joint.name for joint in estimate.robot.joints]
-    start, stop = time_window(window)
-    first, last = time_window(test_window, "--test-window")
-    bounds = None if problem is None else load_problem(problem)
+    bounds = bounds_for(estimate.robot, problem)
     with console.progress("reading the measurements") as progress:
-        measurements = load_measurements(*data, start=start, stop=stop, names=names)
-        judge = measurements
-        if test is not None:
-            judge = load_measurements(test, start=first, stop=last, names=names)
+        measurements, held_out = _runs(estimate, data, window, test, test_window)
         bigger = run(
             estimate,
             effect,
@@ -146,8 +163,9 @@ def add(
             seed=seed,
             progress=progress,
         )
-        bigger.save(out)
+        judge = measurements if held_out is None else held_out
         before, after = compare({"before": estimate, "after": bigger}, judge)
+        bigger.save(out)
     for e in bigger.model.effects[len(estimate.model.effects) :]:
         console.out.print(f"added: {e.text}", markup=False)
     what = "the training data" if test is None else str(test)

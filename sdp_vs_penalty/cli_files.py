@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli_arguments import numbers, pairs, time_window
+from sdp_vs_penalty.cli_arguments import bounds_for, numbers, pairs, time_window
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.check import Report
@@ -321,16 +321,19 @@ def write_report(
     import sys
 
     from sdp_vs_penalty import console
+    from sdp_vs_penalty.errors import InputError
     from sdp_vs_penalty.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.measurements import load_measurements
-    from sdp_vs_penalty.problem import load_problem
     from sdp_vs_penalty.report import make_report
 
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{out}: the report is an HTML file: let --out end in .html.")
     estimates = {str(path): load_estimate(path) for path in models}
     start, stop = time_window(window)
-    bounds = None if problem is None else load_problem(problem)
-    names = [joint.name for joint in next(iter(estimates.values())).robot.joints]
+    robot = next(iter(estimates.values())).robot
+    bounds = bounds_for(robot, problem)
+    names = [joint.name for joint in robot.joints]
     with console.progress("reading the measurements") as progress:
         measurements = load_measurements(*data, start=start, stop=stop, names=names)
         command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])

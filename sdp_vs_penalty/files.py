@@ -24,6 +24,8 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     path = Path(path)
     if path.resolve() in _inputs:
         raise InputError(f"{path}: is also an input of this command: name another file to write.")
+    if path.is_dir():
+        raise InputError(f"{path}: cannot be written (it is a folder): name a file.")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

@@ -124,10 +124,15 @@ def load_measurements(
     _refuse_twice(paths, parts)
     whole = parts[0] if len(parts) == 1 else concatenate(parts)
     if start > 0.0 or np.isfinite(stop):
-        whole = whole.window(start, stop)
         for run in whole.runs():
-            if len(run.t) < 2:
-                raise InputError(f"{run.names[0]}: no samples between {start:g} s and {stop:g} s.")
+            since = run.t - run.t[0]
+            if np.count_nonzero((since >= start) & (since < stop)) < 2:
+                end = "its end" if np.isinf(stop) else f"{stop:g} s"
+                raise InputError(
+                    f"{run.names[0]}: no samples between {start:g} s and {end}: the run lasts "
+                    f"{since[-1]:.4g} s."
+                )
+        whole = whole.window(start, stop)
     return whole
 
 

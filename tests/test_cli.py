@@ -268,13 +268,44 @@ def test_usage_errors_are_one_sentence(run: Run, arguments: list[str], words: li
     assert_one_sentence(err, *words)
 
 
-def test_a_wrong_window_is_said_of_the_option_that_has_it(run: Run, runs: list[Path]) -> None:
-    model = runs[0].with_name("model.json")
-    assert run("identify", "two_link", "--data", runs[0], "--method", "ols", "--out", model)[0] == 0
-    data = ("--data", runs[0], "--test", runs[0])
+def test_a_wrong_window_is_said_of_the_option_that_has_it(
+    run: Run, runs: list[Path], model: Path
+) -> None:
+    data = ("--data", runs[0], "--test", runs[1])
     code, _, err = run("diagnose", model, *data, "--test-window", "4:1")
     assert code == 2
     assert_one_sentence(err, "--test-window '4:1'", "START:STOP")
+
+
+def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
+    run: Run, runs: list[Path], model: Path, panda: Problem, tmp_path: Path
+) -> None:
+    """Another robot's bounds or test run, degrees, a window of no run, a report that is no HTML."""
+    other = write_run(tmp_path / "panda.csv", panda, seed=1)
+    rows = np.loadtxt(runs[0], delimiter=",", skiprows=1)
+    rows[:, 1:3] = np.degrees(rows[:, 1:3])
+    degrees = tmp_path / "degrees.csv"
+    header = runs[0].read_text().partition("\n")[0]
+    np.savetxt(degrees, rows, delimiter=",", header=header, comments="")
+    kept = set(tmp_path.iterdir())
+    add = ("add", model, "joint_spring:1", "--out", tmp_path / "bigger.json", "--data")
+    findings = ("--json", tmp_path / "findings.json")
+    report = ("report", model, "--data", runs[0], "--out")
+    for arguments, words in (
+        ((*add, runs[0], "--problem", "panda"), ["--problem panda", "7", "2"]),
+        ((*add, runs[0], "--test", other), ["panda.csv", "7 joint(s)", "2"]),
+        ((*add, degrees), ["degrees.csv", "degrees"]),
+        ((*add, runs[0], "--test-window", "0:1"), ["--test-window", "--test"]),
+        (("diagnose", model, "--data", degrees, *findings), ["degrees.csv", "degrees"]),
+        (("diagnose", model, "--data", runs[0], "--test", other, *findings), ["panda.csv", "model"]),
+        (("diagnose", model, "--data", runs[0], "--test-window", "0:1", *findings), ["--test"]),
+        ((*report, tmp_path / "report.html", "--problem", "panda"), ["--problem panda"]),
+        ((*report, tmp_path / "report.pdf"), ["report.pdf", ".html"]),
+    ):
+        code, _, err = run(*arguments)
+        assert code == 2
+        assert_one_sentence(err, *words)
+        assert set(tmp_path.iterdir()) == kept
 
 
 def test_debug_shows_the_traceback(runs: list[Path], tmp_path: Path) -> None:

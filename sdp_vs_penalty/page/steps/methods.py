@@ -64,8 +64,8 @@ def _draw(view: View) -> None:
     tag(
         "p",
         "Relative torque error on the same runs; upper bounds on inertias about the centre of mass are "
-        "not convex; a link of no thickness is possible on paper only; a gap is there where a method is "
-        "convex.",
+        "not convex; a link of no thickness is possible on paper only; a gap is there where a "
+        "lower bound is proved.",
         "soft",
     )
 
