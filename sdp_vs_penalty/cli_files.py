@@ -256,6 +256,14 @@ def check_urdf_file(
         }
         write_text(json_file, json.dumps(content, indent=1).replace("NaN", "null") + "\n")
     _urdf_table(checks)
+    for c in checks:
+        if c.unlikely:
+            console.out.print(
+                f"{c.link}: can exist, but {c.mass:.3g} kg with this inertia lie {c.gyration:.3g} m "
+                "from their centre. Torques of a link that hardly moves do not tell its mass from its "
+                "inertia; `identify --method lmi-sdp-entropic` keeps both in proportion.",
+                markup=False,
+            )
     if massless:
         console.out.print(
             f"No inertial, though a joint moves them: {', '.join(massless)}. Simulators refuse or drop "

@@ -20,6 +20,9 @@ from sdp_vs_penalty.urdf import load_urdf, read_inertial
 
 Array = NDArray[np.float64]
 
+#: m: no link of an arm has its mass that far from its own centre.
+_FAR = 3.0
+
 
 @dataclass(frozen=True)
 class LinkCheck:
@@ -29,7 +32,8 @@ class LinkCheck:
         [kg m^2], >= 0 for a possible body; pseudo_inertia_margin : smallest eigenvalue of the 4x4
         pseudo-inertia about the link's origin (kg, kg m, kg m^2 mixed: its sign is what counts);
     nearest : consistent Inertial nearest to that of the link, None where it is consistent already or
-        has no positive mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2].
+        has no positive mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2]; gyration :
+        sqrt(tr I / (2 m)) about the centre of mass [m]: how far out the mass lies, in the mean.
     """
 
     link: str
@@ -39,6 +43,12 @@ class LinkCheck:
     verdict: str
     nearest: Inertial | None = None
     distance: float = 0.0
+    gyration: float = 0.0
+
+    @property
+    def unlikely(self) -> bool:
+        """A body that can exist, but not in an arm: as if its mass lay :data:`_FAR` or farther out."""
+        return self.consistent and self.gyration > _FAR
 
     @property
     def consistent(self) -> bool:
@@ -52,6 +62,7 @@ class LinkCheck:
             "pseudo_inertia_margin": self.pseudo_inertia_margin,
             "consistent": self.consistent,
             "verdict": self.verdict,
+            "radius_of_gyration": self.gyration,
         }
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
@@ -100,7 +111,8 @@ def _check(name: str, theta: Array) -> LinkCheck:
     triangle = float(inertia.triangle_margin(theta))
     scale = float(np.trace(about_com))
     if triangle >= -ROUNDING * scale and np.linalg.eigvalsh(about_com)[0] >= -ROUNDING * scale:
-        return LinkCheck(name, mass, triangle, margin, "consistent")
+        gyration = float(np.sqrt(max(scale, 0.0) / (2.0 * mass)))
+        return LinkCheck(name, mass, triangle, margin, "consistent", gyration=gyration)
     nearest = nearest_inertia(about_com)
     com = theta[1:4] / mass
     negative = np.linalg.eigvalsh(about_com)[0] < -ROUNDING * abs(scale)

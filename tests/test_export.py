@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from sdp_vs_penalty import cli, inertia
 from sdp_vs_penalty._pinocchio import pin
+from sdp_vs_penalty.cli import main
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
@@ -347,6 +348,20 @@ def test_numpy_function_holds_every_effect(effect: str, tmp_path: Path) -> None:
     assert np.abs(made - expected).max() <= PARITY * max(1.0, np.abs(expected).max())
 
 
+def test_numpy_function_loads_without_being_registered(tmp_path: Path) -> None:
+    estimate = estimate_of(robots(tmp_path)[NAMES[0]], FULL, 3)
+    export(estimate, tmp_path / "model.py")
+    spec = importlib.util.spec_from_file_location("by_hand", tmp_path / "model.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert "by_hand" not in sys.modules
+    q, dq, ddq = states(estimate.robot)
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
+    assert np.abs(module.torque(q, dq, ddq) - expected).max() <= PARITY
+
+
 def test_numpy_function_needs_numpy_only(tmp_path: Path) -> None:
     estimate = estimate_of(load_problem("panda").robot, f"{FULL},torque_offset,presliding_hysteresis", 3)
     export(estimate, tmp_path / "model.py")
@@ -543,6 +558,28 @@ def test_check_urdf_names_the_link_and_mends_it(
     with pytest.raises(SystemExit) as exit_code:
         cli.main(["check-urdf", str(path), "--fix", str(fixed)])
     assert exit_code.value.code == 2
+
+
+def test_check_urdf_says_what_can_exist_but_not_in_an_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inertia = 'ixx="0.3" ixy="0" ixz="0" iyy="0.3" iyz="0" izz="0.3"'
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/>'
+        f'<link name="light"><inertial><mass value="1e-6"/><inertia {inertia}/></inertial></link>'
+        f'<link name="usual"><inertial><mass value="5"/><inertia {inertia}/></inertial></link>'
+        '<joint name="a" type="continuous"><parent link="base"/><child link="light"/></joint>'
+        '<joint name="b" type="continuous"><parent link="light"/><child link="usual"/></joint></robot>'
+    )
+    light, usual = check_urdf(tmp_path / "arm.urdf")
+    assert light.consistent
+    assert light.unlikely
+    assert light.gyration == pytest.approx(np.sqrt(0.9 / 2e-6))
+    assert not usual.unlikely
+    with pytest.raises(SystemExit) as end:
+        main(["check-urdf", str(tmp_path / "arm.urdf")])
+    assert not end.value.code
+    assert "light: can exist, but 1e-06 kg" in " ".join(capsys.readouterr().out.split())
 
 
 def test_check_urdf_names_moving_links_without_inertial(

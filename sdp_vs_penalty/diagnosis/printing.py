@@ -35,7 +35,9 @@ def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]
     out.print(_VERDICTS.get(result.verdict, _UNKNOWN))
     if result.effects:
         kinds = ", ".join(dict.fromkeys(units))
-        out.print(f"[italic]Held-out RMSE of each joint below {result.band_hz:.3g} Hz \\[{kinds}]")
+        band = f"{result.band_hz:.3g} Hz \\[{kinds}]"
+        how = "fitted anew at each step, without constraints"
+        out.print(f"[italic]Held-out RMSE of each joint below {band}, {how}")
         shown = _worth_showing(result.effects)
         out.print(_ladder(result, shown, len(units)))
         said: set[str] = set()
@@ -87,7 +89,8 @@ def _ladder(result: Diagnosis, shown: Sequence[Finding], joints: int) -> Table:
     table.add_row("the model", *_cells(result.effects[0].held_out_rmse_before), "")
     for k, f in enumerate(shown, start=1):
         table.add_row(f"+ {k}.", *_cells(f.held_out_rmse_after), f.confidence)
-    table.add_row("noise", *_cells(result.noise_floor), "")
+    known = result.noise_source == "repetition"
+    table.add_row("noise" if known else "noise?", *_cells(result.noise_floor), "")
     return table
 
 

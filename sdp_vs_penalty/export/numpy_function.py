@@ -40,8 +40,19 @@ Needs Python 3.10 or later and NumPy; nothing of sdp-vs-penalty.
 from __future__ import annotations
 
 {imports}
+import sys
+import types
+
+# Whoever loads this file by hand may not have registered it; dataclasses look their module up.
+_BY_HAND = __name__ not in sys.modules
+if _BY_HAND:
+    sys.modules[__name__] = types.ModuleType(__name__)
+    sys.modules[__name__].__dict__.update(globals())
 
 {sources}
+
+if _BY_HAND:
+    del sys.modules[__name__]
 
 
 ROBOT = Robot(
