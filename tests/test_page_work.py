@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,30 @@ def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp
     assert s.findings is not None
     s.undo()
     assert len(s.ladder) == 1
+
+
+def test_meaningless_runs_are_identified_only_when_asked_twice(
+    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
+) -> None:
+    """Torques with the wrong sign: refused with the reason, as on the command line."""
+    run = hidden.runs[0]
+    save_csv(replace(run, tau=-run.tau), tmp_path / "flipped.csv")
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        drop(s, tmp_path / "flipped.csv")
+        await finish(s, s.read_arrived)
+        with pytest.raises(InputError, match=r"flipped.csv: .*wrong sign.*all the same"):
+            await finish(s, s.identify)
+        assert not s.ladder
+        s.anyway = True
+        await finish(s, s.identify)
+        return s
+
+    s = asyncio.run(story())
+    assert len(s.ladder) == 1
+    assert "--no-check" in s.commands()[0]
 
 
 def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) -> None:

@@ -91,6 +91,11 @@ class Session(State):
         async def do() -> None:
             if not self.effects:
                 raise InputError("No effect is chosen: rigid_body is where a model begins.")
+            if self.meaningless and not self.anyway:
+                raise InputError(
+                    f"{self.meaningless[0]} (`sdp-vs-penalty check RUN --fix` mends what it can); "
+                    "or tick that you want to identify all the same."
+                )
             answer = await self._job(
                 "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
             )

@@ -66,6 +66,8 @@ class State:
     method: str = METHOD
     seed: int = 0
     frozen: bool = False
+    #: Identify even from runs that the check calls meaningless.
+    anyway: bool = False
     ladder: list[dict[str, Any]] = field(default_factory=list)
     findings: dict[str, Any] | None = None
     found_for: int = 0
@@ -86,6 +88,17 @@ class State:
     @property
     def model(self) -> dict[str, Any] | None:
         return self.ladder[-1] if self.ladder else None
+
+    @property
+    def meaningless(self) -> list[str]:
+        """What the check holds against identifying from the runs for training, a sentence each."""
+        return [
+            f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}"
+            for run in self.runs
+            if run["use"] != "test"
+            for f in run["findings"]
+            if f["severity"] == "error"
+        ]
 
     @property
     def added(self) -> set[str]:
@@ -123,9 +136,10 @@ class State:
         out = [f"sdp-vs-penalty simulate {robot} {self.made_by}"] if self.made_by else []
         names = [first.get("opened", "model1.json")]
         if "opened" not in first:
+            check = " --no-check" if self.meaningless else ""
             out.append(
                 f"sdp-vs-penalty identify {robot} --data {data} --method {first['method']} "
-                f"--effects {','.join(first['effects'])} --seed {self.seed} --out {names[0]}"
+                f"--effects {','.join(first['effects'])} --seed {self.seed}{check} --out {names[0]}"
             )
         for k, model in enumerate(self.ladder[1:], start=2):
             names.append(f"model{k}.json")

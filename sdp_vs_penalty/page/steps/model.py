@@ -17,7 +17,8 @@ _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset",
 
 
 def _depends(session: Session) -> Any:
-    return (session.robot or {}).get("source"), session.method, session.seed, session.effects
+    chosen = session.method, session.seed, session.effects, session.anyway
+    return (session.robot or {}).get("source"), *chosen, session.meaningless
 
 
 def _draw(view: View) -> None:
@@ -60,6 +61,13 @@ def _draw(view: View) -> None:
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
         choice("Method", options, session.method, lambda v: put("method", v), "method")
         number("Seed", session.seed, lambda v: put("seed", v), "seed")
+    if session.meaningless:
+        check(
+            "Identify all the same, though the check calls that meaningless",
+            session.anyway,
+            lambda on: put("anyway", on),
+            "anyway",
+        )
     button("Identify", session.identify, "identify", "primary")
     with details("Or go on from a model.json", "open-model"):
         tag(
