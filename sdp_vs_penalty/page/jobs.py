@@ -199,6 +199,7 @@ def find(request: Request, progress: Progress) -> Answer:
         "texts": [f.text for f in result.effects],
         "std": [f.std for f in result.effects],
         "remarks": list(result.remarks),
+        "noise_source": result.noise_source,
         "unexplained": result.unexplained.tolist(),
         "band_hz": result.band_hz,
         "seconds": time.perf_counter() - begin,

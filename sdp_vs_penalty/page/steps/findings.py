@@ -96,7 +96,9 @@ def _card(view: View, k: int, text: str, added: bool) -> None:
             if finding["joints"]
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
-        _fall(before[joint], after[joint], session.findings["noise_floor"][joint], joint, units[joint])
+        floor = session.findings["noise_floor"][joint]
+        known = session.findings["noise_source"] == "repetition"
+        _fall(before[joint], after[joint], floor, known, joint, units[joint])
         if added:
             tag("p", "Added to the model.", "chosen")
         else:
@@ -107,11 +109,11 @@ def _card(view: View, k: int, text: str, added: bool) -> None:
             )  # fmt: skip
 
 
-def _fall(before: float, after: float, floor: float, joint: int, unit: str) -> None:
+def _fall(before: float, after: float, floor: float, known: bool, joint: int, unit: str) -> None:
     """Held-out error before and after as two bars, the noise as a line across both."""
     largest = max(before, after, floor, 1e-300)
     with tag("div", style="fall"):
-        tag("span", f"Held-out error of joint {joint + 1}", "what")
+        tag("span", f"Held-out error of joint {joint + 1}, fitted anew without constraints", "what")
         for name, value in (("before", before), ("after", after)):
             with tag("div", style="bar"):
                 tag("span", name)
@@ -119,7 +121,8 @@ def _fall(before: float, after: float, floor: float, joint: int, unit: str) -> N
                     tag("div", style=f"fill {name}").style(f"width: {100.0 * value / largest:.1f}%")
                     tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
                 tag("span", with_unit(value, unit), "value")
-        tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}", "soft")
+        guess = "" if known else " (a guess: nothing repeats)"
+        tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
 
 
 def _rest(found: dict[str, Any]) -> None:
