@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from sdp_vs_penalty.challenge import run_case, run_challenge
-from sdp_vs_penalty.challenge_report import abstained, counted, false_claim, first_right, in_set
+from sdp_vs_penalty.challenge import VERSION, run_case, run_challenge
+from sdp_vs_penalty.challenge_cases import CLASSES
+from sdp_vs_penalty.challenge_report import (
+    abstained,
+    counted,
+    false_claim,
+    first_right,
+    in_set,
+    write_report,
+)
 from sdp_vs_penalty.diagnosis import diagnose
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import identify
@@ -47,6 +58,45 @@ def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
 def test_an_unknown_class_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="class 'magic' is unknown"):
         run_challenge("two_link", 1, 0, tmp_path, classes=["magic"])
+
+
+RESULTS = Path(__file__).parents[1] / "results"
+
+
+def committed_cases() -> dict[str, dict[str, Any]]:
+    kept = json.loads((RESULTS / "challenge.json").read_text())
+    assert kept["version"] == VERSION
+    return kept["cases"]
+
+
+def test_the_committed_report_is_made_from_the_committed_cases(tmp_path: Path) -> None:
+    records = committed_cases()
+    text = (RESULTS / "challenge.md").read_text()
+    cases, seed = map(int, re.findall(r"--cases (\d+) --seed (\d+)", text)[0])
+    per_class = Counter(r["class"] for r in records.values())
+    assert set(per_class) == set(CLASSES)
+    assert set(per_class.values()) == {cases}
+    for written in write_report(records, tmp_path, "panda", cases, seed):
+        assert written.read_text() == (RESULTS / written.name).read_text()
+
+
+@pytest.mark.reproduce
+@pytest.mark.parametrize("name", CLASSES)
+def test_cases_of_the_challenge_come_out_as_committed(name: str) -> None:
+    """One case a class again, to the digits that are kept of it."""
+    key, record = next((k, r) for k, r in committed_cases().items() if r["class"] == name)
+    again = run_case("panda", key)
+    for field in ("truth", "verdict", "events", "found", "energy", "floor", "after"):
+        assert again[field] == approximately(record[field]), field
+
+
+def approximately(value: Any) -> Any:
+    """pytest.approx through lists and dictionaries, for processors that round otherwise."""
+    if isinstance(value, float):
+        return pytest.approx(value, rel=1e-3, abs=1e-12)
+    if isinstance(value, dict):
+        return {k: approximately(v) for k, v in value.items()}
+    return [approximately(v) for v in value] if isinstance(value, list) else value
 
 
 @pytest.mark.real_data

@@ -1,4 +1,4 @@
-"""Make README.md's results anew from results/: two small tables between marker lines, one picture.
+"""Make README.md's results anew from results/: small tables between marker lines, one picture.
 
     python tools/update_readme.py
 
@@ -9,6 +9,7 @@ the extra [plot].
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -42,6 +43,14 @@ def speed() -> list[list[str]]:
         ]
 
 
+def challenge() -> list[list[str]]:
+    """How often the diagnosis is right, from results/challenge.json."""
+    from sdp_vs_penalty.challenge_report import shares
+
+    cases = json.loads((ROOT / "results" / "challenge.json").read_text())["cases"]
+    return shares(list(cases.values()))
+
+
 def markdown(headings: list[str], rows: list[list[str]]) -> str:
     lines = [headings, [":---", *["---:"] * (len(headings) - 1)], *rows]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
@@ -72,6 +81,9 @@ def headline() -> str:
             "Speed and memory on one thread, each pair measured in one run (from "
             "[benchmarks](results/benchmarks.md), made by `benchmarks/run.py`):",
             markdown(["what", "this program", "the other way", "ratio"], speed()),
+            "How often `diagnose` is right on simulated runs in which an effect is hidden, with "
+            "Wilson's 95 % intervals (from [challenge](results/challenge.md)):",
+            markdown(["class", "counted", "cases", "share", "interval", "to reach"], challenge()),
             "![Held-out error against seconds of training data](results/data.png)",
             "[results/](results/README.md) holds the paper's tables and figures made again, and says "
             "how each figure comes about.",
