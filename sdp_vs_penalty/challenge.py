@@ -175,7 +175,7 @@ def quick_estimate(problem: Problem, measurements: Measurements, effects: Sequen
     )
     rows = diagnosis_rows(measurements, start, settings)
     columns = model_columns(rows, start)
-    target = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
+    target = rows.residual
     keep = rows.keep.T
     level = np.ones(rows.n)
     for _ in range(2):
@@ -199,8 +199,8 @@ def hidden_energies(
     """
 
     def left_of(rows: DiagnosisRows) -> Array:
-        base = np.zeros((rows.n, len(rows.t), 0)) if case.frozen else model_columns(rows, estimate)
-        columns, target = white_rows(rows, stage.noise, base, _residual(rows))
+        base = model_columns(rows, estimate, case.frozen)
+        columns, target = white_rows(rows, stage.noise, base, rows.residual)
         Q = independent(columns)
         return np.asarray(target - Q @ (Q.T @ target))
 
@@ -226,9 +226,4 @@ def noise_std(logged: DiagnosisRows, ideal: DiagnosisRows) -> Array:
     clock's jitter do to the model's torque.
     """
     keep = logged.keep[:, 0]
-    return np.asarray((_residual(logged) - _residual(ideal))[keep].std(axis=0))
-
-
-def _residual(rows: DiagnosisRows) -> Array:
-    """(M, n) measured less modelled torque, filtered."""
-    return np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
+    return np.asarray((logged.residual - ideal.residual)[keep].std(axis=0))

@@ -74,14 +74,14 @@ def found_in_time(record: Record) -> bool:
     )
 
 
-def nothing_else(record: Record) -> bool:
-    """Of the findings after the first none is anything that was not hidden."""
-    return all(any(_same(f, t) for t in record["truth"]) for f in record["found"][1:])
+def nothing_else(record: Record, confidence: tuple[str, ...] = ("confident", "weak")) -> bool:
+    """Of the findings after the first, of these confidences, none is anything that was not hidden."""
+    more = [f for f in record["found"][1:] if f["confidence"] in confidence]
+    return all(any(_same(f, t) for t in record["truth"]) for f in more)
 
 
 def nothing_else_confident(record: Record) -> bool:
-    sure = [f for f in record["found"][1:] if f["confidence"] == "confident"]
-    return all(any(_same(f, t) for t in record["truth"]) for f in sure)
+    return nothing_else(record, ("confident",))
 
 
 def named_payload(record: Record) -> bool:

@@ -121,6 +121,14 @@ class Estimate:
             "provenance": self.provenance,
         }
 
+    def require_joints(self, measurements: Measurements, what: str = "measurements") -> None:
+        """Raises InputError unless the measurements have as many joints as the robot."""
+        if measurements.n != self.robot.n:
+            raise InputError(
+                f"The {what} have {measurements.n} joint(s), the model's robot has {self.robot.n}: "
+                "choose the model that belongs to them."
+            )
+
     def save(self, path: str | Path) -> None:
         """Write model.json, whole or not at all."""
         write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")

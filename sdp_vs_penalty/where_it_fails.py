@@ -18,7 +18,6 @@ from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import label_rows
 from sdp_vs_penalty.diagnosis.whitening import noise_of
 from sdp_vs_penalty.effects.effect import smooth_sign
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.preprocessing import Preprocessing
@@ -86,16 +85,11 @@ def where_it_fails(
     estimate: Estimate, measurements: Measurements, preprocessing: Preprocessing | None = None
 ) -> list[JointFailure]:
     """One JointFailure a joint. Raises InputError where the measurements are not of this robot."""
-    if measurements.n != estimate.robot.n:
-        raise InputError(
-            f"The measurements have {measurements.n} joint(s), the model's robot has "
-            f"{estimate.robot.n}: choose the model that belongs to them."
-        )
+    estimate.require_joints(measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     rows = diagnosis_rows(measurements, estimate, settings)
-    residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
-    dense = [s.torque_dense - s.dense @ s.motion.model_torque for s in rows.segments]
-    noise = noise_of(rows, dense, residual)
+    residual = rows.residual
+    noise = noise_of(rows, rows.dense_residuals, residual)
     labels = label_rows(rows)
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 # Before NumPy is loaded: several workers, each with threads for small matrices, only hinder each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -12,6 +14,10 @@ import pytest
 
 from sdp_vs_penalty.measurements import Measurements, load_measurements
 from sdp_vs_penalty.problem import Problem, load_problem
+
+if TYPE_CHECKING:
+    from page_driver import Server
+    from playwright.sync_api import Browser, BrowserContext
 
 
 def real_data_folder() -> Path | None:
@@ -56,3 +62,41 @@ def panda() -> Problem:
 @pytest.fixture(scope="session")
 def two_link() -> Problem:
     return load_problem("two_link")
+
+
+# Of the page's tests; page_driver skips where the page, Playwright or Chromium is missing.
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    from page_driver import serving
+
+    with serving(tmp_path_factory.mktemp("page")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    from page_driver import browsing
+
+    with browsing() as made:
+        yield made
+
+
+@pytest.fixture
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    from page_driver import a_context
+
+    with a_context(browser) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def files(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Runs with a hidden effect."""
+    from page_driver import written
+
+    from sdp_vs_penalty.hidden_runs import hidden_runs
+
+    hidden = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+    return written(hidden, tmp_path_factory.mktemp("runs"))

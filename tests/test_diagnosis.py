@@ -117,9 +117,7 @@ def test_equal_runs_are_not_more_independent_than_their_number(two_link: Problem
     degrees = []
     for runs in (noisy[:2], noisy):
         rows = diagnosis_rows(concatenate(runs), estimate, estimate.preprocessing)
-        residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
-        dense = [s.torque_dense - s.dense @ s.motion.model_torque for s in rows.segments]
-        degrees.append(noise_of(rows, dense, residual).degrees[0])
+        degrees.append(noise_of(rows, rows.dense_residuals, rows.residual).degrees[0])
     rows_a_run = len(rows.t) / 4
     assert degrees[0] < 1.4 * rows_a_run  # the run repeats its own first third as well
     assert degrees[1] < 3.4 * rows_a_run

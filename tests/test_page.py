@@ -15,7 +15,6 @@ from page_driver import (
     Server,
     a_context,
     alert,
-    browsing,
     choose,
     errors,
     expect,
@@ -23,44 +22,15 @@ from page_driver import (
     key,
     no_sideways_scrolling,
     open_page,
-    serving,
-    written,
 )
 
 from sdp_vs_penalty.comparison import compare
 from sdp_vs_penalty.estimate import load_estimate
-from sdp_vs_penalty.hidden_runs import hidden_runs
 from sdp_vs_penalty.measurements import load_measurements
-from sdp_vs_penalty.problem import Problem
 from sdp_vs_penalty.urdf import load_urdf
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with serving(tmp_path_factory.mktemp("page")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browsing() as made:
-        yield made
-
-
-@pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
-    with a_context(browser) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def files(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Runs with a hidden effect."""
-    hidden = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
-    return written(hidden, tmp_path_factory.mktemp("runs"))
 
 
 @pytest.fixture(scope="module")

@@ -11,58 +11,28 @@ import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 from page_driver import (
     ARM,
     ROOT,
     Server,
     a_context,
     alert,
-    browsing,
     busy,
     idle,
     key,
     open_page,
     psutil,
     serving,
-    written,
 )
 
-from sdp_vs_penalty.hidden_runs import hidden_runs
 from sdp_vs_penalty.problem import Problem
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with serving(tmp_path_factory.mktemp("page")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browsing() as made:
-        yield made
-
-
-@pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
-    with a_context(browser) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def files(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Runs with a hidden effect."""
-    hidden = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
-    return written(hidden, tmp_path_factory.mktemp("runs"))
 
 
 def test_cancel_ends_the_work_within_a_second(context: BrowserContext, server: Server) -> None:

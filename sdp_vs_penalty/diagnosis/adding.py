@@ -47,11 +47,7 @@ def add(
     text of where the work stands.
     Raises InputError for an effect that the model already has, or that cannot act.
     """
-    if measurements.n != estimate.robot.n:
-        raise InputError(
-            f"The measurements have {measurements.n} joint(s), the model's robot has "
-            f"{estimate.robot.n}: choose the model that belongs to them."
-        )
+    estimate.require_joints(measurements)
     problem = _problem_of(estimate) if problem is None else replace(problem, robot=estimate.robot)
     wanted = parse_effects(effect, estimate.robot)
     if not wanted:

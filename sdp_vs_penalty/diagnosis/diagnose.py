@@ -26,7 +26,6 @@ from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import score_library
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet, search_through
 from sdp_vs_penalty.diagnosis.verdict import Remainder
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimate import Estimate
 from sdp_vs_penalty.measurements import Measurements
 from sdp_vs_penalty.preprocessing import Preprocessing
@@ -57,11 +56,8 @@ def diagnose(
     filtering.
     """
     for what, m in (("measurements", measurements), ("test run", test)):
-        if m is not None and m.n != estimate.robot.n:
-            raise InputError(
-                f"The {what} have {m.n} joint(s), the model's robot has {estimate.robot.n}: choose "
-                "the model that belongs to them."
-            )
+        if m is not None:
+            estimate.require_joints(m, what)
     settings = estimate.preprocessing.resolve(measurements)
     progress("filtering the runs")
     rows = diagnosis_rows(measurements, estimate, settings)

@@ -45,9 +45,8 @@ def held_out_errors(
     """Errors on the test run; without one, on outer folds: the search is repeated without each."""
     if test is not None:
         rows = diagnosis_rows(test, estimate, settings)
-        base = np.zeros((rows.n, len(rows.t), 0)) if stage.frozen else model_columns(rows, estimate)
-        residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
-        squares = _ladder(stage, picks, np.ones(len(stage.rows.t), bool), rows, base, residual)
+        base = model_columns(rows, estimate, stage.frozen)
+        squares = _ladder(stage, picks, np.ones(len(stage.rows.t), bool), rows, base, rows.residual)
         ladder = np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1))
         return HeldOut(ladder, "test", _holds(picks, ladder))
     total = np.zeros((len(picks) + 1, stage.rows.n))

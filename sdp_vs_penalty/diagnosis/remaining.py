@@ -16,10 +16,9 @@ from sdp_vs_penalty.diagnosis.events import (
     spectral_lines,
 )
 from sdp_vs_penalty.diagnosis.fit import Fit
-from sdp_vs_penalty.diagnosis.library import spread_columns
-from sdp_vs_penalty.diagnosis.stage import Stage, least_squares
+from sdp_vs_penalty.diagnosis.stage import Stage, residual_beside
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
-from sdp_vs_penalty.diagnosis.whitening import pieces_of, rate_features
+from sdp_vs_penalty.diagnosis.whitening import later_rows, pieces_of, rate_features
 
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
@@ -75,9 +74,7 @@ def _hums(stage: Stage) -> list[Event]:
     The residual is not whitened for it: an autoregression takes a sine for its own colour.
     """
     rows = stage.rows
-    columns = [spread_columns(rows, p.hypothesis.effect) for p in stage.search.picks]
-    everything = np.concatenate([stage.base, *columns], axis=2)
-    left = stage.residual - (everything @ least_squares(stage, rows, everything)).T
+    left = residual_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
     out = []
     for j in range(rows.n):
         pieces = pieces_of(rows, j)
@@ -98,11 +95,9 @@ def _hums(stage: Stage) -> list[Event]:
 def _repeating(mask: NDArray[np.bool_], stage: Stage) -> NDArray[np.bool_]:
     """Rows (M, n) of windows that come back when the motion does: error of the model, no event."""
     out = np.zeros_like(mask)
-    starts = np.cumsum([0, *(len(s.t) for s in stage.rows.segments)])
     wide = np.array([np.convolve(m, np.ones(3), mode="same") > 0 for m in mask.T]).T
     for repeat in stage.noise.repeats:
-        times = stage.rows.segments[repeat.other].t
-        later = starts[repeat.other] + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
+        later = later_rows(stage.rows, repeat)
         both = mask[repeat.rows] & wide[later]
         out[repeat.rows] |= both
         out[later] |= both & mask[later]

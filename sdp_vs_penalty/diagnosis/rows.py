@@ -101,6 +101,16 @@ class DiagnosisRows:
         return np.concatenate([s.torque for s in self.segments])
 
     @property
+    def residual(self) -> Array:
+        """(M, n) filtered measured less modelled torque."""
+        return np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in self.segments])
+
+    @property
+    def dense_residuals(self) -> list[Array]:
+        """The same on the dense grid, per segment (D, n)."""
+        return [s.torque_dense - s.dense @ s.motion.model_torque for s in self.segments]
+
+    @property
     def keep(self) -> NDArray[np.bool_]:
         """(M, n) which rows count for which joint."""
         keep = np.repeat(np.concatenate([s.keep for s in self.segments])[:, None], self.n, axis=1)

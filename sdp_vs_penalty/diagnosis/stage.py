@@ -53,16 +53,15 @@ def prepare(
     progress: Callable[[str], None] = quiet,
 ) -> Stage:
     """Noise, whitening, candidates."""
-    residual = np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in rows.segments])
-    dense = [s.torque_dense - s.dense @ s.motion.model_torque for s in rows.segments]
+    residual = rows.residual
     progress("noise from repetition")
-    noise = noise_of(rows, dense, residual)
+    noise = noise_of(rows, rows.dense_residuals, residual)
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
     progress("columns of all candidates")
     library = build_library(rows, estimate.model, frozen)
     white = library.whitened(noise, rows)
-    base = np.zeros((rows.n, len(rows.t), 0)) if frozen else model_columns(rows, estimate)
+    base = model_columns(rows, estimate, frozen)
     labels = label_rows(rows)
     columns, target = white_rows(rows, noise, base, residual)
     known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
@@ -122,10 +121,14 @@ def _carried(old: Stage, new: Stage) -> Stage:
 
 def _noise_beside(stage: Stage, effects: Sequence[Effect]) -> Noise:
     """The noise as what the model leaves when it has these effects as well."""
+    return noise_of(stage.rows, [], residual_beside(stage, effects))
+
+
+def residual_beside(stage: Stage, effects: Sequence[Effect]) -> Array:
+    """(M, n) what the model leaves, not whitened, when it has these effects as well."""
     columns = [spread_columns(stage.rows, effect) for effect in effects]
     everything = np.concatenate([stage.base, *columns], axis=2)
-    theta = least_squares(stage, stage.rows, everything)
-    return noise_of(stage.rows, [], stage.residual - (everything @ theta).T)
+    return stage.residual - (everything @ least_squares(stage, stage.rows, everything)).T
 
 
 def with_noise(stage: Stage, estimate: Estimate, noise: Noise) -> Stage:
@@ -137,8 +140,10 @@ def with_noise(stage: Stage, estimate: Estimate, noise: Noise) -> Stage:
     return replace(stage, noise=noise, white=white, search=search)
 
 
-def model_columns(rows: DiagnosisRows, estimate: Estimate) -> Array:
-    """(n, M, p) filtered columns of the model's own parameters."""
+def model_columns(rows: DiagnosisRows, estimate: Estimate, frozen: bool = False) -> Array:
+    """(n, M, p) filtered columns of the model's own parameters; none of a frozen model's."""
+    if frozen:
+        return np.zeros((rows.n, len(rows.t), 0))
     out = np.zeros((rows.n, len(rows.t), len(estimate.theta)))
     first = 0
     for segment in rows.segments:

@@ -201,35 +201,29 @@ def _independent(rows: DiagnosisRows, repeats: Sequence[Repeat]) -> int:
 
     Six equal runs make fifteen pairs and not more than five differences an instant.
     """
-    starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
     first = np.concatenate([r.rows for r in repeats])
-    second = np.concatenate(
-        [starts[r.other] + _nearest(rows.segments[r.other].t, r.later) for r in repeats]
-    )
+    second = np.concatenate([later_rows(rows, r) for r in repeats])
     count = len(rows.t)
     graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
     return count - int(csgraph.connected_components(graph, directed=False)[0])
 
 
-def _nearest(t: Array, moments: Array) -> NDArray[np.intp]:
-    """Places in t (M,), evenly spaced, that are nearest to the moments."""
-    step = (t[-1] - t[0]) / max(len(t) - 1, 1)
-    places = np.rint((moments - t[0]) / max(step, 1e-12)).astype(np.intp)
-    return np.asarray(np.clip(places, 0, len(t) - 1))
+def later_rows(rows: DiagnosisRows, repeat: Repeat) -> NDArray[np.intp]:
+    """Among all rows the first at or after each instant at which the repeat comes back."""
+    start = sum(len(s.t) for s in rows.segments[: repeat.other])
+    times = rows.segments[repeat.other].t
+    return start + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
 
 
 def _mark_later(
     rows: DiagnosisRows, repeats: Sequence[Repeat], good: NDArray[np.bool_], joint: int, suspect: Array
 ) -> None:
     """An event of a difference may have happened at either instant: mark the later one too."""
-    starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
     first = 0
     for r in repeats:
         bad = ~good[first : first + len(r.rows)]
         first += len(r.rows)
-        times = rows.segments[r.other].t
-        near = np.clip(np.searchsorted(times, r.later[bad]), 0, len(times) - 1)
-        suspect[starts[r.other] + near, joint] = True
+        suspect[later_rows(rows, r)[bad], joint] = True
 
 
 def rate_features(rows: DiagnosisRows) -> Array:
