@@ -27,17 +27,19 @@ import naive
 import numpy as np
 
 from sdp_vs_penalty import identify, load_measurements, load_problem
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH
-from sdp_vs_penalty.estimate import versions
-from sdp_vs_penalty.estimators import make_estimator, make_task
+from sdp_vs_penalty.estimation.estimate import versions
+from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.export import export
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.measurements import Measurements, concatenate, save_csv
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import LeastSquares, compress
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
 
 #: The default SDP without what only we have: its plain form is what a script would write.
 METHOD = "lmi-sdp"
@@ -218,9 +220,9 @@ def whole_process(problem: Problem, run: Measurements, python: str | None) -> li
     q, tau = (np.column_stack([np.interp(grid, run.t, c) for c in x.T]) for x in (run.q, run.tau))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        save_csv(Measurements(grid, q, tau), folder / "run.csv")
+        save(Measurements(grid, q, tau), folder / "run.csv")
         export(identify(problem, run, METHOD), folder / "robot.urdf")
-        ours = [sys.executable, "-c", "from sdp_vs_penalty.cli import main; main()", "identify"]
+        ours = [sys.executable, "-c", "from sdp_vs_penalty.cli.main import main; main()", "identify"]
         ours += [problem.name, "--data", str(folder / "run.csv"), "--out", str(folder / "model.json")]
         theirs = [python, str(HERE / "figaroh_identify.py"), str(folder / "run.csv")]
         theirs += [str(folder / "robot.urdf"), "1000", str(folder / "figaroh.json")]

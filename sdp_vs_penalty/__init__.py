@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.comparison import compare as compare
+    from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.diagnosis.adding import add as add
+    from sdp_vs_penalty.diagnosis.comparison import compare as compare
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as diagnose
-    from sdp_vs_penalty.estimate import Estimate as Estimate
-    from sdp_vs_penalty.estimate import load_estimate as load_estimate
-    from sdp_vs_penalty.estimators import identify as identify
-    from sdp_vs_penalty.measurements import load_measurements as load_measurements
-    from sdp_vs_penalty.problem import load_problem as load_problem
+    from sdp_vs_penalty.estimation.estimate import Estimate as Estimate
+    from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
+    from sdp_vs_penalty.estimation.identify import identify as identify
+    from sdp_vs_penalty.problem.load import load_problem as load_problem
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
 _HOME = {
-    "add": "diagnosis",
-    "compare": "comparison",
-    "diagnose": "diagnosis",
-    "Estimate": "estimate",
-    "load_estimate": "estimate",
-    "identify": "estimators",
-    "load_measurements": "measurements",
-    "load_problem": "problem",
+    "add": "diagnosis.adding",
+    "compare": "diagnosis.comparison",
+    "diagnose": "diagnosis.diagnose",
+    "Estimate": "estimation.estimate",
+    "load_estimate": "estimation.estimate",
+    "identify": "estimation.identify",
+    "load_measurements": "data.files",
+    "load_problem": "problem.load",
 }
 __all__ = [
     "Estimate",

@@ -12,8 +12,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
-from sdp_vs_penalty.measurements import Measurements, load_measurements
-from sdp_vs_penalty.problem import Problem, load_problem
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
 
 if TYPE_CHECKING:
     from page_driver import Server
@@ -96,7 +98,7 @@ def files(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[P
     """Runs with a hidden effect."""
     from page_driver import written
 
-    from sdp_vs_penalty.hidden_runs import hidden_runs
+    from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
     hidden = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     return written(hidden, tmp_path_factory.mktemp("runs"))

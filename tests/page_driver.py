@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sdp_vs_penalty.formats.table import write_npz
-from sdp_vs_penalty.hidden_runs import HiddenRuns
-from sdp_vs_penalty.measurements import save_csv
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -69,7 +68,7 @@ def start(temporary: Path, *arguments: str) -> Server:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    code = "from sdp_vs_penalty.cli import main; main()"
+    code = "from sdp_vs_penalty.cli.main import main; main()"
     command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(port), *arguments]
     environment = {
         **os.environ,
@@ -123,9 +122,9 @@ def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
 def written(hidden: HiddenRuns, folder: Path) -> list[Path]:
     """Three runs and a test run, in two formats."""
     paths = [folder / "run1.csv", folder / "run2.npz", folder / "run3.npz", folder / "test.npz"]
-    save_csv(hidden.runs[0], paths[0])
+    save(hidden.runs[0], paths[0])
     for run, path in zip(hidden.runs[1:], paths[1:], strict=True):
-        write_npz(run, path)
+        save(run, path)
     return paths
 
 

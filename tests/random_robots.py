@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.robot import Joint, Robot
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Joint, Robot
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.measurements import Measurements, save_csv
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem
 
 
 def small_run(
@@ -35,7 +36,7 @@ def small_run(
 
 
 def write_run(path: Path, problem: Problem, seconds: float = 6.0, seed: int = 0) -> Path:
-    save_csv(small_run(problem, seconds, seed), path)
+    save(small_run(problem, seconds, seed), path)
     return path
 
 

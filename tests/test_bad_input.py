@@ -22,13 +22,14 @@ from hypothesis import strategies as st
 from small_runs import small_run
 
 from sdp_vs_penalty import compare, files, identify, load_estimate, load_measurements, load_problem
-from sdp_vs_penalty.black_box import load_answers
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.measurements import Measurements, save_csv
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.urdf import load_urdf
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.black_box import load_answers
+from sdp_vs_penalty.robot.urdf import load_urdf
 
 FUZZ = settings(
     max_examples=150,
@@ -219,7 +220,7 @@ def test_degrees_are_refused_without_a_range(two_link: Problem) -> None:
 def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(
     two_link: Problem, panda: Problem
 ) -> None:
-    from sdp_vs_penalty.plausibility import check_plausible
+    from sdp_vs_penalty.data.plausibility import check_plausible
 
     run = small_run(panda)
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
@@ -230,7 +231,7 @@ def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(
 
 def test_wrong_number_of_joints(two_link: Problem, panda: Problem, tmp_path: Path) -> None:
     run = small_run(two_link)
-    save_csv(run, tmp_path / "run.csv")
+    save(run, tmp_path / "run.csv")
     refusal(lambda: load_measurements(tmp_path / "run.csv", joints=7), "run.csv", "2 joint(s)", "7")
     refusal(lambda: identify(panda, run), "2 joint(s)", "panda", "7")
     refusal(lambda: compare(identify(two_link, run, "ols"), small_run(panda)), "2 joint(s)", "7")

@@ -7,17 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import bootstrap
-from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import joint_weights, make_task
+from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.regression import LeastSquares, Regression, compress
+from sdp_vs_penalty.estimators.task import joint_weights, make_task
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
 

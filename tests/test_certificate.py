@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, task_of, tree
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import certify, positive_mass_matrices
+from sdp_vs_penalty.estimation.estimate import certify, positive_mass_matrices
 from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, interior_point, solve_sdp
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
 from sdp_vs_penalty.solvers.objective import Objective
 

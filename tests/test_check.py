@@ -12,17 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import cli
 from sdp_vs_penalty.check import Report, check
 from sdp_vs_penalty.check.physics import FreeGravity, Physics
-from sdp_vs_penalty.datasets import _emps_runs, _ur10e_runs
+from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
+from sdp_vs_penalty.data.files import load_measurements, read_run, save
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements, load_measurements, read_run, save_csv
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.preprocessing import low_passed
-from sdp_vs_penalty.problem import Problem, load_problem
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.preprocessing import low_passed
+from sdp_vs_penalty.simulation.experiment import experiment
 
 Spoil = Callable[[Measurements], Measurements]
 
@@ -429,8 +431,8 @@ def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixtu
     """Exit codes, the JSON file, and a mended copy that is clean; the original stays as it was."""
     good, bad, mended = tmp_path / "good.csv", tmp_path / "bad.csv", tmp_path / "mended.csv"
     run = experiment(two_link).training_run(0)
-    save_csv(run, good)
-    save_csv(flipped(2)(run), bad)
+    save(run, good)
+    save(flipped(2)(run), bad)
     before = bad.read_bytes()
     assert run_cli("check", good, "--problem", "two_link") == 0
     out = tmp_path / "out.json"
@@ -452,7 +454,7 @@ def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixtu
 
 def test_a_file_that_identify_refuses_can_be_mended(tmp_path: Path, two_link: Problem) -> None:
     path, mended = tmp_path / "bad.csv", tmp_path / "mended.csv"
-    save_csv(holed_two(repeated(experiment(two_link).training_run(0))), path)
+    save(holed_two(repeated(experiment(two_link).training_run(0))), path)
     with pytest.raises(InputError):
         load_measurements(path)
     assert read_run(path).n == 2
@@ -472,8 +474,8 @@ def test_identify_refuses_meaningless_data_by_itself(
     """In one sentence and without a model, unless it is told not to check."""
     bad, good, model = tmp_path / "bad.csv", tmp_path / "good.csv", tmp_path / "model.json"
     run = experiment(two_link).training_run(0)
-    save_csv(flipped(2)(run), bad)
-    save_csv(run, good)
+    save(flipped(2)(run), bad)
+    save(run, good)
     to = ("--method", "ols", "--out", model)
     assert run_cli("identify", "two_link", "--data", bad, *to) == 2
     said = capsys.readouterr().err
@@ -491,7 +493,7 @@ def test_a_run_without_rows_is_named_once(
     spoil: Spoil, tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "lame.csv"
-    save_csv(spoil(experiment(two_link).training_run(0)), path)
+    save(spoil(experiment(two_link).training_run(0)), path)
     assert run_cli("check", path, "--problem", "two_link") == 1
     assert capsys.readouterr().out.count("lame.csv") == 1
     assert run_cli("identify", "two_link", "--data", path, "--out", tmp_path / "model.json") == 2

@@ -16,15 +16,16 @@ import typer.main
 from small_runs import write_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty import __version__, console, registry
-from sdp_vs_penalty.cli import app, expand_many, main
+from sdp_vs_penalty import __version__
+from sdp_vs_penalty.cli import console, registry
+from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.estimate import load_estimate
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.problem.problem import Problem
 
 #: Whatever copy these tests have imported, also from another folder.
 HERE = {**os.environ, "PYTHONPATH": str(Path(sdp_vs_penalty.__file__).parents[1])}
-PROGRAM = [sys.executable, "-c", "from sdp_vs_penalty.cli import main; main()"]
+PROGRAM = [sys.executable, "-c", "from sdp_vs_penalty.cli.main import main; main()"]
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -85,7 +86,7 @@ def test_help_answers_at_once() -> None:
 
 def test_help_imports_nothing_heavy() -> None:
     code = (
-        "import sys\nfrom sdp_vs_penalty.cli import main\n"
+        "import sys\nfrom sdp_vs_penalty.cli.main import main\n"
         "try:\n    main(['identify', '--help'])\nexcept SystemExit:\n    pass\n"
         "heavy = {'numpy', 'scipy', 'pinocchio', 'cvxpy', 'clarabel', 'pandas', 'matplotlib'}\n"
         "print('loaded:', heavy & set(sys.modules))"
@@ -328,7 +329,7 @@ def test_an_error_of_our_own_is_no_traceback(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("inner")
 
-    monkeypatch.setattr("sdp_vs_penalty.measurements.load_measurements", broken)
+    monkeypatch.setattr("sdp_vs_penalty.data.files.load_measurements", broken)
     code, _, err = run("identify", "two_link", "--data", runs[0], "--out", tmp_path / "m.json")
     assert code == 1
     assert_one_sentence(err, "ZeroDivisionError", "--debug")
@@ -345,7 +346,7 @@ def test_ctrl_c_leaves_the_old_file(runs: list[Path], tmp_path: Path) -> None:
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def endless(self, task):\n    print('fitting', flush=True)\n    time.sleep(60)\n"
         "l.LmiSdp.fit = endless\n"
-        "from sdp_vs_penalty.cli import main; main()"
+        "from sdp_vs_penalty.cli.main import main; main()"
     )
     arguments = ["identify", "two_link", "--data", str(runs[0]), "--out", str(kept)]
     process = subprocess.Popen(
@@ -374,7 +375,7 @@ def test_options_of_several_values() -> None:
 
 
 def test_a_closed_pipe_is_no_traceback() -> None:
-    shell = f"{sys.executable} -c 'from sdp_vs_penalty.cli import main; main()' list effects | head -n 1"
+    shell = f"{sys.executable} -m sdp_vs_penalty list effects | head -n 1"
     result = subprocess.run(["bash", "-c", shell], capture_output=True, text=True)
     assert "Traceback" not in result.stderr
     assert "BrokenPipe" not in result.stderr

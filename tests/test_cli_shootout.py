@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from sdp_readers import read_cbf, read_sdpa
 
-from sdp_vs_penalty.cli import main
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.export_sdp import read_cbf, read_sdpa
-from sdp_vs_penalty.measurements import save_csv
-from sdp_vs_penalty.problem import load_problem
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers import solver
 
 
@@ -60,7 +60,7 @@ def test_export_writes_files_that_solve_to_the_same_optimum(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     problem = load_problem("two_link")
-    save_csv(experiment(problem).training_run(seed=0), tmp_path / "run.csv")
+    save(experiment(problem).training_run(seed=0), tmp_path / "run.csv")
     optima = []
     for name, read in (("a.dat-s", read_sdpa), ("a.cbf", read_cbf)):
         assert (

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty.comparison import compare, predicted
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate
-from sdp_vs_penalty.estimators import identify
-from sdp_vs_penalty.measurements import Measurements, concatenate
-from sdp_vs_penalty.preprocessing import Preprocessing, filtered_torque
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
 
 FIELDS = {"model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz"}
 

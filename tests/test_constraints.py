@@ -8,16 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, rotation
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import (
-    Constraint,
-    ConstraintSet,
-    cone_margin,
-    project,
-    smallest_eigenvalue,
-)
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eigenvalue
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot import inertia
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None, derandomize=True)
@@ -247,7 +242,7 @@ def test_convex_constraints_follow_from_the_published_bounds(
 @given(seeds)
 def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed: int) -> None:
     """The certificate's lower bound multiplies by these numbers: they must follow."""
-    from sdp_vs_penalty.robot import Robot
+    from sdp_vs_penalty.robot.robot import Robot
 
     rng = np.random.default_rng(seed)
     robot = Robot.from_dh("r", [0.0, 0.4, 0.3], [0.0, 1.2, 0.0], [0.2, 0.0, 0.1], "modified")

@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import BarycentricBound
+from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import make_task
 from sdp_vs_penalty.estimators.barycentric_envelopes import inner, outer
 from sdp_vs_penalty.estimators.catalogue_part import CataloguePart
 from sdp_vs_penalty.estimators.convex_pieces import solve_pieces, with_upper_moments
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import compress
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.simulation.experiment import experiment
 
 
 @pytest.fixture(scope="module")

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.challenge import quick_estimate
-from sdp_vs_penalty.challenge_cases import disturbance
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.whitening import noise_of
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate, load_estimate
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.hidden_runs import HiddenRuns, hidden_runs, make_world
-from sdp_vs_penalty.measurements import Measurements, concatenate
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.simulation.challenge.cases import disturbance
+from sdp_vs_penalty.simulation.challenge.challenge import quick_estimate
+from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs, make_world
 
 
 def identified(made: HiddenRuns, data: Measurements) -> Estimate:
@@ -90,7 +90,7 @@ def test_what_the_links_absorb_is_reported_as_invisible(found: Diagnosis) -> Non
 
 
 def test_the_floor_is_that_of_the_true_noise(stribeck: HiddenRuns, found: Diagnosis) -> None:
-    from sdp_vs_penalty.challenge import noise_std
+    from sdp_vs_penalty.simulation.challenge.challenge import noise_std
 
     data = concatenate(stribeck.runs[:3])
     estimate = identified(stribeck, data)
@@ -150,7 +150,7 @@ def test_a_contact_is_an_event_not_an_effect(panda: Problem) -> None:
 
 
 def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
-    from sdp_vs_penalty.hidden_effects import Hidden, on_joint
+    from sdp_vs_penalty.simulation.hidden_effects import Hidden, on_joint
 
     odd = Hidden(
         "unknown",
@@ -227,7 +227,7 @@ def test_a_joint_that_does_not_move(panda: Problem) -> None:
 
 
 def test_one_joint() -> None:
-    from sdp_vs_penalty.problem import load_problem
+    from sdp_vs_penalty.problem.load import load_problem
 
     problem = load_problem("emps")
     made = hidden_runs(problem, [("asymmetric_viscous_friction", [0])], "strong", seed=23)
@@ -265,8 +265,8 @@ def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None
 def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:
     from pathlib import Path
 
-    from sdp_vs_penalty.comparison import compare
-    from sdp_vs_penalty.estimators import identify
+    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty.estimation.identify import identify
 
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
     data = concatenate(made.runs[:3])
@@ -286,7 +286,7 @@ def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) 
 
 
 def test_add_keeps_the_sign_of_physics(two_link: Problem) -> None:
-    from sdp_vs_penalty.estimators import identify
+    from sdp_vs_penalty.estimation.identify import identify
 
     made = hidden_runs(two_link, [("sigmoid_friction", [0])], "strong", seed=25)
     data = concatenate(made.runs[:3])
@@ -298,7 +298,7 @@ def test_add_keeps_the_sign_of_physics(two_link: Problem) -> None:
 
 
 def test_a_gain_is_added_beside_its_own_reference(two_link: Problem) -> None:
-    from sdp_vs_penalty.estimators import identify
+    from sdp_vs_penalty.estimation.identify import identify
 
     made = hidden_runs(two_link, [("torque_gain", [1])], "strong", seed=26)
     data = concatenate(made.runs[:3])

@@ -10,9 +10,14 @@ from typing import Any
 
 import pytest
 
-from sdp_vs_penalty.challenge import VERSION, run_case, run_challenge
-from sdp_vs_penalty.challenge_cases import CLASSES
-from sdp_vs_penalty.challenge_report import (
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis import diagnose
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.simulation.challenge.cases import CLASSES
+from sdp_vs_penalty.simulation.challenge.challenge import VERSION, run_case, run_challenge
+from sdp_vs_penalty.simulation.challenge.report import (
     abstained,
     counted,
     false_claim,
@@ -20,11 +25,6 @@ from sdp_vs_penalty.challenge_report import (
     in_set,
     write_report,
 )
-from sdp_vs_penalty.diagnosis import diagnose
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import identify
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.problem import Problem
 
 
 def test_a_small_challenge_is_won() -> None:

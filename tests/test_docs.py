@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import typer.main
 
-from sdp_vs_penalty.cli import app, expand_many, main
-from sdp_vs_penalty.datasets import DATASETS
+from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.data.datasets import DATASETS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

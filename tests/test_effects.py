@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from random_robots import link_parameters, sines, tree, uicker_torques
 
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.effects import effect_from_dict, effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.robot import Joint, Robot
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Joint, Robot
 
 NAMES = list(effect_types())
 EVERY_EFFECT = pytest.mark.parametrize("name", NAMES)

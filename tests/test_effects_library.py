@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.presliding_hysteresis import dahl
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

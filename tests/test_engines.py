@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.engines import engine, engine_types
-from sdp_vs_penalty.engines.comparison import Sinusoids, inverse_dynamics_error, play
-from sdp_vs_penalty.engines.engine import Engine
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.published import published_links
-from sdp_vs_penalty.robot import Joint, Robot
-from sdp_vs_penalty.tables import engine_runs
-from sdp_vs_penalty.trajectory import joint_limits
+from sdp_vs_penalty.paper.tables import engine_runs
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.trajectory import joint_limits
+from sdp_vs_penalty.simulation.engines import engine, engine_types
+from sdp_vs_penalty.simulation.engines.comparison import Sinusoids, inverse_dynamics_error, play
+from sdp_vs_penalty.simulation.engines.engine import Engine
 
 #: Torque error over a motion relative to the largest torque: what a first-order step of 1 ms and, in
 #: Bullet, 50 rounds of sequential impulses leave.

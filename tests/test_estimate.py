@@ -13,14 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.estimate import Estimate, covariance, load_estimate
-from sdp_vs_penalty.estimators import identify
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import Preprocessing
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.estimation.estimate import Estimate, covariance, load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -10,22 +10,18 @@ import numpy as np
 import pytest
 from random_robots import sines
 
-from sdp_vs_penalty import inertia
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import certify
-from sdp_vs_penalty.estimators import (
-    estimator_types,
-    identify,
-    joint_weights,
-    make_estimator,
-    make_task,
-)
+from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators import estimator_types, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import Factor, Regression, compress
+from sdp_vs_penalty.estimators.task import joint_weights, make_task
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import Factor, Regression, compress
+from sdp_vs_penalty.robot import inertia
 
 NAMES = list(estimator_types())
 MEASURED = [name for name in NAMES if not estimator_types()[name].needs_black_box]

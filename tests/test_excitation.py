@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.excitation import (
+from sdp_vs_penalty.estimation.excitation import (
     BaseRegressor,
     Limits,
     _Search,
@@ -19,9 +19,10 @@ from sdp_vs_penalty.excitation import (
     save_trajectory,
     shrunk,
 )
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.trajectory import FourierTrajectory, random_trajectory
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
+from sdp_vs_penalty.simulation.experiment import experiment
 
 
 @pytest.fixture(scope="module")

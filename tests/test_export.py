@@ -18,23 +18,24 @@ import random_robots
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty import cli, inertia
-from sdp_vs_penalty._pinocchio import pin
-from sdp_vs_penalty.cli import main
+from sdp_vs_penalty.check.urdf import check_urdf, massless_links, nearest_inertia
+from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export import export, plain_robot
 from sdp_vs_penalty.export.mjcf import quaternion
 from sdp_vs_penalty.export.urdf import rpy_of
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.preprocessing import Preprocessing
-from sdp_vs_penalty.problem import load_problem
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate
-from sdp_vs_penalty.urdf import load_urdf
-from sdp_vs_penalty.urdf_check import check_urdf, massless_links, nearest_inertia
 
 PARITY = 1e-9  # N m
 
@@ -490,7 +491,7 @@ def test_other_refusals(tmp_path: Path) -> None:
 def test_orientations_survive_as_angles_and_as_quaternions(
     angles: tuple[float, float, float], near: float, vertical: bool
 ) -> None:
-    from sdp_vs_penalty.urdf import _rotation_rpy
+    from sdp_vs_penalty.robot.urdf import _rotation_rpy
 
     roll, pitch, yaw = angles
     rotation = _rotation_rpy(roll, np.pi / 2 - near if vertical else pitch, yaw)

@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import cli
+from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data.files import load_measurements, read_run, save
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import load_estimate
-from sdp_vs_penalty.export_sdp import posed
-from sdp_vs_penalty.formats import save
-from sdp_vs_penalty.measurements import Measurements, load_measurements, read_run, save_csv
-from sdp_vs_penalty.problem import load_problem
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.export.sdp import posed
+from sdp_vs_penalty.problem.load import load_problem
 
 SUFFIXES = (".csv", ".npz", ".mat", ".parquet")
 
@@ -202,7 +202,7 @@ def test_every_verb_takes_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path
     names = [joint.name for joint in problem.robot.joints]
     bag, file, model = tmp_path / "bag", tmp_path / "run.csv", tmp_path / "model.json"
     write_bag(bag, run, names=names[::-1])
-    save_csv(run, file)
+    save(run, file)
     assert run_cli("identify", "two_link", "--data", bag, "--method", "ols", "--out", model) == 0
     errors = []
     for data in (bag, file):
@@ -276,7 +276,7 @@ def test_hdf5_and_other_matlab_surprises(tmp_path: Path) -> None:
 
 def test_output_suffix_and_unwritable_places(tmp_path: Path) -> None:
     source = tmp_path / "a.csv"
-    save_csv(some_run(), source)
+    save(some_run(), source)
     assert run_cli("convert", source, "--out", tmp_path / "b.xlsx") == 2
     (tmp_path / "file").write_text("")
     assert run_cli("convert", source, "--out", tmp_path / "file" / "b.csv") == 2

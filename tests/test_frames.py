@@ -5,9 +5,9 @@ from __future__ import annotations
 from small_runs import small_run
 
 from sdp_vs_penalty import compare, identify
-from sdp_vs_penalty.comparison import comparison_frame
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.tables.table import Column, Table
+from sdp_vs_penalty.diagnosis.comparison import comparison_frame
+from sdp_vs_penalty.paper.tables.table import Column, Table
+from sdp_vs_penalty.problem.problem import Problem
 
 
 def test_frames_hold_the_same_numbers(two_link: Problem) -> None:

@@ -11,8 +11,8 @@ import pytest
 import typer.main
 from small_runs import small_run, write_bag, write_run
 
-from sdp_vs_penalty.cli import app, expand_many, main
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.problem.problem import Problem
 
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 EXAMPLES = {

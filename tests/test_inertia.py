@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, pose
 
-from sdp_vs_penalty import inertia
+from sdp_vs_penalty.robot import inertia
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None, derandomize=True)
@@ -38,7 +38,7 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed: int) -> None:
 
 
 def test_order_is_that_of_pinocchio() -> None:
-    from sdp_vs_penalty._pinocchio import pin
+    from sdp_vs_penalty.robot._pinocchio import pin
 
     theta = link_parameters(np.random.default_rng(1), 0.5)
     body = pin.Inertia.FromDynamicParameters(theta)

@@ -7,20 +7,23 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from cvxpy_model import cvxpy_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.estimate import certify
-from sdp_vs_penalty.estimators import identify, make_estimator, make_task
-from sdp_vs_penalty.estimators.cvxpy_model import cvxpy_model
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpTwoStep, essential, interior_point
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import Preprocessing
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import LeastSquares, base_parameters, compress
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 seeds = st.integers(0, 2**32 - 1)
@@ -65,7 +68,7 @@ def toy_task(two_link: Problem) -> Task:
 
 
 def random_entropy(rng: np.random.Generator) -> tuple[Entropy, np.ndarray]:
-    from sdp_vs_penalty.constraints import pseudo_inertia
+    from sdp_vs_penalty.constraints.constraint import pseudo_inertia
 
     links = tuple(pseudo_inertia(f"link {k + 1}", 10 * k + np.arange(10) + 3) for k in range(2))
     nominal = np.array([inertia.pseudo_inertia(link_parameters(rng, 0.4)) for _ in links])
@@ -354,7 +357,7 @@ def real_task(panda: Problem, panda_run: Measurements) -> Task:
 @pytest.mark.real_data
 def test_figures_on_the_real_panda(panda: Problem, panda_run: Measurements) -> None:
     """Train on the first 14 s, test after 14.2 s: the figures that issue and README state."""
-    from sdp_vs_penalty.comparison import compare
+    from sdp_vs_penalty.diagnosis.comparison import compare
 
     train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
     assert len(panda_run.t) == 20_544

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.measurements import Measurements, concatenate, load_measurements, save_csv
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=25, deadline=None, derandomize=True)
@@ -39,7 +40,7 @@ def test_a_csv_file_gives_back_every_bit(
 ) -> None:
     path = tmp_path_factory.mktemp("m") / "run.csv"
     run = random_run(seed, n)
-    save_csv(run, path)
+    save(run, path)
     read = load_measurements(path)
     assert_same(run, read)
     assert read.data_hash == run.data_hash
@@ -71,7 +72,7 @@ def test_columns_may_come_in_any_order(tmp_path_factory: pytest.TempPathFactory,
     """More than nine joints: q10 comes after q9, not between q1 and q2."""
     folder = tmp_path_factory.mktemp("m")
     run = random_run(seed, 11)
-    save_csv(run, folder / "run.csv")
+    save(run, folder / "run.csv")
     lines = (folder / "run.csv").read_text().splitlines()
     cells = np.array([line.split(",") for line in lines])
     shuffled = cells[:, np.random.default_rng(seed).permutation(cells.shape[1])]
@@ -81,8 +82,8 @@ def test_columns_may_come_in_any_order(tmp_path_factory: pytest.TempPathFactory,
 
 def test_runs_stay_apart_and_in_order(tmp_path: Path) -> None:
     first, second = random_run(1, name="a.csv"), random_run(3, rows=25, name="b.csv")
-    save_csv(first, tmp_path / "a.csv")
-    save_csv(second, tmp_path / "b.csv")
+    save(first, tmp_path / "a.csv")
+    save(second, tmp_path / "b.csv")
     both = load_measurements(tmp_path / "a.csv", tmp_path / "b.csv")
     assert both.names == ("a.csv", "b.csv")
     for run, original in zip(both.runs(), (first, second), strict=True):
@@ -125,7 +126,7 @@ def test_the_hash_is_of_the_numbers_and_of_nothing_else() -> None:
 def test_robots_of_different_size_do_not_mix(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a has 3, b has 2"):
         concatenate([random_run(0, 3, name="a"), random_run(0, 2, name="b")])
-    save_csv(random_run(0, 3), tmp_path / "run.csv")
+    save(random_run(0, 3), tmp_path / "run.csv")
     with pytest.raises(InputError, match="the file has 3 joint"):
         load_measurements(tmp_path / "run.csv", joints=7)
     with pytest.raises(InputError, match="No measurement file"):
@@ -133,7 +134,7 @@ def test_robots_of_different_size_do_not_mix(tmp_path: Path) -> None:
 
 
 def test_windows_without_samples_are_refused(tmp_path: Path) -> None:
-    save_csv(random_run(0), tmp_path / "run.csv")
+    save(random_run(0), tmp_path / "run.csv")
     with pytest.raises(
         InputError, match=r"run\.csv: no samples between 1e\+06 s and its end: the run lasts"
     ):
@@ -157,5 +158,5 @@ def test_the_real_pandas_log_is_read(panda_run: Measurements) -> None:
 @pytest.mark.real_data
 def test_what_was_read_survives_our_own_format(panda_run: Measurements, tmp_path: Path) -> None:
     part = panda_run.window(5.0, 6.0)
-    save_csv(part, tmp_path / "part.csv")
+    save(part, tmp_path / "part.csv")
     assert_same(load_measurements(tmp_path / "part.csv"), part)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.noise import _differences, noise_floor, repeat_period
+from sdp_vs_penalty.signals.noise import _differences, noise_floor, repeat_period
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -99,7 +99,7 @@ def test_the_floor_is_the_noise_whatever_the_model_gets_wrong(repeats: str) -> N
 
 def test_the_floor_of_noise_in_the_band_is_unbiased() -> None:
     """What compare() hands over has passed the low-pass and is sampled at twice its Nyquist rate."""
-    from sdp_vs_penalty.kernels import Kernel
+    from sdp_vs_penalty.signals.kernels import Kernel
 
     rng = np.random.default_rng(2)
     kernel = Kernel(8.0, 1e-3)

@@ -24,10 +24,10 @@ from page_driver import (
     open_page,
 )
 
-from sdp_vs_penalty.comparison import compare
-from sdp_vs_penalty.estimate import load_estimate
-from sdp_vs_penalty.measurements import load_measurements
-from sdp_vs_penalty.urdf import load_urdf
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.robot.urdf import load_urdf
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext

@@ -29,7 +29,7 @@ from page_driver import (
     serving,
 )
 
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext
@@ -266,7 +266,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(
 
 
 def test_a_taken_port_is_said(server: Server) -> None:
-    code = "from sdp_vs_penalty.cli import main; main()"
+    code = "from sdp_vs_penalty.cli.main import main; main()"
     command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(server.port)]
     environment = {**os.environ, "PYTHONPATH": ROOT}
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)

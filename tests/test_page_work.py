@@ -16,18 +16,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import load_estimate
-from sdp_vs_penalty.hidden_runs import HiddenRuns, hidden_runs
-from sdp_vs_penalty.measurements import save_csv
+from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.charts import asked_span, torque_chart
 from sdp_vs_penalty.page.gate import Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
-from sdp_vs_penalty.plots import Curves, envelope
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.report.plots import Curves, envelope
+from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
 
 #: A job of seconds.
 LONG = {
@@ -71,7 +71,7 @@ def drop(session: Session, path: Path, name: str | None = None) -> None:
 def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp_path: Path) -> None:
     """The same models, numbers and files as the functions of the command line give."""
     for run, name in zip(hidden.runs, ("a.csv", "b.csv", "c.csv", "my test.csv"), strict=True):
-        save_csv(run, tmp_path / name)
+        save(run, tmp_path / name)
 
     async def story() -> Session:
         s = sessions.new()
@@ -93,7 +93,7 @@ def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp
     assert s.ladder[1]["judged_on"] == ["my test.csv"]
     assert s.added == set(s.findings["texts"][:1])  # type: ignore[index]
     estimate = load_estimate(s.ladder[1]["file"])
-    from sdp_vs_penalty.comparison import compare
+    from sdp_vs_penalty.diagnosis.comparison import compare
 
     assert compare(estimate, hidden.runs[3])[0].rmse.tolist() == pytest.approx(after, rel=1e-12)
     curves = s.curves(s.ladder[1])
@@ -113,7 +113,7 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(
 ) -> None:
     """Torques with the wrong sign: refused with the reason, as on the command line."""
     run = hidden.runs[0]
-    save_csv(replace(run, tau=-run.tau), tmp_path / "flipped.csv")
+    save(replace(run, tau=-run.tau), tmp_path / "flipped.csv")
 
     async def story() -> Session:
         s = sessions.new()
@@ -203,8 +203,8 @@ def test_of_a_dropped_run_only_its_samples_are_kept(
     sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
 ) -> None:
     """The file's copy goes when it was read, or refused; a file of the person's own stays."""
-    save_csv(hidden.runs[0], tmp_path / "own.csv")
-    save_csv(hidden.runs[1], tmp_path / "dropped.csv")
+    save(hidden.runs[0], tmp_path / "own.csv")
+    save(hidden.runs[1], tmp_path / "dropped.csv")
 
     async def story() -> Session:
         s = sessions.new()
@@ -456,7 +456,8 @@ def test_workers_start_where_temporary_names_are_long(tmp_path: Path) -> None:
 
 def test_without_the_extra_it_says_what_to_install() -> None:
     code = (
-        "import sys; sys.modules['nicegui'] = None; from sdp_vs_penalty.cli import main; main(['page'])"
+        "import sys; sys.modules['nicegui'] = None; "
+        "from sdp_vs_penalty.cli.main import main; main(['page'])"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     done = subprocess.run(

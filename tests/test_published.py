@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.published import errata, published_cell, published_links, published_values
-from sdp_vs_penalty.regression import base_parameters
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import errata, published_cell, published_links, published_values
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.robot import inertia
 
 #: Rows of Table III whose pi(p_hat) the paper leaves empty (erratum 8).
 EMPTY = {8, 24}

@@ -11,9 +11,10 @@ import pytest
 import typer.main
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty.cli import app, expand_many, main
-from sdp_vs_penalty.measurements import save_csv
-from sdp_vs_penalty.problem import Problem, load_problem
+from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -83,7 +84,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, panda: Problem) -> Path:
     for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv")):
         write_run(out / name, panda, seed=seed)
     (out / "my_arm.urdf").write_text(ARM)
-    save_csv(small_run(load_problem(out / "my_arm.urdf")), out / "my_run.csv")
+    save(small_run(load_problem(out / "my_arm.urdf")), out / "my_run.csv")
     return out
 
 

@@ -13,14 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import cli, inertia
-from sdp_vs_penalty.estimate import Estimate
-from sdp_vs_penalty.estimators import identify
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements, save_csv
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import make_report
 from sdp_vs_penalty.report.parameters import ellipsoid, joint_poses
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.simulation.experiment import experiment
 
 pytest.importorskip("plotly")
 
@@ -102,7 +104,7 @@ def test_the_figures_are_those_of_the_models(
     made: tuple[dict[str, Estimate], Measurements, str],
 ) -> None:
     models, run, html = made
-    from sdp_vs_penalty.comparison import compare
+    from sdp_vs_penalty.diagnosis.comparison import compare
 
     for comparison in compare(models, run):
         assert f"{comparison.relative_error_percent:.3f} %" in html
@@ -155,8 +157,8 @@ def test_the_verb_and_short_runs(two_link: Problem, tmp_path: Path) -> None:
     run = experiment(two_link).training_run(0)
     keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)
     short = replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=None)
-    save_csv(run, tmp_path / "run.csv")
-    save_csv(short, tmp_path / "short.csv")
+    save(run, tmp_path / "run.csv")
+    save(short, tmp_path / "short.csv")
     identify(two_link, run, "ols").save(tmp_path / "model.json")
     for name, words in (("run", "identifiable"), ("short", "too short for intervals")):
         out = tmp_path / f"{name}.html"

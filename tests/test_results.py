@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.problem import load_problem
-from sdp_vs_penalty.published import barycentric_names
-from sdp_vs_penalty.tables import build_tables, link_parameters, study, table_iii, table_iv
-from sdp_vs_penalty.tables.study import Study
+from sdp_vs_penalty.paper.tables import build_tables, link_parameters, study, table_iii, table_iv
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.published import barycentric_names
+from sdp_vs_penalty.robot import inertia
 
 RESULTS = Path(__file__).parents[1] / "results"
 FOLDERS = {"panda": RESULTS, "two_link": RESULTS / "two_link"}

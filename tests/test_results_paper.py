@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.engines import engine_types
-from sdp_vs_penalty.figures import figure_modules
-from sdp_vs_penalty.problem import load_problem
-from sdp_vs_penalty.tables import all_tables, build_tables, table_modules
-from sdp_vs_penalty.tables.study import Study
+from sdp_vs_penalty.paper.figures import figure_modules
+from sdp_vs_penalty.paper.tables import all_tables, build_tables, table_modules
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.simulation.engines import engine_types
 
 RESULTS = Path(__file__).parents[1] / "results"
 Row = dict[str, str]

@@ -13,16 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import cluster
-from sdp_vs_penalty.cluster import compress_files
+from sdp_vs_penalty import parallel as cluster
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import concatenate, save_csv
-from sdp_vs_penalty.problem import load_problem
-from sdp_vs_penalty.regression import compress
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.regression.recordings import compress_files
+from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.shootout import runner
 from sdp_vs_penalty.shootout.results import COLUMNS, Results, key
 from sdp_vs_penalty.shootout.runner import Shootout
+from sdp_vs_penalty.simulation.experiment import experiment
 
 PROBLEM = "two_link one-step gyration"
 TWO = f"{PROBLEM},two_link one-step plain"
@@ -107,7 +108,7 @@ def test_senseless_settings_are_refused(tmp_path: Path, accuracies: tuple[float,
 def test_killed_in_the_middle_and_resumed(tmp_path: Path) -> None:
     out = tmp_path / "s"
     command = [
-        sys.executable, "-c", "from sdp_vs_penalty.cli import main; main()", "shootout", "--solvers",
+        sys.executable, "-m", "sdp_vs_penalty", "shootout", "--solvers",
         "clarabel,scs,penalty", "--problems", TWO, "--jobs", "1", "--out", str(out),
     ]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -172,7 +173,7 @@ def test_files_compressed_by_workers_merge_to_one_pass(tmp_path: Path) -> None:
     files = []
     for k, part in enumerate(parts):
         files.append(tmp_path / f"run{k}.csv")
-        save_csv(part, files[-1])
+        save(part, files[-1])
     found = compress_files("two_link", files, jobs=2).least_squares()
     both = concatenate(parts)
     whole = compress(both, problem.model(), problem.preprocessing.resolve(both)).least_squares()

@@ -5,14 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.experiment import Experiment, experiment
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import filtered_torque
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.robot import Robot
-from sdp_vs_penalty.sigmoid_friction import (
+from sdp_vs_penalty.paper.sigmoid_friction import (
     SigmoidLinearised,
     coverage,
     exact_rows,
@@ -20,7 +16,11 @@ from sdp_vs_penalty.sigmoid_friction import (
     friction,
     residual_rms,
 )
-from sdp_vs_penalty.simulation import sigmoid_friction
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.preprocessing import filtered_torque
+from sdp_vs_penalty.simulation.experiment import Experiment, experiment
+from sdp_vs_penalty.simulation.simulate import sigmoid_friction
 
 
 @pytest.fixture(scope="module")

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sdp_vs_penalty.comparison import compare
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import identify
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements, load_measurements, save_csv
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.simulation import (
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation.simulate import (
     Sensor,
     innovation_share,
     model_torque,
@@ -145,5 +147,5 @@ def test_any_robot_has_an_experiment(tmp_path: Path) -> None:
 
 def test_a_simulated_run_reads_back_from_a_file(two_link: Problem, tmp_path: Path) -> None:
     run = experiment(two_link).training_run().window(0.0, 1.0)
-    save_csv(run, tmp_path / "run.csv")
+    save(run, tmp_path / "run.csv")
     assert load_measurements(tmp_path / "run.csv", joints=2).data_hash == run.data_hash

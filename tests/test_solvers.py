@@ -8,13 +8,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy import sparse
+from sdp_readers import read_cbf, read_sdpa
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.export_sdp import cbf_text, export_sdp, read_cbf, read_sdpa, sdpa_text
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.export.sdp import export_sdp
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import (
     absent,
     certificate,
@@ -24,10 +25,12 @@ from sdp_vs_penalty.solvers import (
     verified,
     version,
 )
+from sdp_vs_penalty.solvers.cbf_file import cbf_text
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.identification import SdpProblem, largest_margin, least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.options import options
+from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
 
 SOLVERS = solver_modules()
 NAMES = list(SOLVERS)

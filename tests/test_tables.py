@@ -14,21 +14,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import estimator_types, make_task
+from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpEntropic
 from sdp_vs_penalty.estimators.ols import Ols, condition_number, standard_deviations
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.published import barycentric_names
-from sdp_vs_penalty.regression import LeastSquares, compress, triangular
-from sdp_vs_penalty.tables import DEFAULT_TABLES, build_tables, make_tables
-from sdp_vs_penalty.tables import study as study_module
-from sdp_vs_penalty.tables.data import training_windows
-from sdp_vs_penalty.tables.study import METHODS, Study
-from sdp_vs_penalty.tables.table import Column, Table, escape_latex, number_column, plain_number, text
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, make_tables
+from sdp_vs_penalty.paper.tables import study as study_module
+from sdp_vs_penalty.paper.tables.data import training_windows
+from sdp_vs_penalty.paper.tables.study import METHODS, Study
+from sdp_vs_penalty.paper.tables.table import (
+    Column,
+    Table,
+    escape_latex,
+    number_column,
+    plain_number,
+    text,
+)
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import barycentric_names
+from sdp_vs_penalty.regression.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.robot import inertia
 
 
 class SmallStudy(Study):

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.trajectory import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.simulation.experiment import experiment
 
 #: The robot lags the generator's clock, most of it in its controller [s].
 LAG = 0.01745

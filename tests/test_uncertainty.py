@@ -7,18 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import inertia
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import identify
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements, concatenate
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.simulation import Sensor, model_torque, simulate
-from sdp_vs_penalty.trajectory import random_trajectory
-from sdp_vs_penalty.uncertainty import (
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.uncertainty import (
     IDENTIFIABLE,
     NOT_SEEN,
     WEAKLY,
@@ -28,6 +22,13 @@ from sdp_vs_penalty.uncertainty import (
     of_regression,
     uncertainty,
 )
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation.simulate import Sensor, model_torque, simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from small_runs import write_run
 
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem
 
 ROOT = Path(__file__).parents[1]
 
@@ -36,7 +36,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def call(installed: Path, cwd: Path, *arguments: str) -> str:
-    code = "from sdp_vs_penalty.cli import main; main()"
+    code = "from sdp_vs_penalty.cli.main import main; main()"
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     result = subprocess.run(
         [sys.executable, "-c", code, *arguments],

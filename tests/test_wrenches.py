@@ -7,21 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty._pinocchio import pin
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.published import published_links
-from sdp_vs_penalty.regression import base_parameters
-from sdp_vs_penalty.relaxed_retrieval import unfeasible_retrievals
-from sdp_vs_penalty.solvers.extremes import Slice
-from sdp_vs_penalty.wrenches import (
+from sdp_vs_penalty.paper.relaxed_retrieval import unfeasible_retrievals
+from sdp_vs_penalty.paper.wrenches import (
     WrenchIntervals,
     equal_torques,
     joint_wrenches,
     wrench_intervals,
     wrench_regressor,
 )
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.solvers.extremes import Slice
 
 
 def states(problem: Problem, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -20,16 +20,16 @@ import numpy as np
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from sdp_vs_penalty import bootstrap
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import joint_weights, make_task
+from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimators.lmi_sdp import essential, solve_sdp
-from sdp_vs_penalty.experiment import experiment
+from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.problem import load_problem
-from sdp_vs_penalty.regression import LeastSquares, compress
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.shootout import regular
 from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.identification import least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Objective

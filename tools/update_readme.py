@@ -45,7 +45,7 @@ def speed() -> list[list[str]]:
 
 def challenge() -> list[list[str]]:
     """How often the diagnosis is right, from results/challenge.json."""
-    from sdp_vs_penalty.challenge_report import shares
+    from sdp_vs_penalty.simulation.challenge.report import shares
 
     cases = json.loads((ROOT / "results" / "challenge.json").read_text())["cases"]
     return shares(list(cases.values()))

@@ -16,10 +16,10 @@ import numpy as np
 from sdp_vs_penalty.check import clock, dynamics, events, excitation, scale, signals
 from sdp_vs_penalty.check.finding import Finding
 from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import Preprocessing, _moving_joints, low_passed
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, _moving_joints, low_passed
 
 __all__ = ["Finding", "Report", "check"]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.finding import Array, Finding
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import _moving_joints
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.signals.preprocessing import _moving_joints
 
 #: A time step above this many medians is no jitter any more.
 _LONG = 5.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.check.finding import Finding, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, solve
-from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements
 
 #: A delay is named where it makes at least a fifth of the squared error ...
 _BETTER = 0.8

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from sdp_vs_penalty import uncertainty
 from sdp_vs_penalty.check.finding import Finding, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.regression import Factor, Regression, TimeBlock, triangular
+from sdp_vs_penalty.estimation import uncertainty
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
 
 _BLOCKS = 20
 #: Up to this share of unseen base parameters is what an ordinary motion of a good arm leaves.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from sdp_vs_penalty.check.finding import Array, joints_text
 from sdp_vs_penalty.check.hypothesis import BETTER, Hypothesis, few_rows, propose
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signals import angle_scale
-from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements
 
 
 def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

@@ -13,7 +13,7 @@ from sdp_vs_penalty.check.finding import Array, joints_text
 from sdp_vs_penalty.check.hypothesis import Hypothesis, propose
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signs import choose_signs
-from sdp_vs_penalty.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements
 
 Order = NDArray[np.intp]
 

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment, minimize
 
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

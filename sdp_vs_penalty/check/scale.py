@@ -9,9 +9,9 @@ import numpy as np
 
 from sdp_vs_penalty.check.finding import Finding
 from sdp_vs_penalty.check.physics import Physics
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.nominal import plausible_links
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.nominal import plausible_links
+from sdp_vs_penalty.problem.problem import Problem
 
 #: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
 #: place of the masses.

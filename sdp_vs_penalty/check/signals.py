@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.finding import Array, Finding, Repair, joints_text
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import (
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
     _highest_harmonic,
     _Movement,
     _moving_joints,
     low_passed,
 )
-from sdp_vs_penalty.robot import Robot
 
 #: Noise of quantisation above this share of the signal is worth a warning.
 _COARSE = 0.05

@@ -8,21 +8,24 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import ConstraintSet
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.library import SEVERAL
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate, certify, covariance, versions
-from sdp_vs_penalty.estimators import DEFAULT_METHOD, identify, joint_weights, make_estimator
+from sdp_vs_penalty.estimation.estimate import Estimate, certify, covariance, versions
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.nominal import plausible_links
-from sdp_vs_penalty.problem import Problem, load_problem, problem_names
-from sdp_vs_penalty.regression import LeastSquares, compress
+from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.problem.load import load_problem, problem_names
+from sdp_vs_penalty.problem.nominal import plausible_links
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
 
 Array = NDArray[np.float64]
 

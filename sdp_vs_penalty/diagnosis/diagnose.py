@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import explanations
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.findings import (
@@ -26,9 +27,8 @@ from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import score_library
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet, search_through
 from sdp_vs_penalty.diagnosis.verdict import Remainder
-from sdp_vs_penalty.estimate import Estimate
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import Preprocessing
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.ladder import Pick, Search
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, label_rows, least_squares, model_columns, white_rows
-from sdp_vs_penalty.estimate import Estimate
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import Preprocessing
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 

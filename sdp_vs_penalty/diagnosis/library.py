@@ -16,7 +16,7 @@ from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
 from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.model import Model
+from sdp_vs_penalty.effects.model import Model
 
 Array = NDArray[np.float64]
 

@@ -22,17 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate
-from sdp_vs_penalty.kernels import Kernel, LowPass, convolve
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import (
-    Preprocessing,
-    _Movement,
-    _rate,
-    _segments,
-)
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.kernels import Kernel, LowPass, convolve
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, _Movement, _rate, _segments
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_colu
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
 from sdp_vs_penalty.diagnosis.whitening import Noise, noise_of, pieces_of
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.estimate import Estimate
-from sdp_vs_penalty.noise import repeat_period
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.noise import repeat_period
 
 Array = NDArray[np.float64]
 

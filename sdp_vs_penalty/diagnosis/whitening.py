@@ -22,7 +22,7 @@ from sdp_vs_penalty.diagnosis.autoregression import ORDER, autoregression, besid
 from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, Segment
 from sdp_vs_penalty.effects.effect import smooth_sign
-from sdp_vs_penalty.noise import repeat_period
+from sdp_vs_penalty.signals.noise import repeat_period
 
 Array = NDArray[np.float64]
 

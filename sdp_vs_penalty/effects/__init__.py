@@ -10,7 +10,7 @@ from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot
 
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 

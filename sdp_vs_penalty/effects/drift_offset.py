@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from sdp_vs_penalty.effects.drift import Drift
 from sdp_vs_penalty.effects.effect import Array, Motion, Parameter
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot
 
 
 class DriftOffset(Drift):

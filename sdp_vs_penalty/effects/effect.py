@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Parameter, smooth_sign
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot
 
 
 class JointCoupling(JointEffect):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.robot import inertia
 
 
 class Payload(Effect):

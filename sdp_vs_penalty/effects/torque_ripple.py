@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot
 
 
 class TorqueRipple(Effect):

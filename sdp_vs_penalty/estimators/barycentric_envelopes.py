@@ -22,8 +22,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty.constraints import BarycentricBound, Constraint
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import Constraint
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.barycentric_envelopes import inner, moment_axes, outer
 from sdp_vs_penalty.estimators.catalogue_part import CataloguePart

@@ -15,10 +15,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet
-from sdp_vs_penalty.model import Model
-from sdp_vs_penalty.regression import LeastSquares, base_parameters, nearest_least_squares
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.regression import LeastSquares, nearest_least_squares
 from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]

@@ -16,10 +16,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp

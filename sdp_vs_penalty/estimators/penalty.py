@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.estimators.barycentric import (
     BarycentricPart,
     OneSided,
@@ -29,7 +29,7 @@ from sdp_vs_penalty.estimators.shifted_penalty import (
     minimise,
     scaled_loss,
 )
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.objective import Objective
 

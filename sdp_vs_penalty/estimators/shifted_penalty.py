@@ -27,8 +27,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import ConstraintStack, project, projection_curvature
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.constraints.cones import project, projection_curvature
+from sdp_vs_penalty.constraints.constraint import ConstraintStack
+from sdp_vs_penalty.regression.regression import LeastSquares
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export.content import Content
 from sdp_vs_penalty.export.mjcf import make_mjcf
 from sdp_vs_penalty.export.numpy_function import make_function

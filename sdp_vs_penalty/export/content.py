@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
 

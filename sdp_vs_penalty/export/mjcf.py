@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import model as model_module
+from sdp_vs_penalty.effects import model as model_module
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export import plain_robot
 from sdp_vs_penalty.export.content import number
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.robot.robot import Robot
 
 _PACKAGE = "sdp_vs_penalty"
 _TEMPLATE = '''\

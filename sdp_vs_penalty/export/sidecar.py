@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot import inertia
 
 #: Which effects the other formats hold, for whoever reads a sidecar beside one of them.
 HELD_BY = {

@@ -9,12 +9,12 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import inertia
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers, require_consistent
 from sdp_vs_penalty.export.splice import Document
-from sdp_vs_penalty.robot import Joint, Robot
-from sdp_vs_penalty.urdf import load_urdf
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.urdf import load_urdf
 
 Array = NDArray[np.float64]
 

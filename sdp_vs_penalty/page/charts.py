@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sdp_vs_penalty.plots import Curves, ladder_figure, styled, torque_figure
+from sdp_vs_penalty.report.plots import Curves, ladder_figure, styled, torque_figure
 
 
 def torque_chart(

@@ -13,21 +13,23 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.check import check
-from sdp_vs_penalty.datasets import DATASETS, cache_folder
+from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import add, diagnose
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import load_estimate
-from sdp_vs_penalty.estimators import estimator_types, identify
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.formats.table import write_npz
-from sdp_vs_penalty.hidden_effects import LEVELS, hideable
-from sdp_vs_penalty.hidden_runs import hidden_runs
-from sdp_vs_penalty.measurements import Measurements, concatenate, load_measurements
 from sdp_vs_penalty.page.summary import Runs, summary, violation
-from sdp_vs_penalty.problem import Problem, load_problem, problem_names
-from sdp_vs_penalty.real_data import real_data_folder
+from sdp_vs_penalty.problem.load import load_problem, problem_names
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
+from sdp_vs_penalty.simulation.hidden_effects import LEVELS, hideable
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
 #: between, so that no filter sees both.
@@ -208,7 +210,7 @@ def find(request: Request, progress: Progress) -> Answer:
 
 def methods(request: Request, progress: Progress) -> Answer:
     """The same effects by other methods, judged alike."""
-    from sdp_vs_penalty.comparison import compare
+    from sdp_vs_penalty.diagnosis.comparison import compare
 
     problem, runs = _problem(request), _runs(request)
     effects = load_estimate(request["model"]).model.effects
@@ -303,7 +305,7 @@ def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict
     part = replace(concatenate([part]), names=(name,))
     (found,) = check(problem, part, thorough=False)
     file = f"run-{part.data_hash[:16]}.npz"
-    write_npz(part, folder / file)
+    save(part, folder / file)
     seconds = float(part.t[-1] - part.t[0])
     return {
         "file": file,

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sdp_vs_penalty.page.workshop import Work, Workshop
-from sdp_vs_penalty.plots import Curves
+from sdp_vs_penalty.report.plots import Curves
 
 #: Before the first identification of a robot.
 METHOD = "lmi-sdp"

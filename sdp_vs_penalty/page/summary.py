@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.comparison import compare, predicted
-from sdp_vs_penalty.constraints import BarycentricBound
+from sdp_vs_penalty.constraints.constraint import BarycentricBound
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import compare, predicted
+from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import filtered_torque
-from sdp_vs_penalty.where_it_fails import where_it_fails
+from sdp_vs_penalty.signals.preprocessing import filtered_torque
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sdp_vs_penalty.check import check
-from sdp_vs_penalty.comparison import compare
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import _problem_of
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
-from sdp_vs_penalty.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty, uncertainty
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import filtered_torque
-from sdp_vs_penalty.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import evidence, parameters, sections
 from sdp_vs_penalty.report.document import page
 from sdp_vs_penalty.report.section import Material
-from sdp_vs_penalty.uncertainty import Uncertainty, uncertainty
-from sdp_vs_penalty.where_it_fails import where_it_fails
+from sdp_vs_penalty.signals.preprocessing import filtered_torque
 
 _SECTIONS = (
     sections.summary,

@@ -7,18 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.plots import COLOURS, MEASURED
-from sdp_vs_penalty.report.section import (
-    Material,
-    Section,
-    figure,
-    number,
-    table,
-    text,
-)
-from sdp_vs_penalty.robot import Robot
-from sdp_vs_penalty.uncertainty import Interval, counts
+from sdp_vs_penalty.estimation.uncertainty import Interval, counts
+from sdp_vs_penalty.report.plots import COLOURS, MEASURED
+from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import Report
-from sdp_vs_penalty.comparison import Comparison
-from sdp_vs_penalty.estimate import Estimate
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.plots import styled
-from sdp_vs_penalty.preprocessing import Rows
-from sdp_vs_penalty.problem import Problem
-from sdp_vs_penalty.uncertainty import Uncertainty
-from sdp_vs_penalty.where_it_fails import JointFailure
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.report.plots import styled
+from sdp_vs_penalty.signals.preprocessing import Rows
 
 Array = NDArray[np.float64]
 

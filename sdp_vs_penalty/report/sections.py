@@ -7,17 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.comparison import predicted
-from sdp_vs_penalty.model import JointColumns
-from sdp_vs_penalty.plots import POINTS, Curves, ladder_figure, torque_figure
-from sdp_vs_penalty.report.section import (
-    Material,
-    Section,
-    figure,
-    number,
-    table,
-    text,
-)
+from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.effects.model import JointColumns
+from sdp_vs_penalty.report.plots import POINTS, Curves, ladder_figure, torque_figure
+from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 
 Array = NDArray[np.float64]
 

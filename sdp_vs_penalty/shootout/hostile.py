@@ -10,15 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.preprocessing import filtered_rows
-from sdp_vs_penalty.problem import load_problem
-from sdp_vs_penalty.regression import LeastSquares, triangular
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.regression.regression import LeastSquares, triangular
 from sdp_vs_penalty.shootout import regular
 from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.signals.preprocessing import filtered_rows
+from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.real_data import real_data_folder
+from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.shootout import hostile, regular
 from sdp_vs_penalty.shootout.instance import Instance
 

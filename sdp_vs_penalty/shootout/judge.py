@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import Constraint
+from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from sdp_vs_penalty.constraints import Constraint
+from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
 

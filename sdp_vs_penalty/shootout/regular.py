@@ -8,22 +8,23 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import constraints as build
-from sdp_vs_penalty import inertia
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet
-from sdp_vs_penalty.datasets import UR10E_DRIVE_GAINS, clean_stretch
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators import make_task
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
-from sdp_vs_penalty.experiment import experiment
-from sdp_vs_penalty.measurements import Measurements
-from sdp_vs_penalty.problem import Problem, load_problem
-from sdp_vs_penalty.real_data import measured_run, real_data_folder
-from sdp_vs_penalty.regression import LeastSquares, compress, triangular
-from sdp_vs_penalty.robot import Robot
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.real_data import measured_run, real_data_folder
+from sdp_vs_penalty.regression.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.shootout.instance import Instance
+from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Array = NDArray[np.float64]

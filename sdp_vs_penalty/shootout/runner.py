@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.cluster import spread
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen
 from sdp_vs_penalty.shootout.instances import GROUPS, Entry, instance, selected
 from sdp_vs_penalty.shootout.results import Results

@@ -23,15 +23,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints import (
-    BarycentricBound,
-    Constraint,
-    ConstraintSet,
-    cone_margin,
-    project,
-    smallest_eigenvalue,
-)
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eigenvalue
+from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
 

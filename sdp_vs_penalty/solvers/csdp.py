@@ -6,7 +6,7 @@ import re
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.options import options
-from sdp_vs_penalty.solvers.sdpa_format import read_solution, run_program
+from sdp_vs_penalty.solvers.programs import read_solution, run_program
 
 NAME = "csdp"
 EXTRA = "a system package: coinor-csdp"

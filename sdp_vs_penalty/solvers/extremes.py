@@ -21,7 +21,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints import Constraint, ConstraintSet, project
+from sdp_vs_penalty.constraints.cones import project
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import cone_margin_batch, repair

@@ -16,8 +16,8 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints import Constraint
-from sdp_vs_penalty.regression import nearest_least_squares
+from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.regression.regression import nearest_least_squares
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints import Constraint
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.regression.regression import LeastSquares
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.options import options
-from sdp_vs_penalty.solvers.sdpa_format import run_program
+from sdp_vs_penalty.solvers.programs import run_program
 
 NAME = "sdpa-program"
 EXTRA = "a system package: sdpa"

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints import Constraint
-from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec
 from sdp_vs_penalty.solvers.identification import Placed, SdpProblem
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.constraints import Constraint
+from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Array = NDArray[np.float64]
@@ -202,7 +202,7 @@ def proves_infeasible(
     0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas). It is the
     lower bound of the objective zero: positive exactly if the set is empty.
     """
-    from sdp_vs_penalty.regression import LeastSquares
+    from sdp_vs_penalty.regression.regression import LeastSquares
 
     p = len(bound)
     nothing = Objective(LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0))

@@ -1,0 +1,154 @@
+"""Which inertials of a URDF are physically possible, by how much, and the nearest ones that are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.export.content import ROUNDING, Inertial
+from sdp_vs_penalty.export.splice import Document
+from sdp_vs_penalty.export.urdf import write_inertial
+from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.urdf import load_urdf, read_inertial
+
+Array = NDArray[np.float64]
+
+#: m: no link of an arm has its mass that far from its own centre.
+_FAR = 3.0
+
+
+@dataclass(frozen=True)
+class LinkCheck:
+    """One link's inertial as the file writes it.
+
+    triangle_margin : smallest of D1 + D2 - D3 over the principal moments about the centre of mass
+        [kg m^2], >= 0 for a possible body; pseudo_inertia_margin : smallest eigenvalue of the 4x4
+        pseudo-inertia about the link's origin (kg, kg m, kg m^2 mixed: its sign is what counts);
+    nearest : consistent Inertial nearest to that of the link, None where it is consistent already or
+        has no positive mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2]; gyration :
+        sqrt(tr I / (2 m)) about the centre of mass [m]: how far out the mass lies, in the mean.
+    """
+
+    link: str
+    mass: float
+    triangle_margin: float
+    pseudo_inertia_margin: float
+    verdict: str
+    nearest: Inertial | None = None
+    distance: float = 0.0
+    gyration: float = 0.0
+
+    @property
+    def unlikely(self) -> bool:
+        """A body that can exist, but not in an arm: as if its mass lay :data:`_FAR` or farther out."""
+        return self.consistent and self.gyration > _FAR
+
+    @property
+    def consistent(self) -> bool:
+        return self.verdict == "consistent"
+
+    def to_dict(self) -> dict[str, Any]:
+        out: dict[str, Any] = {
+            "link": self.link,
+            "mass": self.mass,
+            "triangle_margin": self.triangle_margin,
+            "pseudo_inertia_margin": self.pseudo_inertia_margin,
+            "consistent": self.consistent,
+            "verdict": self.verdict,
+            "radius_of_gyration": self.gyration,
+        }
+        if self.nearest is not None:
+            values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
+            out |= {"nearest_inertia": values, "distance": self.distance}
+        return out
+
+
+def check_urdf(path: str | Path) -> list[LinkCheck]:
+    """Check every inertial of a URDF, in the order of the file.
+
+    Raises InputError for a file that is not a URDF of a tree of joints.
+    """
+    load_urdf(path)  # says in a sentence whatever else is wrong with the file
+    checks = []
+    for element in Document.read(path).root.findall("link"):
+        if element.find("inertial") is None:
+            continue
+        checks.append(_check(str(element.get("name")), read_inertial(path, element)))
+    return checks
+
+
+def massless_links(path: str | Path) -> list[str]:
+    """Names of the links that a joint moves and that have no inertial, nor anything fixed to them has.
+
+    Simulators refuse them or drop them. Raises InputError as :func:`check_urdf` does.
+    """
+    robot, nominal = load_urdf(path)
+    child = {
+        joint.get("name"): str(joint.find("child").get("link"))
+        for joint in Document.read(path).root.findall("joint")
+    }
+    return [child[j.name] for j, theta in zip(robot.joints, nominal, strict=True) if not theta.any()]
+
+
+def _check(name: str, theta: Array) -> LinkCheck:
+    mass = float(theta[0])
+    pseudo = inertia.pseudo_inertia(theta)
+    margin = float(np.linalg.eigvalsh(pseudo)[0])
+    if mass <= 0.0:
+        empty = mass == 0.0 and not theta.any()
+        verdict = "consistent" if empty else "the mass is negative"
+        if mass == 0.0 and not empty:
+            verdict = "no mass, and yet a moment of inertia"
+        return LinkCheck(name, mass, 0.0 if empty else float("nan"), margin, verdict)
+    about_com = inertia.inertia_matrix(inertia.barycentric_from_standard(theta)[4:])
+    triangle = float(inertia.triangle_margin(theta))
+    scale = float(np.trace(about_com))
+    if triangle >= -ROUNDING * scale and np.linalg.eigvalsh(about_com)[0] >= -ROUNDING * scale:
+        gyration = float(np.sqrt(max(scale, 0.0) / (2.0 * mass)))
+        return LinkCheck(name, mass, triangle, margin, "consistent", gyration=gyration)
+    nearest = nearest_inertia(about_com)
+    com = theta[1:4] / mass
+    negative = np.linalg.eigvalsh(about_com)[0] < -ROUNDING * abs(scale)
+    verdict = "a moment of inertia is negative" if negative else "the triangle inequality is violated"
+    distance = float(np.linalg.norm(about_com - nearest))
+    return LinkCheck(name, mass, triangle, margin, verdict, Inertial(mass, com, nearest), distance)
+
+
+def nearest_inertia(about_com: Array) -> Array:
+    """The consistent inertia (3, 3) nearest to a symmetric one, in the Frobenius norm.
+
+    Mass and centre of mass stay. The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment
+    of the mass, are invariant to rotation, so that the projection keeps the principal axes and acts
+    on the principal moments: D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0, a least-squares problem in
+    three non-negative unknowns (Lewis, SIAM J. Optimization 1996, for spectral sets in general).
+    """
+    moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
+    second, _ = nnls(1.0 - np.eye(3), moments)
+    # As far inside as it takes to survive being written as text and read again.
+    second = second + 4.0 * ROUNDING * second.sum()
+    return np.asarray((axes * (second.sum() - second)) @ axes.T, float)
+
+
+def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) -> None:
+    """The same URDF, byte for byte, but for the inertials that were inconsistent.
+
+    Raises InputError where a link has no positive mass: no inertia is nearest then.
+    """
+    document = Document.read(path)
+    links = {link.get("name"): link for link in document.root.findall("link")}
+    for check in checks:
+        if check.nearest is not None:
+            write_inertial(document, links[check.link], check.nearest)
+        elif not check.consistent:
+            raise InputError(
+                f"{path}: link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict}), and "
+                "only you can know the right one: correct it in the file."
+            )
+    write_bytes(out, document.edited())

@@ -1,0 +1,101 @@
+"""What there is to choose from, read from the folders that hold it: for `list` and the README."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sdp_vs_penalty.errors import InputError
+
+Rows = list[tuple[str, ...]]
+Listing = tuple[tuple[str, ...], Rows]
+
+
+def listing(kind: str) -> Listing:
+    """Headings and rows of one kind of thing that can be chosen; names come first."""
+    return _KINDS[kind]()
+
+
+#: Columns of a long listing that fit beside each other; all of them are shown of a single thing.
+_SHORT = {"effects": 2}
+
+
+def short_listing(kind: str) -> Listing:
+    """The columns to choose by: a line or two a name."""
+    headings, rows = listing(kind)
+    columns = _SHORT.get(kind, len(headings))
+    return headings[:columns], [row[:columns] for row in rows]
+
+
+def details(kind: str, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Headings and the whole row of one name; InputError where there is none."""
+    headings, rows = listing(kind)
+    for row in rows:
+        if row[0] == name:
+            return headings, row
+    raise InputError(f"{kind}: {name!r} is unknown; there are: {', '.join(row[0] for row in rows)}.")
+
+
+def _problems() -> Listing:
+    from sdp_vs_penalty.problem.load import load_problem, problem_names
+
+    rows: Rows = []
+    for name in problem_names():
+        problem = load_problem(name)
+        rows.append((name, str(problem.robot.n), problem.torque_side, problem.title))
+    return ("name", "joints", "torque side", "what it is"), rows
+
+
+def _effects() -> Listing:
+    from sdp_vs_penalty.effects import effect_types
+
+    rows: Rows = []
+    for name, kind in effect_types().items():
+        shape = ", ".join(f"{key}={value:g}" for key, value in kind.shape_defaults.items())
+        acts = "whole robot" if kind.whole_robot else "joint by joint"
+        if kind.frozen_only:
+            acts += "; seen with --frozen only"
+        rows.append((name, kind.equation, shape, acts, kind.explanation, kind.reference))
+    return ("name", "torque", "shape constants", "acts on", "what it is", "reference"), rows
+
+
+def _methods() -> Listing:
+    from sdp_vs_penalty.estimators import estimator_types
+
+    return ("name", "what it is"), [(name, kind.description) for name, kind in estimator_types().items()]
+
+
+def _solvers() -> Listing:
+    from sdp_vs_penalty.solvers import absent, installed_by, solver_modules
+
+    rows: Rows = []
+    for name, module in solver_modules().items():
+        here = "yes" if absent(module) is None else "absent"
+        rows.append((name, here, installed_by(module), (module.__doc__ or "").strip().splitlines()[0]))
+    return ("name", "here", "installed by", "what it is"), rows
+
+
+def _datasets() -> Listing:
+    from sdp_vs_penalty.data.datasets import DATASETS
+
+    rows: Rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
+    return ("name", "problem", "licence", "what it is"), rows
+
+
+def _engines() -> Listing:
+    from sdp_vs_penalty.simulation.engines import engine_types
+
+    rows: Rows = [
+        (name, kind.version() or "absent", kind.install, kind.formulation)
+        for name, kind in engine_types().items()
+    ]
+    return ("name", "version here", "installed by", "formulation"), rows
+
+
+_KINDS: dict[str, Callable[[], Listing]] = {
+    "problems": _problems,
+    "effects": _effects,
+    "methods": _methods,
+    "solvers": _solvers,
+    "datasets": _datasets,
+    "engines": _engines,
+}

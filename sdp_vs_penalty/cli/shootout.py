@@ -1,0 +1,130 @@
+"""The verbs of the solver shootout, registered by cli.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sdp_vs_penalty.errors import InputError
+
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+
+_QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
+
+
+def register(app: typer.Typer) -> None:
+    """Add `shootout` and `export-sdp` to the command line."""
+    app.command()(shootout)
+    app.command("export-sdp")(export_sdp)
+
+
+def shootout(
+    solvers: Annotated[
+        str | None, typer.Option(metavar="a,b,...", help="Default: all that are installed.")
+    ] = None,
+    problems: Annotated[
+        str,
+        typer.Option(metavar="a,b,...", help="Groups or names of instances, see --list."),
+    ] = "panda,two_link,ur10e,chains,hostile",
+    accuracy: Annotated[
+        str | None,
+        typer.Option(metavar="1e-4,1e-8", help="What to ask of solvers; default 1e-4,1e-6,1e-8."),
+    ] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Processor time of a run; default 60, quick 10."),
+    ] = None,
+    memory: Annotated[float, typer.Option(metavar="GB", help="For each run.")] = 4.0,
+    quick: Annotated[bool, typer.Option("--quick", help="A few instances, one accuracy.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder; runs that it holds are not done again.")] = Path(
+        "results/shootout"
+    ),
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Of a Dask cluster; default: here.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=0, help="Runs at a time here; 0: one a core.")] = 0,
+    show: Annotated[bool, typer.Option("--list", help="List instances and solvers.")] = False,
+    debug: Debug = False,
+) -> None:
+    """Run SDP solvers on identification problems and judge each answer by a proved interval.
+
+    Example: [cyan]sdp-vs-penalty shootout --quick --out shootout[/cyan]
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.shootout import runner, summary
+
+    if show:
+        _list()
+        return
+    text = accuracy or (_QUICK_ACCURACY if quick else ",".join(f"{a:g}" for a in runner.ACCURACIES))
+    limit = time_limit if time_limit is not None else _QUICK_LIMIT if quick else 60.0
+    setup = runner.Shootout(
+        out,
+        None if solvers is None else _words(solvers),
+        _words(problems),
+        _accuracies(text),
+        limit,
+        memory,
+        quick,
+        scheduler,
+        jobs,
+    )
+    with runner.progress_bar() as progress:
+        outcome = runner.run(setup, progress)
+    for note in outcome.notes:
+        console.err.print(note, markup=False, soft_wrap=True)
+    written = summary.write_summary(
+        out, outcome.results.rows, limit, outcome.absent, outcome.not_applicable
+    )
+    for sentence in summary.sentences(outcome.results.rows, limit):
+        console.out.print(sentence, markup=False, soft_wrap=True)
+    for path in (outcome.results.path, *written):
+        console.out.print(f"written: {path}", markup=False, soft_wrap=True)
+
+
+def export_sdp(
+    problem: Annotated[str, typer.Argument(help="A built-in name, a folder, or a URDF file.")],
+    data: Annotated[list[Path], typer.Option("--data", metavar="RUN.csv ...", help="Measured runs.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="A .dat-s (sparse SDPA) or .cbf file.")],
+    method: Annotated[str, typer.Option(help="lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic.")] = "lmi-sdp",
+    effects: Annotated[str | None, typer.Option(metavar="a,b,c", help="As for identify.")] = None,
+    debug: Debug = False,
+) -> None:
+    """Write the identification SDP as a file for a solver that is not in the list.
+
+    Example: [cyan]sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf[/cyan]
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.export.sdp import export_sdp as write
+    from sdp_vs_penalty.export.sdp import posed
+
+    conic = posed(problem, data, method, effects)
+    write(conic, out)
+    rows, columns = conic.A.shape
+    console.out.print(f"written: {out} ({columns} variables, {rows} rows)", markup=False, soft_wrap=True)
+
+
+def _list() -> None:
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.shootout.contestants import contestants
+    from sdp_vs_penalty.shootout.instances import catalogue
+
+    rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
+    console.listing("instances", ("name", "group", ""), rows)
+    people = [(c.name, c.absent or "here", c.description) for c in contestants().values()]
+    console.listing("solvers", ("name", "here", "what it is"), people)
+
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _accuracies(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in _words(text))
+    except ValueError:
+        raise InputError(
+            f"--accuracy {text!r}: write numbers separated by commas, like 1e-4,1e-8."
+        ) from None

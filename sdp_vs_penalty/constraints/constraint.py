@@ -1,0 +1,221 @@
+"""What makes parameters admissible, as data: arrays that every method and the certificate read.
+
+A convex constraint is an affine family F(theta) = F_0 + sum_i theta_i F_i in a cone: positive
+semidefinite matrices, the second-order cone {(s, u): |u| <= s}, or non-negative numbers. The SDP
+imposes these arrays, the penalty methods read violation and gradient from them, the certificate
+checks them. Bounds that are not convex in the standard parameters are kept beside them as
+:class:`BarycentricBound`: which method receives which is said in each table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.constraints.cones import cone_margin
+from sdp_vs_penalty.robot import inertia
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """F_0 + sum_i theta[indices[i]] F_i in a cone.
+
+    family : what kind of demand it is ("pseudo-inertia", "mass", ...); name : of whom ("link 3").
+    cone : "psd" (constant (d, d), coefficients (k, d, d)), "soc" or "nonnegative" (constant (d,),
+        coefficients (k, d)); a second-order cone's first entry is its axis.
+    """
+
+    family: str
+    name: str
+    cone: str
+    indices: NDArray[np.intp]
+    constant: Array
+    coefficients: Array
+
+    def value(self, theta: ArrayLike) -> Array:
+        """F(theta)."""
+        part = np.asarray(theta, float)[self.indices]
+        return self.constant + np.tensordot(part, self.coefficients, axes=(0, 0))
+
+    def margin(self, theta: ArrayLike) -> float:
+        """Distance to the cone's boundary, in the cone's units: negative exactly if violated."""
+        return cone_margin(self.cone, self.value(theta))
+
+    @property
+    def identity(self) -> Array:
+        """The element e of the cone for which margin(F + t e) = margin(F) + t."""
+        if self.cone == "psd":
+            return np.eye(len(self.constant))
+        if self.cone == "soc":
+            return np.eye(len(self.constant))[0]
+        return np.ones(len(self.constant))
+
+    def adjoint(self, multiplier: Array) -> Array:
+        """(k,) inner products <F_i, S> of the coefficients with a multiplier S."""
+        axes = tuple(range(1, self.coefficients.ndim))
+        return np.tensordot(self.coefficients, multiplier, axes=(axes, tuple(range(multiplier.ndim))))
+
+
+@dataclass(frozen=True)
+class BarycentricBound:
+    """lower <= x <= upper for an entry x of a link's inertia about its centre of mass [kg m^2].
+
+    Not convex in the standard parameters for products of inertia and for upper bounds on moments:
+    I = J - m (c.c 1 - c c^T). The penalty methods take it as it is; where it has a convex
+    consequence the problem gives that to the SDP as a Constraint of family "trace".
+    """
+
+    name: str
+    link: int  # from 0
+    indices: NDArray[np.intp]  # (10,) of the link in theta
+    entry: int  # 0..5 in our order
+    lower: float
+    upper: float
+    family: str = "barycentric inertia"
+
+    def value(self, theta: ArrayLike) -> float:
+        part = np.asarray(theta, float)[self.indices]
+        return float(inertia.barycentric_from_standard(part)[4 + self.entry])
+
+    def margin(self, theta: ArrayLike) -> float:
+        x = self.value(theta)
+        if not np.isfinite(x):  # a massless link: no inertia about a centre of mass
+            return 0.0
+        return min(x - self.lower, self.upper - x)
+
+
+@dataclass(frozen=True)
+class ConstraintSet:
+    """All demands on theta: convex ones, and those only some methods can take."""
+
+    convex: tuple[Constraint, ...]
+    nonconvex: tuple[BarycentricBound, ...] = ()
+
+    def worst(self, theta: ArrayLike) -> dict[str, float]:
+        """Worst violation of each family, max(0, -margin), in the family's own units."""
+        out: dict[str, float] = {}
+        demands: tuple[Constraint | BarycentricBound, ...] = (*self.convex, *self.nonconvex)
+        for constraint in demands:
+            violation = max(0.0, -constraint.margin(theta))
+            out[constraint.family] = max(out.get(constraint.family, 0.0), violation)
+        return out
+
+    def margin(self, theta: ArrayLike) -> float:
+        """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible for the SDP."""
+        return min((c.margin(theta) for c in self.convex), default=np.inf)
+
+    def with_families(self, keep: Callable[[str], bool]) -> ConstraintSet:
+        """Only the families for which ``keep`` is true."""
+        return ConstraintSet(
+            tuple(c for c in self.convex if keep(c.family)),
+            tuple(c for c in self.nonconvex if keep(c.family)),
+        )
+
+    def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
+        return ConstraintSet(self.convex + tuple(more), self.nonconvex)
+
+    @cached_property
+    def stacks(self) -> tuple[ConstraintStack, ...]:
+        """The convex constraints grouped by cone and size, for methods that evaluate them often."""
+        groups: dict[tuple[str, tuple[int, ...]], list[Constraint]] = {}
+        for constraint in self.convex:
+            groups.setdefault((constraint.cone, constraint.constant.shape), []).append(constraint)
+        size = 1 + max((int(c.indices.max(initial=-1)) for c in self.convex), default=-1)
+        return tuple(ConstraintStack.of(cone, group, size) for (cone, _), group in groups.items())
+
+
+@dataclass(frozen=True)
+class ConstraintStack:
+    """Equal cones of equal size side by side: F (g, ...) = constant + matrix theta."""
+
+    cone: str
+    shape: tuple[int, ...]
+    constant: Array  # (g * d,) flattened
+    matrix: Array  # (g * d, p')
+    members: tuple[Constraint, ...]
+
+    @classmethod
+    def of(cls, cone: str, members: Sequence[Constraint], size: int) -> ConstraintStack:
+        shape = members[0].constant.shape
+        entries = int(np.prod(shape))
+        matrix = np.zeros((len(members), entries, size))
+        for k, c in enumerate(members):
+            matrix[k][:, c.indices] = c.coefficients.reshape(len(c.indices), entries).T
+        constant = np.concatenate([c.constant.ravel() for c in members])
+        return cls(cone, shape, constant, matrix.reshape(-1, size), tuple(members))
+
+    def values(self, theta: Array) -> Array:
+        """(g, *shape) all F(theta)."""
+        flat = self.constant + self.matrix @ theta[: self.matrix.shape[1]]
+        return flat.reshape(len(self.members), *self.shape)
+
+
+def pseudo_inertia(name: str, indices: ArrayLike) -> Constraint:
+    """P(theta) >= 0: contains m >= 0, positive definiteness and the triangle inequalities."""
+    return _psd("pseudo-inertia", name, indices, inertia.PSEUDO_INERTIA_BASIS)
+
+
+def minimum_thickness(name: str, indices: ArrayLike, radius: float) -> Constraint:
+    """Sigma_c >= m r^2 1, as [[Sigma - m r^2 1, m c], [(m c)^T, m]] >= 0 (Schur complement).
+
+    Keeps the SDP from answering with rods of zero thickness [radius in m].
+    """
+    coefficients = inertia.PSEUDO_INERTIA_BASIS.copy()
+    coefficients[0, :3, :3] -= radius**2 * np.eye(3)
+    return _psd("minimum thickness", name, indices, coefficients)
+
+
+def density_in_ellipsoid(
+    name: str, indices: ArrayLike, centre: ArrayLike, half_axes: ArrayLike
+) -> Constraint:
+    """The mass lies inside an ellipsoid: tr(P Q) >= 0 (Wensing, Kim, Slotine 2018, eq. 20).
+
+    With D = diag(1 / half_axes^2), the mean of 1 - (x - centre)^T D (x - centre) over the density
+    is non-negative: linear in theta. Bounds the whole pseudo-inertia by the mass.
+    """
+    c, weights = np.asarray(centre, float), 1.0 / np.asarray(half_axes, float) ** 2
+    q = np.zeros((4, 4))
+    q[:3, :3] = -np.diag(weights)
+    q[:3, 3] = q[3, :3] = weights * c
+    q[3, 3] = 1.0 - float(c @ (weights * c))
+    row = np.einsum("kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, q)
+    return linear("bounding ellipsoid", name, indices, row[:, None], [0.0])
+
+
+def linear(
+    family: str, name: str, indices: ArrayLike, coefficients: ArrayLike, constant: ArrayLike
+) -> Constraint:
+    """constant + coefficients^T theta >= 0, entry by entry; coefficients (k, d)."""
+    return Constraint(
+        family,
+        name,
+        "nonnegative",
+        np.asarray(indices, np.intp),
+        np.asarray(constant, float),
+        np.asarray(coefficients, float),
+    )
+
+
+def second_order(
+    family: str, name: str, indices: ArrayLike, coefficients: ArrayLike, constant: ArrayLike
+) -> Constraint:
+    """|u| <= s with (s, u) = constant + coefficients^T theta; coefficients (k, 1 + dim u)."""
+    return Constraint(
+        family,
+        name,
+        "soc",
+        np.asarray(indices, np.intp),
+        np.asarray(constant, float),
+        np.asarray(coefficients, float),
+    )
+
+
+def _psd(family: str, name: str, indices: ArrayLike, coefficients: Array) -> Constraint:
+    d = coefficients.shape[1]
+    return Constraint(family, name, "psd", np.asarray(indices, np.intp), np.zeros((d, d)), coefficients)

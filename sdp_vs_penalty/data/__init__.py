@@ -1,0 +1,1 @@
+"""Measurements: the type, its files (one file a format in formats/), public data sets."""

@@ -1,0 +1,63 @@
+"""The public measurements that can be fetched: where they are, which version, what they are."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from sdp_vs_penalty.errors import InputError
+
+#: Where GitHub serves single files of a commit.
+GITHUB = "https://raw.githubusercontent.com"
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """One file of a repository: its path there, its SHA-256, its name in the cache."""
+
+    path: str
+    sha256: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Measurements that their authors publish.
+
+    source : GitHub owner/name; commit : which version; problem : whose robot it is.
+    """
+
+    name: str
+    title: str
+    problem: str
+    licence: str
+    source: str
+    commit: str
+    files: tuple[RemoteFile, ...]
+
+    def address(self, file: RemoteFile, base: str = GITHUB) -> str:
+        return f"{base}/{self.source}/{self.commit}/{file.path}"
+
+
+def dataset(name: str) -> Dataset:
+    try:
+        return DATASETS[name]
+    except KeyError:
+        raise InputError(f"dataset {name!r} is unknown; there are: {', '.join(DATASETS)}.") from None
+
+
+def _read_registry() -> dict[str, Dataset]:
+    text = Path(__file__).with_name("datasets.toml").read_text()
+    found = {}
+    for name, data in tomllib.loads(text).items():
+        files = tuple(
+            RemoteFile(f["path"], f["sha256"], f.get("name", PurePosixPath(f["path"]).name))
+            for f in data.pop("files")
+        )
+        found[name] = Dataset(name=name, files=files, **data)
+    return found
+
+
+#: Every data set by name, from datasets.toml.
+DATASETS = _read_registry()

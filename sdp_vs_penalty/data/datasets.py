@@ -1,0 +1,167 @@
+"""Public measurements: fetched from where their authors publish them, written as RUN.csv files.
+
+Nothing of them is part of this package. Each file is pinned to a commit and to its SHA-256, and kept
+in the user's cache in the authors' own format; what this program reads is converted beside it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+#: Names an address with the same layout to download from instead (a mirror behind a firewall).
+MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
+
+#: Authors' drive gains of the UR10e [N m/A]: motor current to joint torque.
+UR10E_DRIVE_GAINS = (10.0, 10.70, 8.46, 9.00, 9.48, 10.12)
+#: A gap in the clock of a UR10e log [s] that no recording at 100 Hz has.
+_UR10E_GAP = 0.1
+
+Say = Callable[[str], None]
+
+
+def _silent(_: str) -> None:
+    pass
+
+
+def cache_folder() -> Path:
+    """The user's cache of downloaded data sets."""
+    import pooch
+
+    return Path(pooch.os_cache("sdp-vs-penalty"))
+
+
+def fetch(
+    name: str, folder: str | Path | None = None, base: str | None = None, say: Say = _silent
+) -> list[Path]:
+    """Download a data set (once) and write its runs; returns the paths of the RUN.csv files.
+
+    folder : where to keep it (default: the user's cache); base : an address with GitHub's layout of
+    raw files (default: SDP_VS_PENALTY_MIRROR, else GitHub); say : hears what could not be used.
+    Raises InputError where a file cannot be downloaded or is not the one that was pinned.
+    """
+    chosen = dataset(name)
+    root = cache_folder() if folder is None else Path(folder)
+    download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
+    paths = []
+    for run, measurements in _CONVERTERS[name](root / name, say).items():
+        path = root / name / "runs" / f"{run}.csv"
+        save(measurements, path)
+        paths.append(path)
+    return paths
+
+
+def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
+    """Every file of a data set into a folder; those that are there already are only checked."""
+    import pooch
+
+    pooch.get_logger().setLevel("WARNING")
+    for file in chosen.files:
+        address = chosen.address(file, base)
+        try:
+            pooch.retrieve(
+                address,
+                known_hash=f"sha256:{file.sha256}",
+                fname=file.name,
+                path=folder,
+                downloader=pooch.HTTPDownloader(timeout=30),
+            )
+        except OSError as error:  # every error of requests is one
+            raise InputError(
+                f"{address}: cannot be downloaded ({type(error).__name__}): check the network, or put "
+                f"the file into {folder} as {file.name}."
+            ) from error
+        except ValueError as error:
+            raise InputError(
+                f"{address}: not the file that was published (its SHA-256 differs): try again later, "
+                f"or put the right file into {folder} as {file.name}."
+            ) from error
+
+
+def _panda_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+    """The four text files of the authors' logger, one number a line, sample-major."""
+    return {"exciting": load_measurements(folder, joints=7)}
+
+
+def _ur10e_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+    """31 columns without a header: t, q(6), dq(6), i_actual(6), i_desired(6), tau_desired(6)."""
+    runs = {}
+    for file in DATASETS["ur10e"].files:
+        rows, unused = clean_stretch((folder / file.name).read_text(errors="replace"), 31)
+        if unused:
+            say(f"{folder / file.name}: not used: {unused}.")
+        tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
+        name = Path(file.name).stem
+        runs[name] = Measurements(rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,))
+    return runs
+
+
+def clean_stretch(text: str, width: int, gap: float = _UR10E_GAP) -> tuple[Array, str]:
+    """The longest stretch of whole rows under a running clock, and which rows are not in it.
+
+    A recorder that starts or stops in the middle of a packet writes rows of other fields as if
+    they were samples: numbers, but nothing of the robot's. Their clock column gives them away.
+    Rows count from 1; the stretch has ``width`` finite numbers a row and time steps in (0, gap].
+
+    >>> clean_stretch("0.3,9\\n7.00,1\\n7.01,2\\n7.02", 2)
+    (array([[7.  , 1.  ],
+           [7.01, 2.  ]]), 'row 1 (no running clock before row 2) and row 4 (cut short or not numbers)')
+    """
+    lines = text.splitlines()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    rows = np.full((len(lines), width), np.nan)
+    for k, line in enumerate(lines):
+        cells = line.split(",")
+        if len(cells) == width:
+            try:
+                rows[k] = [float(cell) for cell in cells]
+            except ValueError:
+                continue
+    whole = np.all(np.isfinite(rows), axis=1)
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(rows[:, 0])
+    joined = whole[1:] & whole[:-1] & (steps > 0.0) & (steps <= gap)
+    if not whole.any():
+        return rows[:0], _row_range(1, len(lines)) + " (cut short or not numbers)" if lines else ""
+    edges = np.concatenate([[0], np.flatnonzero(~joined) + 1, [len(lines)]])
+    longest = int(np.argmax(np.diff(edges) * whole[edges[:-1]]))
+    start, stop = int(edges[longest]), int(edges[longest + 1])
+    unused = []
+    if start > 0:
+        unused.append(f"{_row_range(1, start)} (no running clock before row {start + 1})")
+    if stop < len(lines):
+        why = "cut short or not numbers" if not whole[stop] else "no running clock"
+        unused.append(f"{_row_range(stop + 1, len(lines))} ({why})")
+    return rows[start:stop], " and ".join(unused)
+
+
+def _row_range(first: int, last: int) -> str:
+    return f"row {first}" if first == last else f"rows {first} to {last}"
+
+
+def _emps_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+    """Position of the carriage [m] and the control voltage, times the drive's gain [N/V]."""
+    from scipy.io import loadmat
+
+    runs = {}
+    for file, name in zip(DATASETS["emps"].files, ("tracking", "pulses"), strict=True):
+        data = loadmat(folder / file.name)
+        force = float(data["gtau"].item()) * data["vir"]
+        runs[name] = Measurements(data["t"].ravel(), data["qm"], force, None, None, (name,))
+    return runs
+
+
+_CONVERTERS = {"panda": _panda_runs, "ur10e": _ur10e_runs, "emps": _emps_runs}

@@ -1,0 +1,122 @@
+"""Reading and writing runs: the format comes from the suffix, what makes a run useless is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
+from sdp_vs_penalty.data.formats.columns import Choice
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.errors import InputError
+
+
+def load_measurements(
+    *paths: str | Path,
+    joints: int | None = None,
+    start: float = 0.0,
+    stop: float = np.inf,
+    names: Sequence[str] | None = None,
+) -> Measurements:
+    """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the authors' Panda format.
+
+    paths : one file a run; joints : the number of joints expected; start, stop : the window of each run
+    to keep [s]; names : of the robot's joints, for formats that name theirs (ROS).
+    Raises InputError naming file, row and column for whatever cannot be used.
+    """
+    if not paths:
+        raise InputError("No measurement file is given: name at least one RUN.csv.")
+    parts = []
+    for path in map(Path, paths):
+        part = read_run(path, joints, names)
+        _check(path, part)
+        parts.append(part)
+    _refuse_twice(paths, parts)
+    whole = parts[0] if len(parts) == 1 else concatenate(parts)
+    if start > 0.0 or np.isfinite(stop):
+        for run in whole.runs():
+            since = run.t - run.t[0]
+            if np.count_nonzero((since >= start) & (since < stop)) < 2:
+                end = "its end" if np.isinf(stop) else f"{stop:g} s"
+                raise InputError(
+                    f"{run.names[0]}: no samples between {start:g} s and {end}: the run lasts "
+                    f"{since[-1]:.4g} s."
+                )
+        whole = whole.window(start, stop)
+    return whole
+
+
+def read_run(
+    path: str | Path,
+    joints: int | None = None,
+    names: Sequence[str] | None = None,
+    topic: str | None = None,
+    rename: Mapping[str, str] | None = None,
+) -> Measurements:
+    """One file as it is: columns and shapes are checked, clock and numbers are not.
+
+    names, topic, rename : see :class:`sdp_vs_penalty.data.formats.columns.Choice`.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file.")
+    home = format_of(path) or csv
+    if topic is not None and home is not bag:
+        raise InputError(f"{path}: only ROS bags and MCAP files have topics.")
+    part: Measurements = home.read(path, Choice(names, topic, rename))
+    if joints is not None and part.n != joints:
+        raise InputError(
+            f"{path}: the file has {part.n} joint(s), the robot has {joints}: "
+            "choose the problem that belongs to this file."
+        )
+    return part
+
+
+def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
+    """The same samples again would count as a repetition without noise."""
+    if len(parts) < 2:  # nothing to compare with: no need to hash the samples
+        return
+    first: dict[str, int] = {}
+    for k, (path, part) in enumerate(zip(paths, parts, strict=True)):
+        other = first.setdefault(part.data_hash, k)
+        if other != k:
+            raise InputError(f"{path}: holds the same samples as {paths[other]}: name each run once.")
+
+
+def _check(path: Path, m: Measurements) -> None:
+    """InputError for what makes a run useless: too short, not finite, a clock that does not run."""
+    if len(m.t) < 2:
+        raise InputError(f"{path}: the run has {len(m.t)} sample(s): record longer.")
+    word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
+    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
+        if values is None:
+            continue
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            row, joint = bad[0]
+            column = name if name == "t" else f"{name}{joint + 1}"
+            raise InputError(
+                f"{path}: {word} {row + first}, column {column} is not a finite number: "
+                f"delete the {word} or fill it in."
+            )
+    steps = np.diff(m.t)
+    if np.any(steps <= 0):
+        row = int(np.argmax(steps <= 0))
+        how = "repeats" if steps[row] == 0 else "runs backwards"
+        raise InputError(
+            f"{path}: {word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
+            f"{m.t[row + 1]:.6g} s; {int(np.sum(steps <= 0))} such {word}(s)): delete them, or cut the "
+            "file there."
+        )
+
+
+def save(measurements: Measurements, path: str | Path) -> None:
+    """Write one run in the format of the suffix: .csv, .npz, .parquet or .mat, whole or not at all."""
+    path = Path(path)
+    home = format_of(path)
+    if not hasattr(home, "write"):
+        known = ", ".join(sorted(s for h in formats() if hasattr(h, "write") for s in h.SUFFIXES))
+        raise InputError(f"{path}: the suffix chooses the format: {known}.")
+    home.write(measurements, path)  # type: ignore[union-attr]

@@ -1,0 +1,32 @@
+"""Files of measurements: one module a format, found by itself.
+
+A module has ``SUFFIXES`` that choose it, ``read(path, choice) -> Measurements`` and, where runs can be
+written, ``write(measurements, path)``; ``reads(path)`` for folders, and ``SAMPLE`` where its samples
+are not counted from 1. Readers return a run as it is in the file: clock and numbers are checked
+afterwards, or mended by the data check.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+
+@cache
+def formats() -> tuple[ModuleType, ...]:
+    """Every module of this folder that reads measurements."""
+    homes = (importlib.import_module(f"{__name__}.{m.name}") for m in pkgutil.iter_modules(__path__))
+    return tuple(home for home in homes if hasattr(home, "SUFFIXES"))
+
+
+def format_of(path: Path) -> ModuleType | None:
+    """The format of a file or folder by its suffix or content; None where nothing claims it."""
+    suffix = path.suffix.lower()
+    for home in formats():
+        folder = path.is_dir()
+        if home.reads(path) if folder and hasattr(home, "reads") else suffix in home.SUFFIXES:
+            return home
+    return None

@@ -1,0 +1,140 @@
+"""ROS 2 bags and MCAP files (and ROS 1 bags) with sensor_msgs/JointState (extra [formats])."""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.formats.columns import LARGEST, Choice, check_size
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError, missing_extra
+
+SUFFIXES = (".mcap", ".db3", ".bag")
+_TYPE = "sensor_msgs/msg/JointState"
+
+
+def reads(path: Path) -> bool:
+    """A ROS 2 bag is a folder with its metadata."""
+    return (path / "metadata.yaml").is_file()
+
+
+def read(path: Path, choice: Choice) -> Measurements:
+    """Joints by name: those of the robot, else those of the first message, in its order.
+
+    Messages that lack one of the joints (a gripper's, on the same topic) are left out. Time is the
+    header's stamp, in seconds of its day, or the recorder's where stamps are zero.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise missing_extra("ROS bags and MCAP files need", "formats") from error
+    try:
+        _stay_inside(path)
+        _check_chunks(path)
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            return _read(path, reader, choice)
+    except InputError:
+        raise
+    except Exception as error:  # storage, schema and decoding each fail in ways of their own
+        what = (str(error).splitlines() or [type(error).__name__])[0]
+        cut = ""
+        if "end magic" in what or "Truncated" in what:
+            cut = "; it is cut off, `mcap recover` saves what there is"
+        raise InputError(f"{path}: not a readable ROS bag or MCAP file ({what[:200]}){cut}.") from error
+
+
+def _stay_inside(path: Path) -> None:
+    """A bag's metadata names its files; they have to lie in its folder."""
+    if not path.is_dir():
+        return
+    from ruamel.yaml import YAML
+
+    data = YAML(typ="safe").load((path / "metadata.yaml").read_text())
+    for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
+        if Path(name).name != name:
+            raise InputError(f"{path / 'metadata.yaml'}: {name!r} is not a file of this folder.")
+
+
+#: Opcode of a chunk, and what its record begins with: start and end time, uncompressed size.
+_CHUNK, _CHUNK_START = 6, "<QQQ"
+
+
+def _check_chunks(path: Path) -> None:
+    """Of an MCAP file every chunk's size, by its own header, before the library unpacks any."""
+    for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+        if file.suffix != ".mcap":
+            continue
+        with file.open("rb") as stream:
+            stream.seek(8)
+            while len(head := stream.read(9)) == 9:
+                kind, length = struct.unpack("<BQ", head)
+                start = stream.tell()
+                if kind == _CHUNK:
+                    *_, unpacked = struct.unpack(_CHUNK_START, stream.read(24))
+                    check_size(file, unpacked, length)
+                stream.seek(start + length)
+
+
+def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
+    connections = [c for c in reader.connections if c.msgtype == _TYPE]
+    topics = sorted({c.topic for c in connections})
+    if choice.topic is not None:
+        connections = [c for c in connections if c.topic == choice.topic]
+    if not connections or (choice.topic is None and len(topics) > 1):
+        found = ", ".join(topics) or "none"
+        wanted = f"topic {choice.topic!r}" if choice.topic else "one topic"
+        raise InputError(
+            f"{path}: {wanted} with {_TYPE} is needed, choose it with --topic (there are: {found})."
+        )
+    names = list(choice.joints) if choice.joints else None
+    # Packed: a list of Python's numbers would take four times the memory.
+    rows, stamps, recorded = array("d"), array("q"), array("q")
+    others: set[str] = set()
+    for connection, recorder_time, raw in reader.messages(connections=connections):
+        message = reader.deserialize(raw, connection.msgtype)
+        own = [str(name) for name in message.name]
+        if names is None:
+            names = own
+        if not set(names) <= set(own):
+            others |= set(own)
+            continue
+        rows.extend(_row(path, message, [own.index(name) for name in names], names))
+        stamps.append(int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec))
+        recorded.append(int(recorder_time))
+        if len(rows) > LARGEST:
+            raise InputError(f"{path}: too many messages: split it into several runs.")
+    if not rows or names is None:
+        raise InputError(
+            f"{path}: no message has all joints {', '.join(names or ['(none)'])} (there are: "
+            f"{', '.join(sorted(others)) or 'none'}): name the joints as the bag does."
+        )
+    table = np.array(rows).reshape(-1, 3, len(names))
+    clock = np.array(stamps if any(stamps) else recorded, dtype=np.int64)
+    day = 86_400 * 10**9
+    # Whole nanoseconds are taken apart before they become floating-point numbers of seconds.
+    t = (clock - clock[0]) / 1e9 + float(clock[0] % day) / 1e9
+    dq = table[:, 1] if np.all(np.isfinite(table[:, 1])) else None
+    return Measurements(t, table[:, 0], table[:, 2], dq, None, (path.name,))
+
+
+def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> list[float]:
+    """Positions, velocities (NaN where there are none) and efforts of the wanted joints."""
+    out: list[float] = []
+    for field, needed in (("position", True), ("velocity", False), ("effort", True)):
+        values = getattr(message, field)
+        if len(values) == len(message.name):
+            out += [float(values[k]) for k in at]
+        elif needed:
+            raise InputError(
+                f"{path}: a message has {len(values)} value(s) of {field} for {len(message.name)} "
+                "joints; identification needs position and effort of every joint."
+            )
+        else:
+            out += [float("nan")] * len(names)
+    return out

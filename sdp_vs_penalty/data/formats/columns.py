@@ -1,0 +1,143 @@
+"""What all formats share: named columns become a run, and no file unpacks to fill the memory."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+#: The header of RUN.csv, in words.
+HEADER = "t,q1..qn,dq1..dqn,tau1..taun (dq optional)"
+
+#: Numbers of one file above which it is refused: 4 GiB of doubles.
+LARGEST = 2**29
+
+
+#: A bomb is a file that unpacks to more bytes than this, and to so many times its size: zeros reach
+#: 1000, measured channels 3 to 20.
+_WORTH_A_LOOK, _TIGHTEST = 2**27, 200
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What of a file to take.
+
+    joints : names of the robot's joints in order, for formats that name theirs; topic : of a bag with
+    several; rename : {our name: the file's name} of columns or variables, for tables.
+    """
+
+    joints: Sequence[str] | None = None
+    topic: str | None = None
+    rename: Mapping[str, str] | None = None
+
+
+def check_size(path: Path, unpacked: int, packed: int) -> None:
+    """InputError for a compressed file that would fill the memory; sizes in bytes."""
+    if unpacked > 8 * LARGEST:
+        raise InputError(
+            f"{path}: unpacks to {unpacked / 2**30:.0f} GiB; split it into files below 4 GiB."
+        )
+    if unpacked > _WORTH_A_LOOK and unpacked > _TIGHTEST * packed:
+        raise InputError(
+            f"{path}: unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements do "
+            "not compress so well, this is no file of them."
+        )
+
+
+def from_columns(
+    path: Path, columns: Mapping[str, Array], rename: Mapping[str, str] | None
+) -> Measurements:
+    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau; others are ignored.
+
+    Raises InputError where t, q or tau is not there, or lengths differ.
+    """
+    names = dict(rename or {})
+    for ours, theirs in names.items():
+        if theirs not in columns:
+            known = ", ".join(sorted(columns)) or "none"
+            raise InputError(f"{path}: there is no {theirs!r} to take as {ours} (there are: {known}).")
+    named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
+
+    given = {"t": named.get("t"), **{group: _block(named, group) for group in ("q", "dq", "tau")}}
+    missing = [group for group, block in given.items() if block is None and group != "dq"]
+    if missing:
+        known = ", ".join(sorted(columns)) or "none"
+        pairs = ",".join(f"{group}=NAME" for group in missing)
+        raise InputError(
+            f"{path}: nothing is called {' or '.join(missing)} (there are: {known}): say what they are "
+            f"called, with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`."
+        )
+    t = np.ravel(named["t"])
+    blocks = {}
+    for group in ("q", "dq", "tau"):
+        block = given[group]
+        if block is None:
+            continue
+        if block.shape[0] != len(t) and block.ndim == 2 and block.shape[1] == len(t):
+            block = block.T
+        if block.shape[0] != len(t):
+            raise InputError(f"{path}: {group} has {block.shape[0]} rows, t has {len(t)}.")
+        blocks[group] = np.ascontiguousarray(block)
+    widths = {group: block.shape[1] for group, block in blocks.items()}
+    if len(set(widths.values())) != 1:
+        raise InputError(
+            f"{path}: the groups have different numbers of joints: "
+            + ", ".join(f"{group} {width}" for group, width in widths.items())
+            + "."
+        )
+    return Measurements(t, blocks["q"], blocks["tau"], blocks.get("dq"), None, (path.name,))
+
+
+def _block(named: Mapping[str, Array], group: str) -> Array | None:
+    if group in named:
+        block = np.asarray(named[group], float)
+        return block[:, None] if block.ndim == 1 else block
+    numbers = sorted(
+        int(m[1]) for name in named if (m := re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name))
+    )
+    if not numbers or numbers != list(range(1, len(numbers) + 1)):
+        return None
+    columns = [np.ravel(named[f"{group}{k}"]) for k in numbers]
+    if len({len(c) for c in columns}) != 1:
+        return None
+    return np.column_stack(columns)
+
+
+def columns_of(measurements: Measurements) -> dict[str, Array]:
+    """The columns of a run by the names of RUN.csv."""
+    m = measurements
+    out = {"t": m.t}
+    for name, block in (("q", m.q), ("dq", m.dq), ("tau", m.tau)):
+        if block is not None:
+            out |= {f"{name}{j + 1}": block[:, j] for j in range(m.n)}
+    return out
+
+
+def joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
+    """Number of joints and whether dq is there, from a header; InputError where it is incomplete."""
+    found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
+    if not found:
+        raise InputError(f"{path}: row 1 names no column q1; the header must read {HEADER}.")
+    n = max(found)
+    has_dq = any(re.fullmatch(r"dq[0-9]+", name) for name in names)
+    wanted = [
+        "t",
+        *(f"{p}{j + 1}" for p in ("q", *(("dq",) if has_dq else ()), "tau") for j in range(n)),
+    ]
+    for name in wanted:
+        if names.count(name) != 1:
+            problem = "is missing" if names.count(name) == 0 else "comes twice"
+            raise InputError(f"{path}: column {name} {problem} (header: {','.join(names)[:120]}).")
+    for name in names:
+        if name not in wanted:
+            raise InputError(f"{path}: column {name!r} is unknown; expected t, q, dq, tau with numbers.")
+    return n, has_dq

@@ -1,0 +1,146 @@
+"""CSV files line by line: memory for the numbers and for one line, however long the file."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.catalogue import DATASETS
+from sdp_vs_penalty.data.formats.columns import HEADER
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+#: Characters of a line above which a file is no table.
+_LONGEST = 1_000_000
+
+
+def lines(path: Path) -> Iterator[str]:
+    """The lines of a text file without their ends; InputError for what is not text."""
+    number = 0
+    binary = f"{path}: a binary file; measurements are CSV text or .npz."
+    try:
+        with path.open("rb") as start:
+            if b"\0" in start.read(1 << 16):
+                raise InputError(binary)
+        with path.open(encoding="utf-8-sig") as file:
+            while line := file.readline(_LONGEST):
+                number += 1
+                if "\0" in line:
+                    raise InputError(binary)
+                if len(line) == _LONGEST:
+                    raise InputError(
+                        f"{path}: row {number} is endless; measurements are CSV text or .npz."
+                    )
+                yield line.rstrip("\n")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: not UTF-8 text (near row {number + 1}); measurements are CSV text or .npz."
+        ) from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+
+
+def header(path: Path) -> list[str]:
+    """The names in row 1; InputError where it is empty, holds numbers, or has other separators."""
+    line = next(lines(path), "")
+    if not line.strip():
+        raise InputError(f"{path}: row 1 is empty; it must hold the header {HEADER}.")
+    names = [name.strip() for name in line.split(",")]
+    cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
+    if cells and all(_is_number(cell) for cell in cells):
+        raise InputError(f"{path}: {_no_header(path, len(cells))}")
+    if len(names) == 1 and len(cells) > 1:
+        what = "semicolons" if ";" in line else "white space"
+        raise InputError(
+            f"{path}: row 1 separates its {len(cells)} names by {what}: separate all cells by commas, "
+            "and write decimal points."
+        )
+    return names
+
+
+def _no_header(path: Path, count: int) -> str:
+    """What is wrong with a file that starts with numbers, and what to do about it."""
+    known = [d.name for d in DATASETS.values() if path.name in {Path(f.path).name for f in d.files}]
+    if known:
+        return (
+            f"row 1 holds numbers, there is no header: this is a raw file of the data set {known[0]}, "
+            f"which `sdp-vs-penalty fetch {known[0]}` downloads and writes as RUN.csv."
+        )
+    return (
+        f"row 1 holds {count} numbers, there is no header: put {HEADER} above them and separate cells "
+        "by commas, or name the columns as you like and use `sdp-vs-penalty convert --rename`."
+    )
+
+
+def _is_number(text: str) -> bool:
+    """Whether NumPy reads it: unlike Python neither 1_000 nor the digits of other scripts."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text and text.strip().isascii()
+
+
+def numbers(path: Path, width: int, first: int = 2) -> Array:
+    """The rows (N, width) of a file from row ``first`` on; InputError naming the row that is wrong."""
+    rows = islice(lines(path), first - 1, None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # an empty table is one of no rows
+            table = np.loadtxt(_without_gaps(rows), delimiter=",", ndmin=2, comments=None)
+    except InputError:
+        raise
+    except ValueError:
+        table = None  # the careful look below says which row it is
+    if table is not None and table.size == 0:
+        return np.zeros((0, width))
+    if table is not None and table.shape[1] == width:
+        return table
+    for number, line in enumerate(_without_tail(islice(lines(path), first - 1, None)), start=first):
+        _check_row(path, number, line, width)
+    raise InputError(f"{path}: the rows cannot be read as numbers.")
+
+
+def _without_tail(rows: Iterator[str]) -> Iterator[str]:
+    """The lines without the empty ones at the end."""
+    empty = 0
+    for line in rows:
+        if not line.strip():
+            empty += 1
+            continue
+        for _ in range(empty):
+            yield ""
+        empty = 0
+        yield line
+
+
+def _without_gaps(rows: Iterator[str]) -> Iterator[str]:
+    """The same; ValueError at an empty line between others, which NumPy would pass over."""
+    for line in _without_tail(rows):
+        if not line:
+            raise ValueError
+        yield line
+
+
+def _check_row(path: Path, number: int, line: str, width: int) -> None:
+    cells = line.split(",")
+    if not line.strip():
+        raise InputError(f"{path}: row {number} is empty: delete it.")
+    if len(cells) != width:
+        raise InputError(
+            f"{path}: row {number} has {len(cells)} cells, the header has {width}: "
+            "complete the row or delete it."
+        )
+    for k, cell in enumerate(cells):
+        if not _is_number(cell):
+            raise InputError(
+                f"{path}: row {number}, column {k + 1} holds {cell.strip()[:40]!r}, not a number: "
+                "correct it or delete the row."
+            )

@@ -1,0 +1,79 @@
+"""NPZ: NumPy's own archive of arrays t, q1..qn, dq1..dqn, tau1..taun, or whole q, dq, tau (N, n)."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.formats.columns import Choice, check_size, columns_of, from_columns, joints_of
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import write_bytes
+
+Array = NDArray[np.float64]
+
+SUFFIXES = (".npz",)
+
+
+def read(path: Path, choice: Choice) -> Measurements:
+    """The run of an archive; InputError naming the array that cannot be used."""
+    if choice.rename:
+        return from_columns(path, numeric_arrays(path), choice.rename)
+    return _read_npz(path)
+
+
+def write(measurements: Measurements, path: Path) -> None:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **columns_of(measurements))  # type: ignore[arg-type]
+    write_bytes(path, buffer.getvalue())
+
+
+def _read_npz(path: Path) -> Measurements:
+    arrays = numeric_arrays(path)
+    if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
+        for name in ("q", "dq", "tau"):
+            block = arrays.pop(name, None)
+            if block is not None:
+                if block.ndim == 1:
+                    block = block[:, None]
+                if block.ndim != 2:
+                    raise InputError(f"{path}: array {name} has {block.ndim} dimensions, 2 are needed.")
+                arrays |= {f"{name}{j + 1}": block[:, j] for j in range(block.shape[1])}
+    n, has_dq = joints_of(path, list(arrays))
+    lengths = {name: a.shape for name, a in arrays.items()}
+    if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
+        raise InputError(
+            f"{path}: the arrays differ in length ({lengths}); all need one entry a sample."
+        )
+
+    def group(prefix: str) -> Array:
+        return np.column_stack([arrays[f"{prefix}{j + 1}"] for j in range(n)])
+
+    dq = group("dq") if has_dq else None
+    return Measurements(arrays["t"], group("q"), group("tau"), dq, None, (path.name,))
+
+
+def numeric_arrays(path: str | Path) -> dict[str, Array]:
+    """The arrays of an .npz file as floats; InputError for anything but real numbers."""
+    arrays: dict[str, Array] = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(info.file_size for info in archive.infolist())
+            packed = sum(info.compress_size for info in archive.infolist())
+            check_size(Path(path), size, packed)
+        with np.load(path, allow_pickle=False) as file:
+            for name in file.files:
+                array = file[name]
+                if array.dtype.kind not in "fiu":
+                    raise InputError(f"{path}: array {name} holds {array.dtype}, not real numbers.")
+                arrays[name] = np.atleast_1d(np.asarray(array, float))
+    except InputError:
+        raise
+    except Exception as error:  # zip, zlib and array headers each fail in ways of their own
+        what = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{path}: not a readable .npz file of numbers ({what}).") from error
+    return arrays

@@ -1,0 +1,56 @@
+"""The authors' Panda log: a folder with four text files, one number a line, sample-major."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.formats import csv_text
+from sdp_vs_penalty.data.formats.columns import Choice
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+SUFFIXES = ()
+
+
+def reads(path: Path) -> bool:
+    """Any folder that is of no other format is taken for such a log."""
+    return path.is_dir() and not (path / "metadata.yaml").is_file()
+
+
+def read(folder: Path, choice: Choice) -> Measurements:
+    """The authors' four text files: one number a line, sample-major."""
+    columns = {}
+    for key, name in (("t", "time"), ("q", "positions"), ("dq", "velocity"), ("tau", "torques")):
+        path = folder / f"exciting_traj_{name}.txt"
+        if not path.exists():
+            raise InputError(
+                f"{folder}: a folder is read as the authors' Panda log, and {path.name} is missing."
+            )
+        columns[key] = _one_column(path)
+    t = columns.pop("t")
+    if len(t) == 0:
+        raise InputError(f"{folder}: the log is empty.")
+    for key, values in columns.items():
+        if len(values) % len(t) or len(values) != len(columns["q"]):
+            raise InputError(f"{folder}: {len(values)} numbers of {key} do not fit {len(t)} instants.")
+    q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
+    return Measurements(t, q, tau, dq, None, (folder.name,))
+
+
+def _one_column(path: Path) -> Array:
+    """One number a line; what the fast reader cannot read, the careful one names or reads."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            values = np.loadtxt(path, comments=None, ndmin=2)
+        if values.shape[1] == 1:
+            return values[:, 0]
+    except (ValueError, UserWarning, OSError):
+        pass
+    return csv_text.numbers(path, 1, first=1)[:, 0]

@@ -1,0 +1,91 @@
+"""Measurements of a robot's motion and torque: the type that every reader returns."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """One or more runs of one robot.
+
+    t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
+    run : (N,) index of the run that a sample belongs to; names : one name a run.
+    Velocity and acceleration for identification are not these dq: see preprocessing.
+    """
+
+    t: Array
+    q: Array
+    tau: Array
+    dq: Array | None = None
+    run: NDArray[np.int64] | None = None
+    names: tuple[str, ...] = ("run",)
+
+    @property
+    def n(self) -> int:
+        return int(self.q.shape[1])
+
+    @property
+    def samples(self) -> int:
+        return len(self.t)
+
+    def runs(self) -> list[Measurements]:
+        """The single runs, in order."""
+        if self.run is None:
+            return [self]
+        if np.all(np.diff(self.run) >= 0):  # one after the other: views, no copies
+            edges = np.searchsorted(self.run, np.arange(len(self.names) + 1))
+            slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
+            return [self._rows(s, (name,)) for s, name in zip(slices, self.names, strict=True)]
+        return [self._rows(self.run == k, (name,)) for k, name in enumerate(self.names)]
+
+    def window(self, start: float, stop: float) -> Measurements:
+        """The samples with start <= t < stop, t in seconds from the start of each run."""
+        parts = [r._rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop), r.names) for r in self.runs()]
+        return concatenate(parts)
+
+    def _rows(self, keep: NDArray[np.bool_] | slice, names: tuple[str, ...]) -> Measurements:
+        dq = None if self.dq is None else self.dq[keep]
+        return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names)
+
+    @property
+    def data_hash(self) -> str:
+        """SHA-256 over the numbers (not the file), so that the format does not matter."""
+        digest = hashlib.sha256()
+        for run in self.runs():
+            for a in (run.t, run.q, run.tau):
+                digest.update(repr(a.shape).encode())
+                digest.update(np.ascontiguousarray(a, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+
+def concatenate(parts: Sequence[Measurements]) -> Measurements:
+    """Several measurements of one robot as one, their runs kept apart."""
+    runs = [run for part in parts for run in part.runs()]
+    if len({run.n for run in runs}) > 1:
+        raise InputError(
+            "The runs have different numbers of joints: "
+            + ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
+            + "."
+        )
+    dq = None
+    if all(r.dq is not None for r in runs):
+        dq = np.concatenate([r.dq for r in runs if r.dq is not None])
+    return Measurements(
+        np.concatenate([r.t for r in runs]),
+        np.concatenate([r.q for r in runs]),
+        np.concatenate([r.tau for r in runs]),
+        dq,
+        np.repeat(np.arange(len(runs)), [len(r.t) for r in runs]),
+        tuple(r.names[0] for r in runs),
+    )

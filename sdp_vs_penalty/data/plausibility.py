@@ -1,0 +1,93 @@
+"""Are these measurements of this robot, and in SI units? Refused before anything is fitted to them.
+
+A model fitted to degrees looks like a model: the least-squares fit absorbs the factor. Two facts give
+the unit away without any guess about the motion:
+
+- A joint cannot be outside its mechanical range. Zero offsets and encoder wraps move a position by up
+  to one turn, so only what lies farther outside is refused; recorded in degrees, an excitation of more
+  than some ten degrees does.
+- Where a velocity is recorded too, it is the derivative of the position: a ratio near 180 / pi between
+  the two means that one of them is in degrees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.robot import Joint, Robot
+
+#: How far outside its range a joint may seem to be: a turn [rad]; for prismatic joints twice the range.
+_TURN = 2.0 * np.pi
+#: What a revolute joint without a range does not do: to and fro over this many turns [rad].
+_UNLIMITED = 8.0 * 2.0 * np.pi
+#: Ratios of two positions or velocities that mean degrees against radians: 57.3 within a third.
+_DEGREES = (38.0, 86.0)
+
+
+def check_plausible(robot: Robot, measurements: Measurements) -> None:
+    """InputError where positions cannot be this robot's, or are not in radians and metres."""
+    for run in measurements.runs():
+        if not np.any(run.tau):
+            raise InputError(f"{run.names[0]}: every torque is zero: log the torque, or the current.")
+        _check_derivative(robot, run)
+        for j, joint in enumerate(robot.joints):
+            q = run.q[:, j]
+            if np.isfinite(joint.lower) and np.isfinite(joint.upper):
+                _check_range(run, j, joint)
+            elif joint.kind == "revolute" and np.ptp(q) > _UNLIMITED and _returns(q):
+                raise InputError(
+                    f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} goes to "
+                    f"and fro over {np.ptp(q) / _TURN:.0f} turns: convert degrees to radians."
+                )
+
+
+def _check_range(run: Measurements, j: int, joint: Joint) -> None:
+    q, width = run.q[:, j], joint.upper - joint.lower
+    allowed = _TURN if joint.kind == "revolute" else 2.0 * width
+    outside = np.maximum(joint.lower - q, q - joint.upper)
+    worst = int(np.argmax(outside))
+    if outside[worst] <= allowed:
+        return
+    unit, advice = ("rad", "degrees to radians")
+    if joint.kind == "prismatic":
+        unit, advice = ("m", "millimetres to metres")
+    raise InputError(
+        f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of joint "
+        f"{j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit}): convert {advice}, or choose the "
+        "problem that belongs to this file."
+    )
+
+
+def _check_derivative(robot: Robot, run: Measurements) -> None:
+    """Position and velocity of revolute joints in the same unit of angle."""
+    if run.dq is None:
+        return
+    steps = np.diff(run.t)[:, None]
+    travelled, expected = np.diff(run.q, axis=0), 0.5 * (run.dq[1:] + run.dq[:-1]) * steps
+    for j, joint in enumerate(robot.joints):
+        energy = float(expected[:, j] @ expected[:, j])
+        if joint.kind != "revolute" or energy == 0.0 or not np.any(travelled[:, j]):
+            continue
+        common = float(travelled[:, j] @ expected[:, j])
+        if common**2 < 0.5 * energy * float(travelled[:, j] @ travelled[:, j]):
+            continue  # noise, or a coarse encoder: nothing to conclude from
+        ratio = common / energy
+        for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
+            if _DEGREES[0] < value < _DEGREES[1]:
+                raise InputError(
+                    f"{run.names[0]}: columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}: "
+                    f"convert {name} from degrees to radians."
+                )
+
+
+def _returns(q: np.ndarray) -> bool:
+    """A motion to and fro, not a shaft that goes on turning."""
+    return bool(abs(q[-1] - q[0]) < 0.5 * np.ptp(q))
+
+
+def _place(run: Measurements, k: int) -> str:
+    """The k-th sample of a run as the user finds it: below the header of a CSV file."""
+    name = run.names[0]
+    return f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"

@@ -1,0 +1,256 @@
+"""Where a model fails: what its residual torque depends on, when it is large, at which frequencies.
+
+Nothing here names a physical effect (`diagnose` does); it shows what the error looks like, joint by
+joint, beside the noise. Shares are held out: a smooth function of the quantity is fitted to some
+blocks of time and judged on others, so that a share above zero is no accident of the fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import label_rows
+from sdp_vs_penalty.diagnosis.whitening import noise_of
+from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+Array = NDArray[np.float64]
+
+#: Hat functions of one quantity; of a pair this many each.
+_HATS, _PAIR_HATS = 10, 6
+#: Seconds around a velocity reversal that count as near it.
+_NEAR = 0.15
+#: Edges of the frequency bands [Hz].
+BANDS = (0.0, 1.0, 4.0, 16.0, 64.0, np.inf)
+_HIGHEST_ORDER = 500
+#: Bins of one revolution for the order spectrum.
+_BINS = 4096
+
+
+@dataclass(frozen=True)
+class JointFailure:
+    """How one joint's residual looks (joint from 1).
+
+    rmse, noise_floor [N m or N]; explainable : 1 - floor^2 / rmse^2, the share of the residual's
+    variance that repeats; shares : held-out share of the residual's variance that a smooth function
+    of each quantity explains; reversal_lift : RMS within 0.15 s of velocity reversals over that
+    elsewhere; reversal_asymmetry : (after - before) / (after + before) of the RMS there; bands :
+    share of the full-rate residual's energy in each of BANDS; orders : (waves per revolution,
+    amplitude [N m], amplitude over its surroundings), the most conspicuous first; correlation : with
+    the residual of each joint.
+    """
+
+    joint: int
+    rmse: float
+    noise_floor: float | None
+    explainable: float | None
+    shares: dict[str, float]
+    reversal_lift: float
+    reversal_asymmetry: float
+    bands: tuple[float, ...]
+    orders: tuple[tuple[int, float, float], ...]
+    correlation: tuple[float, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "joint": self.joint,
+            "rmse": self.rmse,
+            "noise_floor": self.noise_floor,
+            "explainable_share": self.explainable,
+            "held_out_shares": self.shares,
+            "reversal_lift": _number(self.reversal_lift),
+            "reversal_asymmetry": _number(self.reversal_asymmetry),
+            "bands_hz": [b if np.isfinite(b) else None for b in BANDS],
+            "band_shares": list(self.bands),
+            "orders": [
+                {"per_revolution": k, "amplitude": a, "over_surroundings": r} for k, a, r in self.orders
+            ],
+            "correlation": list(self.correlation),
+        }
+
+
+def _number(x: float) -> float | None:
+    return x if np.isfinite(x) else None
+
+
+def where_it_fails(
+    estimate: Estimate, measurements: Measurements, preprocessing: Preprocessing | None = None
+) -> list[JointFailure]:
+    """One JointFailure a joint. Raises InputError where the measurements are not of this robot."""
+    estimate.require_joints(measurements)
+    settings = (preprocessing or estimate.preprocessing).resolve(measurements)
+    rows = diagnosis_rows(measurements, estimate, settings)
+    residual = rows.residual
+    noise = noise_of(rows, rows.dense_residuals, residual)
+    labels = label_rows(rows)
+    states = _states(rows)
+    keep = np.asarray(rows.keep.all(axis=1), bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(np.corrcoef(residual[keep].T).reshape(rows.n, rows.n))
+    out = []
+    for j in range(rows.n):
+        error = residual[:, j] - residual[keep, j].mean()
+        rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))
+        floor = float(noise.floor[j]) if noise.source == "repetition" else None
+        explainable = None if floor is None or rmse == 0.0 else max(0.0, 1.0 - (floor / rmse) ** 2)
+        full = [_full_rate(m, s, j) for m, s in _pairs(measurements, rows)]
+        lift, asymmetry = _reversals(states["velocity"][:, j], error, rows, keep)
+        out.append(
+            JointFailure(
+                j + 1,
+                rmse,
+                floor,
+                explainable,
+                _shares(states, j, error, keep, labels.block % 5),
+                lift,
+                asymmetry,
+                _bands(full),
+                _orders(full) if estimate.robot.joints[j].kind == "revolute" else (),
+                tuple(float(c) for c in correlation[j]),
+            )
+        )
+    return out
+
+
+def _states(rows: DiagnosisRows) -> dict[str, Array]:
+    def stack(name: str) -> Array:
+        return np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
+
+    return {
+        "position": stack("q"),
+        "velocity": stack("dq"),
+        "acceleration": stack("ddq"),
+        "torque": stack("torque"),
+        "time": np.repeat(rows.t[:, None], rows.n, axis=1),
+    }
+
+
+def _shares(
+    states: dict[str, Array], j: int, error: Array, keep: NDArray[np.bool_], fold: NDArray[np.intp]
+) -> dict[str, float]:
+    x = {name: values[:, j] for name, values in states.items()}
+    load = np.abs(x["torque"]) * smooth_sign(x["velocity"])
+    others = [
+        _hats(states[name][:, i], 5)
+        for i in range(states["velocity"].shape[1])
+        if i != j
+        for name in ("velocity", "position")
+    ]
+    features = {
+        "position": _hats(x["position"]),
+        "velocity": _hats(x["velocity"]),
+        "acceleration": _hats(x["acceleration"]),
+        "torque": _hats(x["torque"]),
+        "load x direction": _hats(load),
+        "time": _hats(x["time"], 6),
+        "other joints": np.hstack(others) if others else np.zeros((len(error), 0)),
+        "(q, dq)": _pair(x["position"], x["velocity"]),
+        "(dq, ddq)": _pair(x["velocity"], x["acceleration"]),
+        "(dq, tau)": _pair(x["velocity"], x["torque"]),
+    }
+    return {name: _held_out_share(f[keep], error[keep], fold[keep]) for name, f in features.items()}
+
+
+def _hats(x: Array, count: int = _HATS) -> Array:
+    """(N, count) piecewise linear functions that add up to one, knots at quantiles."""
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
+    if len(knots) < 2:
+        return np.ones((len(x), 1))
+    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
+
+
+def _pair(x: Array, y: Array) -> Array:
+    a, b = _hats(x, _PAIR_HATS), _hats(y, _PAIR_HATS)
+    return np.einsum("ni,nj->nij", a, b).reshape(len(x), -1)
+
+
+def _held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
+    """1 - squared error of the prediction / squared error of none, over held-out folds; >= 0."""
+    left = total = 0.0
+    for f in np.unique(fold):
+        out = fold == f
+        if out.all() or not features.shape[1]:
+            return 0.0
+        A, b = features[~out], error[~out]
+        ridge = 1e-3 * np.trace(A.T @ A) / A.shape[1]
+        theta = np.linalg.solve(A.T @ A + ridge * np.eye(A.shape[1]), A.T @ b)
+        left += float(np.sum((error[out] - features[out] @ theta) ** 2))
+        total += float(np.sum(error[out] ** 2))
+    return max(0.0, 1.0 - left / total) if total > 0.0 else 0.0
+
+
+def _reversals(
+    velocity: Array, error: Array, rows: DiagnosisRows, keep: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """RMS near velocity reversals over elsewhere, and its asymmetry from before to after."""
+    turn = np.flatnonzero(
+        (np.sign(velocity[1:]) != np.sign(velocity[:-1])) & (rows.segment[1:] == rows.segment[:-1])
+    )
+    span = max(1, round(_NEAR * rows.rate))
+    before, after = np.zeros(len(error), bool), np.zeros(len(error), bool)
+    for k in turn:
+        before[max(k - span + 1, 0) : k + 1] = True
+        after[k + 1 : k + 1 + span] = True
+    before, after, apart = before & keep, after & keep, keep & ~before & ~after
+    if not (before.any() and after.any() and apart.any()):
+        return float("nan"), float("nan")
+    rms_before, rms_after, rms_apart = (
+        float(np.sqrt(np.mean(error[m] ** 2))) for m in (before, after, apart)
+    )
+    near = np.sqrt(0.5 * (rms_before**2 + rms_after**2))
+    if rms_apart == 0.0:
+        return float("nan"), float("nan")
+    return float(near / rms_apart), (rms_after - rms_before) / max(rms_after + rms_before, 1e-300)
+
+
+def _pairs(measurements: Measurements, rows: DiagnosisRows) -> list[tuple[Measurements, Any]]:
+    runs = measurements.runs()
+    return [(runs[s.run], s) for s in rows.segments]
+
+
+def _full_rate(run: Measurements, segment: Any, j: int) -> tuple[Array, Array, float]:
+    """Angle (N,), residual (N,) at the log's rate, and that rate."""
+    motion = segment.motion
+    inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
+    t = run.t[inside]
+    modelled = np.interp(t, motion.t, motion.model_torque[:, j])
+    return run.q[inside, j], run.tau[inside, j] - modelled, 1.0 / float(np.median(np.diff(run.t)))
+
+
+def _bands(full: list[tuple[Array, Array, float]]) -> tuple[float, ...]:
+    energy = np.zeros(len(BANDS) - 1)
+    for _, error, rate in full:
+        power = np.abs(np.fft.rfft((error - error.mean()) * np.hanning(len(error)))) ** 2
+        f = np.fft.rfftfreq(len(error), 1.0 / rate)
+        energy += [power[(f >= a) & (f < b)].sum() for a, b in pairwise(BANDS)]
+    total = energy.sum()
+    return tuple(float(e) for e in (energy / total if total > 0.0 else energy))
+
+
+def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, float], ...]:
+    """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their surroundings."""
+    spectrum, count = np.zeros(_BINS, complex), 0
+    for q, error, _ in full:
+        smooth = np.convolve(error, np.ones(101) / 101.0, mode="same")
+        bins = np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * _BINS).astype(np.intp) % _BINS
+        spectrum += np.fft.fft(np.bincount(bins, error - smooth, _BINS))
+        count += len(q)
+    amplitude = 2.0 * np.abs(spectrum[: _HIGHEST_ORDER + 1]) / max(count, 1)
+    amplitude[0] = 0.0
+    around = np.array([np.median(amplitude[max(k - 15, 1) : k + 16]) for k in range(len(amplitude))])
+    ratio = amplitude / np.maximum(around, 1e-300)
+    peaks = [
+        k
+        for k in range(2, _HIGHEST_ORDER)
+        if amplitude[k] >= amplitude[k - 1 : k + 2].max() and ratio[k] > 4.0
+    ]
+    peaks.sort(key=lambda k: -amplitude[k])
+    return tuple((k, float(amplitude[k]), float(ratio[k])) for k in peaks[:5])

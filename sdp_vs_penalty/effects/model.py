@@ -1,0 +1,149 @@
+"""A robot model: a robot and the list of effects that make its joint torques."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Block, CurrentModel, Effect, Motion, Parameter
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointColumns:
+    """The torque on one joint: columns (N, k) and the indices (k,) into theta that they meet."""
+
+    indices: NDArray[np.intp]
+    columns: Array
+
+
+@dataclass(frozen=True)
+class Model:
+    """tau = sum over effects of Y_e theta_e; theta concatenates the effects' parameters.
+
+    reference : (p,) the current model that effects refer to whose columns depend on a torque or on
+        the links (a gain, elasticity): only its entries of all other effects are read. None where
+        no effect needs it.
+    """
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+    reference: Array | None = None
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in self.parameters]
+        for name in names:
+            if names.count(name) > 1:
+                effect = next(p.effect for p in self.parameters if p.name == name)
+                raise InputError(
+                    f"parameter {name} comes twice: list effect {effect} only once a joint."
+                )
+        if not names:
+            raise InputError("The model has no effect: name at least one, such as rigid_body.")
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(p for effect in self.effects for p in effect.parameters)
+
+    @property
+    def needs_reference(self) -> bool:
+        """Whether some effect's columns depend on a current model."""
+        return any(_depends(effect) for effect in self.effects)
+
+    @cached_property
+    def independent(self) -> Model:
+        """The same model without the effects that depend on a current model."""
+        return Model(self.robot, tuple(e for e in self.effects if not _depends(e)))
+
+    @cached_property
+    def independent_indices(self) -> NDArray[np.intp]:
+        """Where the parameters of :attr:`independent` sit in theta."""
+        parts = [
+            np.arange(offset, offset + len(effect.parameters))
+            for offset, effect in zip(self.offsets, self.effects, strict=True)
+            if not _depends(effect)
+        ]
+        return np.concatenate([np.arange(0), *parts])
+
+    @property
+    def offsets(self) -> list[int]:
+        """Where each effect's parameters start in theta."""
+        sizes = [len(effect.parameters) for effect in self.effects]
+        return [0, *np.cumsum(sizes)[:-1].tolist()]
+
+    @cached_property
+    def rigid_indices(self) -> NDArray[np.intp]:
+        """(10 n,) where the links' standard parameters sit in theta; empty without a rigid body."""
+        for offset, effect in zip(self.offsets, self.effects, strict=True):
+            if effect.name == "rigid_body":
+                return np.arange(offset, offset + 10 * self.robot.n)
+        return np.arange(0)
+
+    @cached_property
+    def joint_indices(self) -> tuple[NDArray[np.intp], ...]:
+        """For each joint the indices into theta that its torque can depend on."""
+        zero = np.zeros((1, self.robot.n))
+        current = CurrentModel(self.robot, np.zeros((self.robot.n, 10)))
+        motion = Motion(np.zeros(1), zero, zero, zero, zero, current)
+        return tuple(c.indices for c in self.columns(motion))
+
+    @cached_property
+    def sign_width(self) -> float:
+        """The velocity over which this model smooths the sign of dry friction [rad/s, m/s]."""
+        widths = [e.shape["v_s"] for e in self.effects if "v_s" in e.shape]
+        return widths[0] if widths else SIGN_WIDTH
+
+    def columns(self, motion: Motion) -> list[JointColumns]:
+        """The regressor of a motion, joint by joint (n entries)."""
+        if motion.sign_width != self.sign_width:
+            motion = replace(motion, sign_width=self.sign_width)
+        indices: list[list[NDArray[np.intp]]] = [[] for _ in range(self.robot.n)]
+        columns: list[list[Array]] = [[] for _ in range(self.robot.n)]
+        blocks = {k: e.blocks(motion) for k, e in enumerate(self.effects) if not _depends(e)}
+        if self.needs_reference and motion.current is None:
+            motion = self._with_current(motion, blocks)
+        for k, (offset, effect) in enumerate(zip(self.offsets, self.effects, strict=True)):
+            for block in blocks[k] if k in blocks else effect.blocks(motion):
+                indices[block.joint].append(block.parameters + offset)
+                columns[block.joint].append(block.columns)
+        empty = np.zeros((len(motion.t), 0))
+        return [
+            JointColumns(
+                np.concatenate([np.zeros(0, np.intp), *i]).astype(np.intp), np.hstack([empty, *c])
+            )
+            for i, c in zip(indices, columns, strict=True)
+        ]
+
+    def _with_current(self, motion: Motion, blocks: Mapping[int, list[Block]]) -> Motion:
+        """The motion with the torque and the links of the reference."""
+        if self.reference is None:
+            name = next(e.name for e in self.effects if _depends(e))
+            raise InputError(
+                f"effect {name} refers to a current model and this one has none: identify the robot "
+                "without it first, then add it."
+            )
+        torque = np.zeros_like(motion.q)
+        offsets = self.offsets
+        for k, parts in blocks.items():
+            for block in parts:
+                torque[:, block.joint] += block.columns @ self.reference[offsets[k] + block.parameters]
+        links = self.reference[self.rigid_indices].reshape(-1, 10)
+        if not len(links):
+            links = np.zeros((self.robot.n, 10))
+        return replace(motion, torque=torque, current=CurrentModel(self.robot, links))
+
+    def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
+        """Modelled torque (N, n)."""
+        theta = np.asarray(theta, float)
+        return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
+
+
+def _depends(effect: Effect) -> bool:
+    return effect.needs_torque or effect.needs_links

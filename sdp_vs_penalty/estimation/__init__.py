@@ -1,0 +1,1 @@
+"""From measurements to a certified estimate, and how well the data determine it."""

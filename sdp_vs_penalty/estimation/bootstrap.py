@@ -1,0 +1,207 @@
+"""Block bootstrap of the SDP: the same problem a thousand times with other data, set up once.
+
+Time blocks of the compressed data are drawn with replacement (Kuensch, Annals of Statistics 1989). Each
+draw changes the numbers of one block of rows of the conic problem and no position in it: Clarabel keeps
+its ordering and symbolic factorisation and receives new values (its data update). Every answer is
+certified like any other; one whose certified gap is loose is solved again from the beginning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point, solve_sdp
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, triangular
+from sdp_vs_penalty.solvers.certificate import lower_bound, repair
+from sdp_vs_penalty.solvers.clarabel import Updated
+from sdp_vs_penalty.solvers.conic import Solution
+from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.objective import Objective
+
+Array = NDArray[np.float64]
+
+#: Certified gap, relative to the loss, above which a draw is solved again from the beginning.
+_TIGHT = 1e-8
+_ACCURACY = 1e-10
+
+
+@dataclass(frozen=True)
+class Draws:
+    """theta (S, p) of each draw, its loss and certified relative gap (S,); again: how many took two."""
+
+    theta: Array
+    loss: Array
+    gap: Array
+    again: int
+
+
+def block_data(regression: Regression, weights: ArrayLike) -> list[LeastSquares]:
+    """The (weighted) data of each time block on its own."""
+    return [regression.select([k]).least_squares(weights) for k in range(len(regression.blocks))]
+
+
+def joined(blocks: Sequence[LeastSquares], counts: NDArray[np.int64]) -> LeastSquares:
+    """The data of a draw: block k counted counts[k] times, by weights sqrt(counts[k])."""
+    p = blocks[0].R.shape[1]
+    parts, floor = [], 0.0
+    for block, count in zip(blocks, counts, strict=True):
+        if count:
+            parts.append(np.sqrt(count) * np.column_stack([block.R, block.rho]))
+            floor += count * block.floor**2
+    triangle = triangular(parts)
+    rest = float(triangle[p, p] ** 2) if len(triangle) > p else 0.0
+    tau_squared = float(sum(c * b.tau_squared for b, c in zip(blocks, counts, strict=True)))
+    rows = int(sum(c * b.rows for b, c in zip(blocks, counts, strict=True)))
+    return LeastSquares(
+        np.ascontiguousarray(triangle[:p, :p]), triangle[:p, p].copy(), float(np.sqrt(floor + rest)),
+        tau_squared, rows,
+    )  # fmt: skip
+
+
+def draw_counts(blocks: int, draw: int, seed: int) -> NDArray[np.int64]:
+    """How often each block comes in a draw; independent of how draws are shared out."""
+    rng = np.random.default_rng([seed, draw])
+    return np.bincount(rng.integers(0, blocks, blocks), minlength=blocks)
+
+
+@dataclass(frozen=True)
+class _Base:
+    """The problem of all blocks, ready for new values.
+
+    What the blocks see lies in the row space of what all of them see together, R = R[:, leading] D with
+    D (r, p) the identity in the ``leading`` columns: the rows of every draw are T D with T triangular,
+    at the same places (``pattern``, and ``where`` they stand in A's data).
+    """
+
+    sdp: SdpProblem
+    leading: NDArray[np.intp]
+    dependence: Array
+    pattern: NDArray[np.bool_]
+    where: NDArray[np.intp]
+    solver: Updated
+
+    @classmethod
+    def of(cls, sdp: SdpProblem, p: int) -> _Base:
+        A, r = sdp.conic.A.tocsc(), sdp.conic.cones[0].size
+        triangle, pivots = scipy.linalg.qr(A[:r, :p].toarray(), mode="r", pivoting=True)
+        dependence, pattern = np.zeros((r, p)), np.zeros((r, p), bool)
+        dependence[:, pivots[:r]] = np.eye(r)
+        dependence[:, pivots[r:]] = scipy.linalg.solve_triangular(triangle[:r, :r], triangle[:r, r:])
+        pattern[:, pivots[:r]] = np.triu(np.ones((r, r), bool))
+        pattern[:, pivots[r:]] = True
+        top = sparse.hstack([sparse.csc_matrix(pattern, dtype=float), A[:r, p:]])
+        filled = sparse.csc_matrix(sparse.vstack([top, A[r:]]))
+        # Within a column rows ascend, so the data rows come first.
+        counts = pattern.sum(axis=0)
+        where = np.concatenate([filled.indptr[k] + np.arange(counts[k]) for k in range(p)])
+        solver = Updated(replace(sdp.conic, A=filled), _ACCURACY)
+        return cls(sdp, pivots[:r], dependence, pattern, where, solver)
+
+
+@dataclass(frozen=True)
+class Resampler:
+    """One task and its blocks; ``task.constraints`` hold every demand, the minimum thickness too."""
+
+    task: Task
+    blocks: tuple[LeastSquares, ...]
+
+    @cached_property
+    def interior(self) -> Array:
+        return interior_point(self.task, self.task.constraints)
+
+    @cached_property
+    def _base(self) -> _Base:
+        objective = Objective(self.task.data)
+        whole = solve_sdp(self.task, objective, self.task.constraints, "clarabel", _ACCURACY)
+        sent = essential(self.task.constraints, objective)
+        least = self.task.data.loss(whole.theta)
+        sdp = least_squares_sdp(
+            objective, sent, self.interior, self.task.bound, whole.theta, least_loss=least
+        )
+        return _Base.of(sdp, len(self.task.bound))
+
+    @cached_property
+    def _reduced(self) -> list[Array]:
+        """Each block's rows in the leading columns, with its right side about the centre."""
+        base, out = self._base, []
+        for block in self.blocks:
+            rows = (block.R * base.sdp.theta_scale)[:, base.leading]
+            out.append(triangular([np.column_stack([rows, block.rho - block.R @ base.sdp.centre])]))
+        return out
+
+    def solve(self, counts: NDArray[np.int64]) -> tuple[Solution, SdpProblem]:
+        """Clarabel's answer for one draw; only values change."""
+        base = self._base
+        r, scale = len(base.leading), base.sdp.loss_scale
+        triangle = triangular([np.sqrt(c) * t for t, c in zip(self._reduced, counts, strict=True) if c])
+        triangle = np.vstack([triangle, np.zeros((max(r - len(triangle), 0), r + 1))])[:r]
+        values = (triangle[:, :r] @ base.dependence).T[base.pattern.T] / scale
+        return base.solver.solve(base.where, values, triangle[:, r] / scale), base.sdp
+
+    def draw(self, counts: NDArray[np.int64]) -> tuple[Array, float, float, bool]:
+        """theta, loss, certified relative gap of one draw, and whether it was solved again."""
+        data = joined(self.blocks, counts)
+        objective, constraints = Objective(data), self.task.constraints
+        solution, sdp = self.solve(counts)
+        if solution.claims in ("optimal", "inaccurate"):
+            theta = repair(constraints, sdp.theta(solution), self.interior)
+            found = {
+                id(p.constraint): m for p, m in zip(sdp.placed, sdp.multipliers(solution), strict=True)
+            }
+            multipliers = [found.get(id(c), np.zeros_like(c.constant)) for c in constraints.convex]
+            lower = lower_bound(objective, constraints, multipliers, theta, self.task.bound)
+            loss = data.loss(theta)
+            gap = (loss - lower) / max(loss, 1e-12 * data.tau_squared)
+            if gap <= _TIGHT:
+                return theta, loss, gap, False
+        fit = solve_sdp(replace(self.task, data=data), objective, constraints, "clarabel", _ACCURACY)
+        assert fit.multipliers is not None
+        loss = data.loss(fit.theta)
+        lower = lower_bound(objective, constraints, fit.multipliers, fit.theta, self.task.bound)
+        return fit.theta, loss, (loss - lower) / max(loss, 1e-12 * data.tau_squared), True
+
+
+def bootstrap(
+    task: Task, blocks: Sequence[LeastSquares], draws: int = 1000, seed: int = 0, jobs: int = 1
+) -> Draws:
+    """Solve and certify ``draws`` resamples of the blocks, shared out over ``jobs`` processes.
+
+    task : of all the data, its constraints those to impose. Raises InputError without two blocks.
+    """
+    if len(blocks) < 2:
+        raise InputError("A block bootstrap needs at least two blocks: record longer.")
+    resampler = Resampler(
+        replace(task, constraints=ConstraintSet(task.constraints.convex)), tuple(blocks)
+    )
+    shares = [list(range(k, draws, jobs)) for k in range(jobs)]
+    if jobs == 1:
+        results = [_share(resampler, shares[0], seed)]
+    else:
+        from joblib import Parallel, delayed
+
+        results = Parallel(n_jobs=jobs)(delayed(_share)(resampler, share, seed) for share in shares)
+    order = np.argsort(np.concatenate([np.array(s, np.intp) for s in shares]))
+    rows = [row for result in results for row in result]
+    return Draws(
+        np.array([row[0] for row in rows])[order],
+        np.array([row[1] for row in rows])[order],
+        np.array([row[2] for row in rows])[order],
+        sum(row[3] for row in rows),
+    )
+
+
+def _share(
+    resampler: Resampler, draws: Sequence[int], seed: int
+) -> list[tuple[Array, float, float, bool]]:
+    count = len(resampler.blocks)
+    return [resampler.draw(draw_counts(count, draw, seed)) for draw in draws]

@@ -1,0 +1,332 @@
+"""Exciting trajectories: Fourier series whose regressor is as well conditioned as the limits allow.
+
+For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b, q_0) of
+:class:`~sdp_vs_penalty.robot.trajectory.FourierTrajectory`,
+
+    minimise log(|W|_F |W^+|_F)   ("condition", a smooth upper bound of log cond W), or
+             -log det W^T W / p   ("d-optimal": the volume of the confidence ellipsoid)
+
+subject to limits of position, velocity and acceleration at every instant (Swevers et al., T-RA 1997;
+Gautier, Khalil, IJRR 1992). States are linear in x, so that the limits are linear inequalities and
+every step of the sequential linear programming below is exact in them: all iterates are feasible.
+The gradient goes through the regressor by central differences in the 3 n states, not in x.
+Collisions are not looked at: choose position limits within which the robot is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+OBJECTIVES = ("condition", "d-optimal")
+#: Acceleration limit of a joint whose robot states none: reached from rest within so many seconds of
+#: its velocity limit.
+_TIME_TO_SPEED = 0.25
+#: Instants at which the regressor is sampled, and instants between two of them with limits.
+_SAMPLES, _LIMITS_BETWEEN = 160, 1
+#: Shares of each limit kept for what happens between the instants that are looked at.
+_GRID_SHARE = 0.998
+#: Steps of the central differences in the states (rad, rad/s, rad/s^2).
+_DIFFERENCE = 1e-5
+#: A trust region smaller than this share of the limits ends the search.
+_SMALLEST_RADIUS = 1e-4
+
+
+@dataclass(frozen=True)
+class Limits:
+    """(n,) lower and upper position [rad, m], velocity and acceleration limits; all in one clock [s].
+
+    Raises InputError naming the joint for limits within which nothing can move.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+
+    def __post_init__(self) -> None:
+        for j, (low, high, v, a) in enumerate(
+            zip(self.lower, self.upper, self.velocity, self.acceleration, strict=True)
+        ):
+            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+                raise InputError(
+                    f"joint {j + 1}: no trajectory fits between {low:g} and {high:g}: the lower limit "
+                    "must be below the upper one, and both finite."
+                )
+            if not (np.isfinite(v) and np.isfinite(a) and v > 0.0 and a > 0.0):
+                raise InputError(
+                    f"joint {j + 1}: velocity limit {v:g} and acceleration limit {a:g} admit no "
+                    "trajectory: both must be positive."
+                )
+
+    @classmethod
+    def of_robot(cls, robot: Robot) -> Limits:
+        """The robot's own, with plain assumptions where it states none."""
+        lower, upper, velocity = joint_limits(robot)
+        return cls(lower, upper, velocity, velocity / _TIME_TO_SPEED)
+
+    @classmethod
+    def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
+        """What another trajectory needs: its extremes of position, velocity and acceleration."""
+        q, dq, ddq = trajectory.states(_dense(trajectory))
+        return cls(q.min(axis=0), q.max(axis=0), np.abs(dq).max(axis=0), np.abs(ddq).max(axis=0))
+
+    def excess(self, trajectory: FourierTrajectory) -> float:
+        """Largest ratio of the motion to its limits at 1 kHz, about the middle: <= 1 where kept."""
+        q, dq, ddq = trajectory.states(_dense(trajectory))
+        middle, half = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
+        ratios = (np.abs(q - middle) / half, np.abs(dq) / self.velocity, np.abs(ddq) / self.acceleration)
+        return float(max(ratio.max() for ratio in ratios))
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """An optimised trajectory; condition : of its base regressor, history : after each iteration."""
+
+    trajectory: FourierTrajectory
+    condition: float
+    history: tuple[float, ...]
+
+
+def optimise_excitation(
+    problem: Problem,
+    *,
+    limits: Limits | None = None,
+    start: FourierTrajectory | None = None,
+    effects: str | None = None,
+    objective: str = "condition",
+    harmonics: int = 5,
+    frequency: float = 0.15 * np.pi,
+    duration: float = 21.0,
+    blend: float = 0.5,
+    iterations: int = 60,
+    seed: int = 0,
+    progress: Progress = lambda _: None,
+) -> Excitation:
+    """A trajectory that excites the base parameters of a problem as evenly as the limits allow.
+
+    limits : default the robot's own; start : where to begin (its frequency, duration and blend are
+    kept), default a random trajectory of the given shape; effects : whose columns count, default the
+    problem's (base parameters of the links, friction, ...); objective : one of OBJECTIVES.
+    Raises InputError for limits that admit no trajectory, or an objective that does not exist.
+    """
+    if objective not in OBJECTIVES:
+        raise InputError(f"objective {objective!r} is unknown; there are: {', '.join(OBJECTIVES)}.")
+    bounds = Limits.of_robot(problem.robot) if limits is None else limits
+    if start is None:
+        start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
+    regressor = BaseRegressor.of(problem, effects)
+    search = _Search(regressor, bounds, shrunk(start, bounds), objective)
+    history = [regressor.condition(search.trajectory(search.x))]
+    for k in range(iterations):
+        if not search.step():
+            break
+        history.append(regressor.condition(search.trajectory(search.x)))
+        progress(f"excitation: iteration {k + 1}, condition number {history[-1]:.2f}")
+    best = shrunk(search.trajectory(search.x), bounds)
+    return Excitation(best, regressor.condition(best), tuple(history))
+
+
+def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
+    """The trajectory, or its largest part about the middle of the range that keeps the limits."""
+    excess = limits.excess(trajectory)
+    if excess <= 1.0:
+        return trajectory
+    middle = 0.5 * (limits.lower + limits.upper)
+    share = (1.0 - 1e-9) / excess
+    return replace(
+        trajectory,
+        a=trajectory.a * share,
+        b=trajectory.b * share,
+        q_0=middle + share * (trajectory.q_0 - middle),
+    )
+
+
+def save_trajectory(trajectory: FourierTrajectory, path: str | Path, rate: float = 1000.0) -> None:
+    """Write t, q1..qn, dq1..dqn, ddq1..ddqn at ``rate`` [Hz]: what a robot's controller plays."""
+    t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
+    n = trajectory.a.shape[0]
+    header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
+    rows = np.column_stack([t, *trajectory.states(t)])
+    lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+@dataclass(frozen=True)
+class BaseRegressor:
+    """The columns of a model that its base parameters meet: W (N n, p) of a motion."""
+
+    model: Model
+    columns: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, problem: Problem, effects: str | None = None) -> BaseRegressor:
+        """In the problem's own base parameters. Raises InputError for effects with a memory."""
+        model = problem.model(effects)
+        for effect in model.effects:
+            if effect.has_memory or effect.needs_torque:
+                raise InputError(
+                    f"effect {effect.name}: its columns depend on more than the state, leave it out of "
+                    "the excitation."
+                )
+        others = np.setdiff1d(np.arange(len(model.parameters)), model.rigid_indices)
+        kept = np.arange(0)
+        if len(model.rigid_indices):
+            kept = model.rigid_indices[list(base_parameters(model, problem.independent)[1])]
+        return cls(model, np.concatenate([kept, others]))
+
+    def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
+        """(N, n, p) rows of each sample and joint."""
+        wide = np.zeros((len(t), self.model.robot.n, len(self.model.parameters)))
+        for j, block in enumerate(self.model.columns(Motion(t, q, dq, ddq))):
+            wide[:, j, block.indices] = block.columns
+        return wide[:, :, self.columns]
+
+    def condition(self, trajectory: FourierTrajectory, rate: float = 20.0) -> float:
+        """Ratio of the extreme singular values of W, sampled at ``rate`` [Hz]."""
+        t = np.arange(0.0, trajectory.duration, 1.0 / rate)
+        w = self.at(t, *trajectory.states(t)).reshape(-1, len(self.columns))
+        return float(np.linalg.cond(w))
+
+
+class _Search:
+    """Sequential linear programming with a trust region; x (n, 2 L + 1) in units of the limits."""
+
+    def __init__(
+        self, regressor: BaseRegressor, limits: Limits, start: FourierTrajectory, objective: str
+    ) -> None:
+        self.regressor, self.start, self.objective = regressor, start, objective
+        self.n, self.harmonics = start.a.shape
+        self.t = np.linspace(0.0, start.duration, _SAMPLES)
+        self.maps = _state_maps(start, self.t)
+        grid = np.linspace(0.0, start.duration, (_LIMITS_BETWEEN + 1) * (_SAMPLES - 1) + 1)
+        self.limit_maps = _state_maps(start, np.union1d(grid, _blend_instants(start)))
+        self.limits = limits
+        self.x = np.column_stack([start.a, start.b, start.q_0])
+        # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
+        self.unit = np.column_stack(
+            [*[limits.velocity] * (2 * self.harmonics), 0.5 * (limits.upper - limits.lower)]
+        )
+        self.radius = 0.2
+        self.value, self.slope = self._evaluate(self.x)
+
+    def trajectory(self, x: Array) -> FourierTrajectory:
+        a, b = x[:, : self.harmonics], x[:, self.harmonics : -1]
+        return replace(self.start, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
+
+    def step(self) -> bool:
+        """One accepted step; False where the trust region has become too small."""
+        while self.radius > _SMALLEST_RADIUS:
+            candidate = self._linear_program()
+            predicted = float(np.sum(self.slope * (candidate - self.x)))
+            value = self._value(candidate)
+            if value < self.value + 0.05 * predicted < self.value:
+                self.radius *= 2.0 if value < self.value + 0.5 * predicted else 1.0
+                self.x = candidate
+                self.value, self.slope = self._evaluate(candidate)
+                return True
+            self.radius *= 0.4
+        return False
+
+    def _linear_program(self) -> Array:
+        """The linear model's best point in the trust region; limits do not couple joints."""
+        out = np.empty_like(self.x)
+        position, velocity, acceleration = self.limit_maps
+        for j in range(self.n):
+            middle = 0.5 * (self.limits.lower[j] + self.limits.upper[j])
+            half = 0.5 * (self.limits.upper[j] - self.limits.lower[j])
+            rows = np.vstack(
+                [
+                    position / half,
+                    velocity / self.limits.velocity[j],
+                    acceleration / self.limits.acceleration[j],
+                ]
+            )
+            offset = np.zeros(len(rows))
+            offset[: len(position)] = -middle / half
+            scaled = rows * self.unit[j]
+            now = self.x[j] / self.unit[j]
+            # Where the start uses a limit up, it may go on doing so.
+            room = np.maximum(_GRID_SHARE, np.abs(rows @ self.x[j] + offset))
+            found = optimize.linprog(
+                self.slope[j] * self.unit[j],
+                A_ub=np.vstack([scaled, -scaled]),
+                b_ub=np.concatenate([room - offset, room + offset]),
+                bounds=list(zip(now - self.radius, now + self.radius, strict=True)),
+                method="highs-ds",
+            )
+            out[j] = found.x * self.unit[j] if found.status == 0 else self.x[j]
+        return out
+
+    def _states(self, x: Array) -> tuple[Array, Array, Array]:
+        position, velocity, acceleration = self.maps
+        return position @ x.T, velocity @ x.T, acceleration @ x.T
+
+    def _value(self, x: Array) -> float:
+        w = self.regressor.at(self.t, *self._states(x))
+        return self._objective(w.reshape(-1, w.shape[2]))[0]
+
+    def _objective(self, w: Array) -> tuple[float, Array]:
+        """The objective and its gradient (rows, p) with respect to W."""
+        gram = w.T @ w
+        inverse = np.linalg.pinv(gram, hermitian=True)
+        p = len(gram)
+        if self.objective == "d-optimal":
+            return -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
+        outer, inner = float(np.trace(gram)), float(np.trace(inverse))
+        slope = w / outer - w @ (inverse @ inverse) / inner
+        return 0.5 * float(np.log(outer * inner)), slope
+
+    def _evaluate(self, x: Array) -> tuple[float, Array]:
+        states = self._states(x)
+        w = self.regressor.at(self.t, *states)
+        value, outer = self._objective(w.reshape(-1, w.shape[2]))
+        outer = outer.reshape(w.shape)
+        slope = np.zeros_like(x)
+        for which, linear in enumerate(self.maps):
+            for j in range(self.n):
+                ends = []
+                for sign in (1.0, -1.0):
+                    moved = [s.copy() for s in states]
+                    moved[which][:, j] += sign * _DIFFERENCE
+                    ends.append(self.regressor.at(self.t, *moved))
+                rate = np.einsum("kjc,kjc->k", outer, ends[0] - ends[1]) / (2.0 * _DIFFERENCE)
+                slope[j] += rate @ linear
+        return value, slope
+
+
+def _state_maps(like: FourierTrajectory, t: Array) -> tuple[Array, Array, Array]:
+    """Three (N, 2 L + 1) maps from a joint's (a, b, q_0) to its q, dq, ddq at t."""
+    count = like.a.shape[1]
+    units = np.eye(2 * count + 1)
+    each = replace(like, a=units[:, :count], b=units[:, count:-1], q_0=units[:, -1])
+    q, dq, ddq = each.states(t)
+    return q, dq, ddq
+
+
+def _dense(trajectory: FourierTrajectory) -> Array:
+    """Instants at 1 kHz, with those where the acceleration jumps or peaks in the blends."""
+    whole = np.linspace(0.0, trajectory.duration, round(1000.0 * trajectory.duration) + 1)
+    return np.union1d(whole, _blend_instants(trajectory))
+
+
+def _blend_instants(trajectory: FourierTrajectory) -> Array:
+    blend, end = trajectory.blend, trajectory.duration - trajectory.blend
+    return np.array([0.5 * blend, blend, end, end + 0.5 * blend])

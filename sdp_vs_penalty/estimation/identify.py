@@ -1,0 +1,116 @@
+"""The verb ``identify``: from a problem and measurements to a certified estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate, build_estimate
+from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.black_box import BlackBox, compress_black_box
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+
+def identify(
+    problem: Problem,
+    measurements: Measurements | BlackBox,
+    method: str | Estimator = DEFAULT_METHOD,
+    *,
+    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    preprocessing: Preprocessing | None = None,
+    weighting: str = "noise",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Estimate:
+    """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
+
+    method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
+    effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
+        the problem's); weighting : "noise" divides each joint's rows by its residual in a first
+        least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
+        random; progress : hears where the computation stands.
+    A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
+    applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
+    Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
+    """
+    if measurements.n != problem.robot.n:
+        raise InputError(
+            f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "
+            f"{problem.robot.n}: choose the problem that belongs to the file."
+        )
+    estimator = make_estimator(method)
+    if isinstance(measurements, BlackBox):
+        return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
+    if estimator.needs_black_box:
+        raise InputError(
+            f"method {estimator.name} needs a black box's answers: an .npz file with q, gravity and "
+            "mass_matrix; for measured runs choose another method."
+        )
+    check_plausible(problem.robot, measurements)
+    model = problem.model(effects)
+    settings = (preprocessing or problem.preprocessing).resolve(measurements)
+    if model.needs_reference:
+        model = with_reference(problem, model, measurements, settings, weighting, progress)
+    progress("compressing the measurements")
+    regression = compress(measurements, model, settings)
+    progress(f"estimating by {estimator.name}")
+    task = make_task(problem, model, regression, weighting, seed, progress)
+    return build_estimate(
+        problem, task, estimator, estimator.fit(task), regression, settings, measurements, weighting
+    )
+
+
+def _identify_black_box(
+    problem: Problem,
+    box: BlackBox,
+    estimator: Estimator,
+    effects: str | Sequence[str] | Sequence[Effect] | None,
+    seed: int,
+    progress: Progress,
+) -> Estimate:
+    model = problem.model("rigid_body" if effects is None else effects)
+    progress("compressing the black box's answers")
+    regression = compress_black_box(box, model)
+    progress(f"estimating by {estimator.name}")
+    task = make_task(problem, model, regression, "none", seed, progress)
+    settings = problem.preprocessing
+    return build_estimate(
+        problem, task, estimator, estimator.fit(task), regression, settings, box, "none"
+    )
+
+
+def with_reference(
+    problem: Problem,
+    model: Model,
+    measurements: Measurements,
+    settings: Preprocessing,
+    weighting: str = "noise",
+    progress: Progress = no_progress,
+    passes: int = 2,
+) -> Model:
+    """The model with the current model that its torque-dependent effects refer to.
+
+    Least squares without those effects, then ``passes - 1`` times with them: the reference is what
+    the other effects are estimated to be when these have taken their share.
+    """
+    reference = np.zeros(len(model.parameters))
+    for k in range(passes):
+        progress(f"the current model, pass {k + 1} of {passes}")
+        part = model.independent if k == 0 else replace(model, reference=reference)
+        regression = compress(measurements, part, settings)
+        theta = make_task(problem, part, regression, weighting).ols
+        free = theta if k == 0 else theta[model.independent_indices]
+        reference = np.zeros(len(model.parameters))
+        reference[model.independent_indices] = free
+    return replace(model, reference=reference)

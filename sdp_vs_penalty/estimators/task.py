@@ -1,0 +1,70 @@
+"""From a problem and compressed measurements to what an estimator is given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import Regression
+
+
+def make_task(
+    problem: Problem,
+    model: Model,
+    regression: Regression,
+    weighting: str = "noise",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Task:
+    """What an estimator needs to know, from a problem and compressed measurements."""
+    nominal, bound = problem.nominal(model), problem.parameter_bound(model)
+    plain = Task(
+        model,
+        regression.least_squares(),
+        problem.constraints(model),
+        bound,
+        nominal,
+        problem.box,
+        problem.independent,
+        seed,
+        progress,
+        joint_scale(regression, model),
+    )
+    if weighting == "none":
+        return plain
+    if weighting != "noise":
+        raise InputError(f"weighting {weighting!r} is unknown; there are: noise, none.")
+    return replace(plain, data=regression.least_squares(joint_weights(regression, plain.ols)))
+
+
+def joint_scale(regression: Regression, model: Model) -> np.ndarray:
+    """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links and idle ones."""
+    scale = np.full(regression.p, np.inf)
+    for factor in regression.per_joint():
+        norms = np.linalg.norm(factor.triangle[:, :-1], axis=0)
+        torque = float(np.linalg.norm(factor.triangle[:, -1]))
+        seen = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
+        if torque > 0.0:
+            where = factor.indices[seen]
+            scale[where] = np.minimum(scale[where], torque / norms[seen])
+    return scale
+
+
+def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
+    """(n,) weights sigma / sigma_j from residuals of a first pass, sigma their root mean square.
+
+    A joint whose residual is below 1e-6 of its torque counts as that exact, so that noise-free data
+    are not weighted by rounding.
+    """
+    rows = np.maximum(regression.joint_rows(), 1)
+    torque = np.array([float(np.sum(f.triangle[:, -1] ** 2)) for f in regression.per_joint()])
+    variance = np.maximum(regression.joint_losses(theta), 1e-12 * torque) / rows
+    if not np.any(variance > 0.0):
+        return np.ones(len(rows))
+    variance = np.maximum(variance, 1e-12 * variance.max())
+    return np.sqrt(variance.mean() / variance)

@@ -1,0 +1,87 @@
+"""The paper's figures, one file each: NUMBER, PROBLEM and draw(study) are a figure's registration."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import pkgutil
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.problem.load import load_problem
+
+#: Figure 4 of the paper is a photograph of a simulator's window: there is nothing to compute in it.
+LEFT_OUT = {4: "a photograph of V-REP's window"}
+
+
+@cache
+def figure_modules() -> dict[int, ModuleType]:
+    """Every figure of the package by its number."""
+    found = {}
+    for module in pkgutil.iter_modules(__path__):
+        home = importlib.import_module(f"{__name__}.{module.name}")
+        if hasattr(home, "NUMBER"):
+            found[home.NUMBER] = home
+    return dict(sorted(found.items()))
+
+
+def make_figures(
+    numbers: Sequence[int] = (),
+    out: str | Path = "results",
+    budget: str = "quick",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> list[Path]:
+    """Draw figures (all, or those asked for) and write each as figure_N.png and figure_N.pdf.
+
+    Raises InputError for a number that is no figure, before anything is computed or written, and
+    where matplotlib is absent.
+    """
+    modules = figure_modules()
+    for number in numbers:
+        if number not in modules:
+            why = f" ({LEFT_OUT[number]})" if number in LEFT_OUT else ""
+            raise InputError(
+                f"figure {number} is not made{why}; there are: {', '.join(map(str, modules))}."
+            )
+    _require_matplotlib()
+    studies: dict[str, Study] = {}
+    paths = []
+    for number in numbers or modules:
+        home = modules[number]
+        if home.PROBLEM not in studies:
+            studies[home.PROBLEM] = Study(load_problem(home.PROBLEM), budget, seed, progress)
+        progress(f"figure {number}")
+        paths += save(home.draw(studies[home.PROBLEM]), Path(out) / f"figure_{number}")
+    return paths
+
+
+def save(figure: Any, base: Path) -> list[Path]:
+    """Write a matplotlib figure as base.png and base.pdf, each whole or not at all."""
+    import matplotlib.pyplot as plt
+
+    paths = []
+    # Without a date the same numbers make the same file.
+    for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
+        content = io.BytesIO()
+        figure.savefig(content, format=suffix[1:], dpi=200, metadata=metadata)
+        path = base.with_name(base.name + suffix)
+        write_bytes(path, content.getvalue())
+        paths.append(path)
+    plt.close(figure)
+    return paths
+
+
+def _require_matplotlib() -> None:
+    try:
+        import matplotlib
+    except ImportError:
+        raise missing_extra("Figures need matplotlib,", "plot") from None
+    matplotlib.use("Agg")

@@ -1,0 +1,108 @@
+"""The comparison tables, one file each: a file with NAME, and build(study) is its registration.
+
+A module defines NAME ("III"), build(study) -> Table, and where it applies only to some problems
+PROBLEMS, a tuple of their names.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Table
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+
+#: What `tables` without names makes.
+DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
+DEFAULT_PROBLEM = "panda"
+
+
+@cache
+def table_modules() -> dict[str, ModuleType]:
+    """Every table of the package by its name."""
+    found = {}
+    for module in pkgutil.iter_modules(__path__):
+        home = importlib.import_module(f"{__name__}.{module.name}")
+        if hasattr(home, "NAME"):
+            found[home.NAME] = home
+    return dict(sorted(found.items()))
+
+
+def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
+    """The tables as data. Raises InputError for a table that does not exist for the problem."""
+    chosen = _chosen(names or DEFAULT_TABLES)
+    for module in chosen:
+        where = getattr(module, "PROBLEMS", None)
+        if where is not None and study.problem.name not in where:
+            raise InputError(
+                f"table {module.NAME} belongs to {' and '.join(where)}: choose it with --problem, or "
+                "leave the table out."
+            )
+    out = []
+    for module in chosen:
+        study.progress(f"table {module.NAME}")
+        out.append(module.build(study))
+    return out
+
+
+def all_tables() -> tuple[str, ...]:
+    """Every table that does not take minutes of its own."""
+    return tuple(name for name, home in table_modules().items() if not getattr(home, "SLOW", False))
+
+
+def _chosen(names: Sequence[str]) -> list[ModuleType]:
+    modules = table_modules()
+    known = {name.lower(): name for name in modules}
+    chosen: list[ModuleType] = []
+    for name in names:
+        if name.lower() not in known:
+            raise InputError(f"table {name!r} is unknown; there are: {', '.join(modules)}.")
+        module = modules[known[name.lower()]]
+        if module not in chosen:
+            chosen.append(module)
+    return chosen
+
+
+def _by_problem(names: Sequence[str]) -> dict[str, list[str]]:
+    """The tables under the default problem where they apply to it, else under their own."""
+    out: dict[str, list[str]] = {}
+    for module in _chosen(names):
+        where = getattr(module, "PROBLEMS", (DEFAULT_PROBLEM,))
+        name = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]
+        out.setdefault(name, []).append(module.NAME)
+    return out
+
+
+def make_tables(
+    names: Sequence[str] | None = None,
+    problem: str | Path | Problem | None = None,
+    budget: str = "quick",
+    out: str | Path = "results",
+    progress: Progress = no_progress,
+    seed: int = 0,
+) -> list[Path]:
+    """Build tables and write each as CSV, Markdown and LaTeX; the paths written.
+
+    names : of the tables, in any case; None for III, IV, VIII and IX. problem : default the Panda,
+    and the 2R for the tables that are about it only.
+    budget : "quick", or "paper" for as many loss evaluations of the paper's method as its authors
+    allow. Raises InputError for names that do not exist, before anything is computed or written.
+    """
+    if problem is None:
+        groups = [(load_problem(k), group) for k, group in _by_problem(names or DEFAULT_TABLES).items()]
+    else:
+        chosen = problem if isinstance(problem, Problem) else load_problem(problem)
+        groups = [(chosen, list(names or DEFAULT_TABLES))]
+    paths = []
+    for one, group in groups:
+        for table in build_tables(group, Study(one, budget, seed, progress)):
+            paths += table.write(out)
+    return paths

@@ -1,0 +1,116 @@
+"""What Tables VII, VIII and IX share: links' parameters about their centres of mass, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.paper.tables.study import METHODS, Study, sentence
+from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
+from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
+from sdp_vs_penalty.robot import inertia
+
+Array = NDArray[np.float64]
+
+_UNITS = ("kg", "m", "m", "m", *("kg*m^2",) * 6)
+
+
+def is_mass_or_centre(name: str) -> bool:
+    return name[0] in "mc"
+
+
+def is_inertia(name: str) -> bool:
+    return name[0] == "I"
+
+
+def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
+    """Bounds and published values as printed, then the simulation's truth, then every method."""
+    problem = study.problem
+    columns, rows = _published_rows(study, chosen) or _bound_rows(study, chosen)
+    keys = [str(row[0]) for row in rows]
+    ours = [("true_simulated", study.experiment.links)]
+    for data in study.whole:
+        for method_name, method in METHODS.items():
+            theta = study.result(method, data).theta
+            links = theta[data.model.rigid_indices].reshape(-1, 10)
+            ours.append((f"{method_name}_{data.label}", links))
+    for label, links in ours:
+        values = by_name(links)
+        columns.append(Column(label))
+        for row, key in zip(rows, keys, strict=True):
+            row.append(values[key])
+    notes = [
+        "Inertias are about the centres of mass, in the link frames. Torque determines base "
+        "parameters only: other entries are what each method fills in, OLS with the point nearest to "
+        "the problem's nominal robot, in general not physically consistent.",
+    ]
+    if any(is_inertia(key) for key in keys):
+        notes += _bounds_received(study)
+    for erratum in errata(problem):
+        if erratum.cell and erratum.cell["row"] in keys:
+            notes.append(
+                f"{erratum.where}: printed {erratum.printed}; the other tables need "
+                f"{erratum.corrected}, which true_simulated has."
+            )
+    return Table(
+        name,
+        f"Table {name}: {title} of {problem.title}",
+        sentence(study),
+        tuple(columns),
+        tuple(tuple(row) for row in rows),
+        tuple(notes),
+    )
+
+
+def _bounds_received(study: Study) -> list[str]:
+    """Which method got which bound on inertias, and what became of those it did not get."""
+    if not study.task(study.simulated).constraints.nonconvex:
+        return []
+    worst = []
+    for data in study.whole:
+        for name, method in METHODS.items():
+            found = study.task(data).constraints.worst(study.result(method, data).theta)
+            worst.append(f"{name}_{data.label} {text(found['barycentric inertia'], 2)}")
+    return [
+        "Bounds on these inertias: penalty and penalty_paper received them as they are; the SDPs their "
+        "convex consequence J_aa <= upper + m max(c_b^2 + c_c^2), because the originals are not convex "
+        "in the parameters that torque is linear in; OLS none.",
+        f"Worst violation of the originals afterwards [kg m^2]: {', '.join(worst)}.",
+    ]
+
+
+def by_name(links: Array) -> dict[str, float]:
+    """m1, c1x, I1xx, ... of links (n, 10); a centre of mass of a massless link is empty."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        barycentric = inertia.barycentric_from_standard(links)
+    return {
+        name: float(value)
+        for link, row in enumerate(barycentric, start=1)
+        for name, value in zip(barycentric_names(link), row, strict=True)
+    }
+
+
+def _published_rows(
+    study: Study, chosen: Callable[[str], bool]
+) -> tuple[list[Column], list[list[Cell]]] | None:
+    tables = box_tables(study.problem)
+    if not tables:
+        return None
+    printed = [row for name in tables for row in study.problem.published[name]]
+    header = list(printed[0])
+    rows: list[list[Cell]] = [
+        [row[column] for column in header] for row in printed if chosen(row["parameter"])
+    ]
+    return [Column(name) for name in header], rows
+
+
+def _bound_rows(study: Study, chosen: Callable[[str], bool]) -> tuple[list[Column], list[list[Cell]]]:
+    """For robots without published parameters."""
+    rows: list[list[Cell]] = []
+    for link, box in enumerate(study.problem.box, start=1):
+        for name, (lower, upper), unit in zip(barycentric_names(link), box, _UNITS, strict=True):
+            if chosen(name):
+                rows.append([name, float(lower), float(upper), unit])
+    return [Column(name) for name in ("parameter", "lower", "upper", "unit")], rows

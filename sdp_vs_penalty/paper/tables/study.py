@@ -1,0 +1,258 @@
+"""What several tables share: the data of a problem and every method's estimate, computed once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators import estimator_types
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.problem.real_data import good_configurations, measured_run
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
+from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.simulation.experiment import Experiment, experiment
+from sdp_vs_penalty.solvers.certificate import Certificate
+
+Array = NDArray[np.float64]
+
+BUDGETS = ("quick", "paper")
+#: The columns of Tables III, VII, VIII, IX and the rows of IV: our name and the method's.
+METHODS: Mapping[str, str] = {
+    "ols": "ols",
+    "penalty": "penalty",
+    "penalty_paper": "penalty-paper",
+    "lmi_sdp": "lmi-sdp",
+    "lmi_sdp_plain": "lmi-sdp-plain",
+    "lmi_sdp_entropic": "lmi-sdp-entropic",
+}
+#: Where the real run is cut: estimates that are judged on it never see what comes later [s].
+TRAIN_STOP, TEST_START = 14.0, 14.2
+#: Configurations of the black box where the authors' file is absent: as many as theirs.
+_CONFIGURATIONS = 1010
+
+
+@dataclass(frozen=True)
+class Data:
+    """One data set, compressed: what estimates are made from, and what they are judged on.
+
+    label : how columns and rows are named, "simulated" or "measured"; test is None where nothing is
+    held out.
+    """
+
+    label: str
+    train: Measurements
+    test: Measurements | None
+    model: Model
+    preprocessing: Preprocessing
+
+    @cached_property
+    def regression(self) -> Regression:
+        return compress(self.train, self.model, self.preprocessing)
+
+    @cached_property
+    def test_regression(self) -> Regression:
+        return self.test_with(self.model)
+
+    def test_with(self, model: Model) -> Regression:
+        """The held-out rows in the columns of another model."""
+        assert self.test is not None
+        return compress(self.test, model, self.preprocessing, blocks_per_run=1)
+
+    def errors(self, theta: Array, regression: Regression | None = None) -> tuple[Array, float]:
+        """Held-out mean squared torque error (n,) [(N m)^2] and relative error over all joints [%]."""
+        rows = self.test_regression if regression is None else regression
+        return torque_errors(rows, theta)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method on one data set: theta as certified, its certificate, time to fit [s]."""
+
+    theta: Array
+    certificate: Certificate
+    seconds: float
+    details: dict[str, Any]
+
+
+class Study:
+    """The data and estimates behind the tables of one problem; everything is computed on first use.
+
+    Raises InputError for a budget that does not exist.
+    """
+
+    def __init__(
+        self, problem: Problem, budget: str = "quick", seed: int = 0, progress: Progress = no_progress
+    ) -> None:
+        if budget not in BUDGETS:
+            raise InputError(f"budget {budget!r} is unknown; there are: {', '.join(BUDGETS)}.")
+        self.problem, self.budget, self.seed, self.progress = problem, budget, seed, progress
+        self._results: dict[tuple[str, str], Result] = {}
+        self._tasks: dict[str, Task] = {}
+
+    @cached_property
+    def experiment(self) -> Experiment:
+        return experiment(self.problem)
+
+    @cached_property
+    def simulated(self) -> Data:
+        """Trained on one exciting trajectory, judged on the validation trajectories."""
+        self.progress("simulating")
+        x = self.experiment
+        train, test = x.training_run(self.seed), concatenate(x.validation_runs(self.seed))
+        return self._data("simulated", train, test, self.problem.model(x.effects))
+
+    @cached_property
+    def run(self) -> Measurements | None:
+        """The real run of this problem where it is at hand."""
+        return measured_run(self.problem)
+
+    @cached_property
+    def measured(self) -> Data | None:
+        """The whole real run, as the paper used it."""
+        if self.run is None:
+            return None
+        return self._data("measured", self.run, None, self.problem.model())
+
+    @cached_property
+    def held_out(self) -> Data | None:
+        """The real run before TRAIN_STOP, judged on what comes after TEST_START."""
+        if self.run is None:
+            return None
+        train, test = self.run.window(0.0, TRAIN_STOP), self.run.window(TEST_START, np.inf)
+        return self._data("measured", train, test, self.problem.model())
+
+    def _data(self, label: str, train: Measurements, test: Measurements | None, model: Model) -> Data:
+        return Data(label, train, test, model, self.problem.preprocessing.resolve(train))
+
+    @property
+    def whole(self) -> list[Data]:
+        """What Tables III, VII, VIII and IX are identified from."""
+        return [self.simulated, *([] if self.measured is None else [self.measured])]
+
+    @property
+    def judged(self) -> list[Data]:
+        """What is held out against in Table IV and the method table."""
+        return [self.simulated, *([] if self.held_out is None else [self.held_out])]
+
+    def task(self, data: Data) -> Task:
+        key = data.train.data_hash
+        if key not in self._tasks:
+            self.progress(f"compressing the {data.label} run")
+            self._tasks[key] = make_task(self.problem, data.model, data.regression, seed=self.seed)
+        return self._tasks[key]
+
+    def result(self, method: str, data: Data) -> Result:
+        """A method's estimate from the training part of a data set."""
+        key = (method, data.train.data_hash)
+        if key not in self._results:
+            task = self.task(data)
+            self.progress(f"{method} on {data.label} data")
+            fresh = replace(task)  # without what an earlier method has left in its cache
+            begin = time.perf_counter()
+            fit = self.estimator(method).fit(fresh)
+            seconds = time.perf_counter() - begin
+            theta, certificate = certify(task, fit)
+            self._results[key] = Result(theta, certificate, seconds, fit.details)
+        return self._results[key]
+
+    def estimator(self, method: str) -> Estimator:
+        """The method with the settings of this budget."""
+        kind = estimator_types()[method]
+        if issubclass(kind, PenaltyPaper):
+            return kind(evaluations=PAPER_BUDGET if self.budget == "paper" else QUICK_BUDGET)
+        return kind()
+
+    @cached_property
+    def base(self) -> Array:
+        """(b, 10 n) map from the links' standard parameters to the base parameters."""
+        return base_parameters(self.problem.model("rigid_body"), self.problem.independent)[0]
+
+    @cached_property
+    def black_box(self) -> tuple[BlackBox, bool]:
+        """The true links' answers, and whether at the authors' configurations."""
+        x, file = self.experiment, good_configurations(self.problem)
+        if file is None:
+            q = self.problem.robot.random_configurations(_CONFIGURATIONS, self.seed)
+        else:
+            q = load_configurations(file, self.problem.robot.n)
+        return BlackBox.of_links(self.problem.robot, x.links, q), file is not None
+
+    @cached_property
+    def reverse_engineered(self) -> Result:
+        """Base parameters from the black box; details hold condition number and relative error."""
+        box, _ = self.black_box
+        begin = time.perf_counter()
+        estimate = identify(self.problem, box, "reverse-engineering", seed=self.seed)
+        seconds = time.perf_counter() - begin
+        return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
+
+    def frozen_links(self, links: Array, data: Data) -> Array:
+        """theta with given links, all other parameters refitted on the training part."""
+        theta = np.zeros(len(data.model.parameters))
+        theta[data.model.rigid_indices] = links.ravel()
+        return refit_others(data.regression, theta, data.model)
+
+    def published_links(self, column: str) -> Array:
+        return published_links(self.problem, column)
+
+    def model_with(self, *effects: Effect) -> Model:
+        """Rigid links and given effects only."""
+        rigid = self.problem.model("rigid_body").effects
+        return Model(self.problem.robot, (*rigid, *effects))
+
+
+def refit_others(rows: Regression, theta: Array, model: Model) -> Array:
+    """theta with all but the links' parameters fitted to rows by least squares, joint by joint."""
+    out = theta.copy()
+    for factor in rows.per_joint():
+        y, tau = factor.triangle[:, :-1], factor.triangle[:, -1]
+        free = ~np.isin(factor.indices, model.rigid_indices)
+        if free.any():
+            rest = tau - y[:, ~free] @ theta[factor.indices[~free]]
+            out[factor.indices[free]] = np.linalg.lstsq(y[:, free], rest, rcond=None)[0]
+    return out
+
+
+def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
+    """Mean squared torque error (n,) of each joint, and 100 |tau - tau_hat| / |tau| over all [%]."""
+    losses = rows.joint_losses(theta)
+    relative = 100.0 * np.sqrt(losses.sum() / rows.least_squares().tau_squared)
+    return losses / rows.joint_rows(), float(relative)
+
+
+def sentence(study: Study) -> str:
+    """What is simulated and what is measured: opens every caption."""
+    x = study.experiment
+    friction = "without friction" if x.friction is None else "with sigmoid friction"
+    truth = {"panda": "the published p_hat (errata corrected)", "two_link": "the published p_real"}.get(
+        study.problem.name, "the problem's nominal links"
+    )
+    simulated = (
+        f"Columns or rows named simulated: one {x.trajectory.duration:g} s exciting trajectory "
+        f"simulated with {truth} as truth, {friction}, with torque noise and quantisation "
+        f"(seed {study.seed})."
+    )
+    if study.run is None:
+        return (
+            f"{simulated} Nothing is measured: no real run of {study.problem.name} is at hand (a folder "
+            "named by SDP_VS_PENALTY_DATA)."
+        )
+    return f"{simulated} Named measured: the authors' real run ({len(study.run.t)} samples)."

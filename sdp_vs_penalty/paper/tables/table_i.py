@@ -1,0 +1,176 @@
+"""Table I: the sigmoid friction of every joint, published and fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
+from sdp_vs_penalty.paper.sigmoid_friction import (
+    RowsOf,
+    SigmoidFit,
+    coverage,
+    exact_rows,
+    fit_sigmoid,
+    residual_rms,
+)
+from sdp_vs_penalty.paper.tables.study import Data, Study, sentence, torque_errors
+from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.signals.preprocessing import filtered_torque, rows_per_sample
+
+NAME = "I"
+PROBLEMS = ("panda",)
+
+Array = NDArray[np.float64]
+
+_UNITS = ("N*m", "s/rad", "rad/s")
+#: Simulated runs with different noise from which the coverage of the intervals is counted.
+_REPLICATES = {"quick": 4, "paper": 40}
+_LINEAR = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
+
+
+def build(study: Study) -> Table:
+    """Rows: phi_1..phi_3 published and fitted, each with its interval; then held-out errors."""
+    n = study.problem.robot.n
+    published = study.problem.published["table_I"]
+    columns = [Column(name, 5) for name in published[0]]
+    columns += [Column("what", 5), Column("covered_percent", 3)]
+    rows: list[tuple[Cell, ...]] = [(*row.values(), "published", None) for row in published]
+    rows += _values("simulated, without noise", _exact(study).phi)
+    fits = _replicates(study)
+    share = coverage(fits, _truth(study))
+    rows += _with_interval("simulated", fits[0], 100.0 * share)
+    notes = [_identifiability("simulated", fits[0])]
+    if study.measured is not None:
+        study.progress("sigmoid friction of the real run")
+        fit = _fit(study, study.measured, study.measured.train)
+        rows += _with_interval("measured", fit, None)
+        notes.append(_identifiability("measured", fit))
+    for data in study.judged:
+        rows += [
+            (name, *errors.tolist(), "N*m", f"{data.label}, held-out RMSE", None)
+            for name, errors in _held_out(study, data)
+        ]
+    return Table(
+        NAME,
+        f"Table I: sigmoid friction of {study.problem.title}",
+        sentence(study),
+        tuple(columns),
+        tuple(row if len(row) == n + 4 else (*row, None) for row in rows),
+        (
+            "Fitted together with the base parameters of the links: W pi + f(dq; phi) = tau, "
+            "f = phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)).",
+            "lower, upper: 95 % intervals from the Jacobian of the whole fit. covered_percent: how many "
+            f"of them hold the truth, over all joints and {len(fits)} simulated runs with different "
+            f"noise ({len(fits) * n} intervals: 95 % +- {_binomial(len(fits) * n):.0f} % expected).",
+            *notes,
+            "Held out: the residual of each friction model on the judged data, fitted on the training "
+            "part by ordinary least squares; shapes too are chosen on the training part.",
+        ),
+    )
+
+
+def _truth(study: Study) -> Array:
+    friction = study.experiment.friction
+    assert friction is not None
+    return friction
+
+
+def _exact(study: Study) -> SigmoidFit:
+    """From the true states at 50 Hz, without noise: what the fit recovers at best."""
+    study.progress("sigmoid friction without noise")
+    x = study.experiment
+    t = np.arange(0.0, x.trajectory.duration, 0.02)
+    motion = Motion(t, *x.trajectory.states(t))
+    torque = np.sum([source(motion) for source in x.sources], axis=0)
+    return fit_sigmoid(study.problem, exact_rows(motion, torque))
+
+
+def _replicates(study: Study) -> list[SigmoidFit]:
+    fits, count = [], _REPLICATES[study.budget]
+    for k in range(count):
+        study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
+        run = study.simulated.train if k == 0 else study.experiment.training_run(study.seed + k)
+        fits.append(_fit(study, study.simulated, run))
+    return fits
+
+
+def _rows(data: Data, run: Measurements) -> RowsOf:
+    return lambda model: filtered_torque(run, model, data.preprocessing)
+
+
+def _values(what: str, phi: Array) -> list[tuple[Cell, ...]]:
+    return [(f"phi_{k + 1}", *(float(x) for x in phi[:, k]), _UNITS[k], what, None) for k in range(3)]
+
+
+def _with_interval(what: str, fit: SigmoidFit, covered: Array | None) -> list[tuple[Cell, ...]]:
+    rows: list[tuple[Cell, ...]] = []
+    for k in range(3):
+        share = None if covered is None else float(covered[k])
+        for part, values in (("", fit.phi), (", lower", fit.lower), (", upper", fit.upper)):
+            cells = (float(x) for x in values[:, k])
+            rows.append((f"phi_{k + 1}", *cells, _UNITS[k], what + part, None if part else share))
+    return rows
+
+
+def _identifiability(what: str, fit: SigmoidFit) -> str:
+    """Which parameters the data hardly determine: relative half widths, and signs left open."""
+    half = np.median(0.5 * (fit.upper - fit.lower) / np.abs(fit.phi), axis=0)
+    open_sign = np.flatnonzero(fit.hardly_identifiable[:, 2]) + 1
+    joints = ", ".join(map(str, open_sign))
+    signs = f"; on joint(s) {joints} not even its sign is known" if len(open_sign) else ""
+    steps = np.flatnonzero(fit.at_bound) + 1
+    if len(steps):
+        signs += (
+            f"; on joint(s) {', '.join(map(str, steps))} phi_2 ran to the end of its range: the data "
+            "want a step, and the interval means nothing"
+        )
+    return (
+        f"{what}: half widths of the intervals, median over joints: phi_1 {100 * half[0]:.1f} %, phi_2 "
+        f"{100 * half[1]:.1f} %, phi_3 {100 * half[2]:.0f} %: phi_3 is hardly identifiable{signs}."
+    )
+
+
+def _binomial(count: int) -> float:
+    """Half width [%] of the 95 % range of a share counted from so many intervals."""
+    return 196.0 * float(np.sqrt(0.95 * 0.05 / count))
+
+
+def _fit(study: Study, data: Data, run: Measurements) -> SigmoidFit:
+    """The sigmoid and the base parameters from one run behind the filters of a data set."""
+    repeats = rows_per_sample(run, data.preprocessing)
+    return fit_sigmoid(study.problem, _rows(data, run), repeats)
+
+
+def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
+    """RMSE (n,) of three friction models on what is held out."""
+    assert data.test is not None
+    study.progress(f"friction models on held-out {data.label} data")
+    fit = _fit(study, data, data.train)
+    linear = _ordinary(study, data, _LINEAR)[1]
+    grid = PreslidingHysteresis.shape_grid["d"]
+    tried = [_ordinary(study, data, f"{_LINEAR},presliding_hysteresis@d={d}") for d in grid]
+    best = min(range(len(grid)), key=lambda k: tried[k][0])
+    return [
+        ("linear friction", linear),
+        ("sigmoid friction", residual_rms(study.problem, _runs_rows(data), fit)),
+        (f"presliding hysteresis (d = {grid[best]:g} rad)", tried[best][1]),
+    ]
+
+
+def _runs_rows(data: Data) -> list[RowsOf]:
+    assert data.test is not None
+    return [_rows(data, run) for run in data.test.runs()]
+
+
+def _ordinary(study: Study, data: Data, effects: str) -> tuple[float, Array]:
+    """Training loss and held-out RMSE (n,) of ordinary least squares with these effects."""
+    assert data.test is not None
+    model = study.problem.model(effects)
+    train = compress(data.train, model, data.preprocessing).least_squares()
+    theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)
+    rows = compress(data.test, model, data.preprocessing, blocks_per_run=1)
+    return train.loss(theta), np.sqrt(torque_errors(rows, theta)[0])

@@ -1,0 +1,142 @@
+"""A problem from its folder: problem.toml, and the tables of bounds that it names."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.fields import check_fields
+from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
+from sdp_vs_penalty.problem.tables import read_table
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
+from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+Array = NDArray[np.float64]
+
+_AXES = "xyz"
+
+
+def load_folder(folder: Path) -> Problem:
+    file = folder / "problem.toml"
+    try:
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}).") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{file}: not a TOML file ({error}).") from error
+    try:
+        return _from_toml(folder, data)
+    except InputError as error:
+        if str(folder) in str(error):
+            raise
+        raise InputError(f"{file}: {error}") from error
+    except KeyError as error:
+        raise InputError(f"{file}: the field {error.args[0]!r} is missing.") from error
+    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise InputError(f"{file}: a field has the wrong content ({error}).") from error
+
+
+def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
+    check_fields(data)
+    kinematics = data["kinematics"]
+    given: Array | None = None
+    if "urdf" in kinematics:
+        robot, given = load_urdf(folder / kinematics["urdf"])
+        gravity = kinematics.get("gravity", STANDARD_GRAVITY)
+        robot = replace(robot, gravity=(float(gravity[0]), float(gravity[1]), float(gravity[2])))
+    else:
+        n = len(kinematics["a"])
+        keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
+        robot = Robot.from_dh(
+            folder.name,
+            kinematics["a"],
+            [np.pi * x for x in kinematics["alpha_over_pi"]],
+            kinematics["d"],
+            kinematics["convention"],
+            kinematics.get("gravity", STANDARD_GRAVITY),
+            [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
+        )
+    if data.get("links", robot.n) != robot.n:
+        raise InputError(f"links = {data['links']}, the kinematics have {robot.n}.")
+    bounds = data.get("bounds", {})
+    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.0
+    for table in bounds.get("tables", ()):
+        _fill_box(box, folder / table)
+    low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
+    if not low <= high:
+        raise InputError(f"total_mass has its lower bound {low:g} above its upper {high:g}.")
+    for c in data.get("centre_of_mass_cone", ()):
+        if c["axis"] not in tuple(_AXES):
+            raise InputError(f"centre_of_mass_cone axis {c['axis']!r} is unknown; there are: x, y, z.")
+    cones = tuple(
+        CentreOfMassCone(
+            int(c["link"]) - 1, _AXES.index(c["axis"]), float(c["radius"]), float(c["slope"])
+        )
+        for c in data.get("centre_of_mass_cone", ())
+    )
+    for cone in cones:
+        if not 0 <= cone.link < robot.n:
+            raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {robot.n}.")
+    side = data.get("torque_side", "link")
+    if side not in ("link", "motor"):
+        raise InputError(f"torque_side {side!r} is unknown; there are: link, motor.")
+    base = data.get("base_parameters", {}).get("independent")
+    settings = data.get("preprocessing", {})
+    problem = Problem(
+        folder.name,
+        data["title"],
+        robot,
+        box,
+        np.zeros((robot.n, 10)),
+        (low, high),
+        cones,
+        side,
+        Preprocessing(**settings),
+        None if base is None else tuple(base),
+        folder,
+        tuple(data["effects"]) if "effects" in data else None,
+    )
+    if given is None:
+        given = ellipsoids_in_the_box(problem)
+    return replace(problem, nominal_links=plausible_links(robot, given))
+
+
+def _fill_box(box: Array, path: Path) -> None:
+    """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
+    entries = dict(zip(("xx", "xy", "yy", "xz", "yz", "zz"), range(4, 10), strict=True))
+    for number, row in enumerate(read_table(path), start=2):
+        name = row.get("parameter")
+        try:
+            if not name:
+                raise ValueError
+            if name[0] == "m":
+                link, entry = int(name[1:]) - 1, 0
+            elif name[0] == "c":
+                link, entry = int(name[1:-1]) - 1, 1 + _AXES.index(name[-1])
+            elif name[0] == "I":
+                link, entry = int(name[1:-2]) - 1, entries[name[-2:]]
+            else:
+                raise ValueError
+            lower, upper = float(row["lower"]), float(row["upper"])
+            if not 0 <= link < len(box):
+                raise ValueError
+        except (ValueError, KeyError, IndexError, TypeError):
+            raise InputError(
+                f"{path}: row {number}: parameter {name!r} is not m1, c1x or I1xx of a link of this "
+                "robot with numbers as lower and upper."
+            ) from None
+        if not lower <= upper:
+            raise InputError(
+                f"{path}: row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}."
+            )
+        box[link, entry] = lower, upper

@@ -1,0 +1,63 @@
+"""A problem from its name, its folder or a URDF file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.folder import load_folder
+from sdp_vs_penalty.problem.nominal import plausible_links
+from sdp_vs_penalty.problem.problem import DEFAULT_LINK_MASS, Problem, default_mass
+from sdp_vs_penalty.robot.urdf import load_urdf
+
+
+def problems_folder() -> Path:
+    """Where the built-in problems are: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).parents[1]
+    inside = package / "problems"
+    return inside if inside.is_dir() else package.parent / "problems"
+
+
+def problem_names() -> list[str]:
+    return sorted(p.parent.name for p in problems_folder().glob("*/problem.toml"))
+
+
+def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> Problem:
+    """The problem of ``source``: a built-in name, a folder with a problem.toml, or a URDF file.
+
+    gravity : the gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
+    Raises InputError where there is no such problem, or its files contradict themselves.
+    """
+    path = Path(source)
+    if str(source) in problem_names():
+        problem = load_folder(problems_folder() / str(source))
+    elif (path / "problem.toml").is_file():
+        problem = load_folder(path)
+    elif path.is_file():
+        problem = _from_urdf(path)
+    else:
+        raise InputError(
+            f"problem {str(source)!r} is neither a built-in name ({', '.join(problem_names())}), nor "
+            "a folder with a problem.toml, nor a URDF file."
+        )
+    if gravity is not None:
+        if len(gravity) != 3 or not np.all(np.isfinite(gravity)):
+            raise InputError(f"gravity {gravity!r}: three finite numbers in m/s^2 are needed, x,y,z.")
+        problem = problem.with_gravity(gravity)
+    return problem
+
+
+def _from_urdf(path: Path) -> Problem:
+    robot, nominal = load_urdf(path)
+    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box[:, 0] = [(DEFAULT_LINK_MASS[0], default_mass(mass)) for mass in nominal[:, 0]]
+    return Problem(
+        robot.name,
+        f"{robot.name} from {path.name}",
+        robot,
+        box,
+        plausible_links(robot, nominal),
+    )

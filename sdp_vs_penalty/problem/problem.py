@@ -1,0 +1,281 @@
+"""A shared problem definition: robot, bounds, nominal inertia, published values.
+
+A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file. Both
+estimators read the same :class:`Problem`; what each can take of it is decided in the estimators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
+from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+Array = NDArray[np.float64]
+
+#: Defaults that keep the feasible set of a robot without published bounds (a URDF) bounded.
+#: A file's own inertials widen them: three times their mass, twice their extent.
+DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not one
+#: A link's mass lies in a ball around its frame: this times the link's reach, at least the radius.
+DEFAULT_REACH_FACTOR = 1.5
+DEFAULT_RADIUS = 1.0  # m: what a last link bears beyond its frame, the kinematics do not say
+#: Friction, offsets and other joint parameters: |theta| below this, in SI units.
+PARAMETER_RANGE = 1e4
+
+
+@dataclass(frozen=True)
+class CentreOfMassCone:
+    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]."""
+
+    link: int  # from 0
+    axis: int
+    radius: float
+    slope: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is known of a robot before anything is measured.
+
+    box : (n, 10, 2) lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about
+        the centre of mass, infinite where there is none.
+    nominal_links : (n, 10) standard parameters of a plausible, strictly consistent robot.
+    """
+
+    name: str
+    title: str
+    robot: Robot
+    box: Array
+    nominal_links: Array
+    total_mass: tuple[float, float] = (0.0, np.inf)
+    cones: tuple[CentreOfMassCone, ...] = ()
+    torque_side: str = "link"
+    preprocessing: Preprocessing = field(default_factory=Preprocessing)
+    independent: tuple[str, ...] | None = None
+    folder: Path | None = None
+    effects: tuple[str, ...] | None = None
+
+    @property
+    def default_effects(self) -> tuple[str, ...]:
+        """Those that the problem names, else the usual four, and the rotor's inertia where the torque
+        is measured before the gear.
+        """
+        if self.effects is not None:
+            return self.effects
+        return DEFAULT_EFFECTS + (("rotor_inertia",) if self.torque_side == "motor" else ())
+
+    def model(self, effects: str | Sequence[str] | Sequence[Effect] | None = None) -> Model:
+        """The model of this robot with effects given by name, as objects, or the defaults."""
+        chosen: Any = self.default_effects if effects is None else effects
+        if isinstance(chosen, str) or any(isinstance(e, str) for e in chosen):
+            chosen = parse_effects(chosen, self.robot)
+        return Model(self.robot, tuple(chosen))
+
+    def with_gravity(self, gravity: Sequence[float]) -> Problem:
+        """The robot mounted otherwise; other parameters are then independent than those named."""
+        x, y, z = (float(v) for v in gravity)
+        turned = not np.allclose(np.cross(gravity, self.robot.gravity), 0.0)
+        independent = None if turned else self.independent
+        return replace(self, robot=replace(self.robot, gravity=(x, y, z)), independent=independent)
+
+    def constraints(self, model: Model) -> ConstraintSet:
+        """Every demand on the parameters of a model of this robot."""
+        convex: list[Constraint] = []
+        nonconvex: list[BarycentricBound] = []
+        if len(model.rigid_indices):
+            for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
+                convex += self._link_constraints(link, indices)
+                nonconvex += self._barycentric_bounds(link, indices)
+            masses = model.rigid_indices[::10]
+            if self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1]):
+                bounds = _interval(self.total_mass[0], self.total_mass[1])
+                convex.append(
+                    build.linear(
+                        "total mass",
+                        "robot",
+                        masses,
+                        np.tile(bounds[0], (len(masses), 1)),
+                        bounds[1],
+                    )
+                )
+        convex += _effect_constraints(model)
+        return ConstraintSet(tuple(convex), tuple(nonconvex))
+
+    def parameter_bound(self, model: Model) -> Array:
+        """(p,) numbers B with |theta_k| <= B_k for every feasible theta.
+
+        Follows from the convex constraints; the certificate's lower bound needs it in directions
+        that the data do not determine.
+        """
+        bound = np.full(len(model.parameters), PARAMETER_RANGE)
+        for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
+            mass, com, moment = self.link_size(link)
+            bound[indices[0]] = mass
+            bound[indices[1:4]] = mass * com
+            # The largest moment bounds products of inertia too (positive definiteness).
+            bound[indices[4:]] = moment.max()
+        return bound
+
+    def nominal(self, model: Model) -> Array:
+        """(p,) the nominal links and zero for everything else."""
+        theta = np.zeros(len(model.parameters))
+        if len(model.rigid_indices):
+            theta[model.rigid_indices] = self.nominal_links.ravel()
+        load = _payload_indices(model)
+        if load:  # a solid ball of 5 cm radius and 0.5 kg
+            theta[load] = 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
+        return theta
+
+    @cached_property
+    def published(self) -> Mapping[str, list[dict[str, str]]]:
+        """The paper's tables that belong to this problem, by name ("table_III"), as text cells."""
+        if self.folder is None:
+            return {}
+        from sdp_vs_penalty.problem.tables import read_table
+
+        return {p.stem: read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
+
+    def _centre_of_mass(self, link: int) -> Array:
+        """(3,) bounds of |c| from the box and the cones [m]; infinite where there is none."""
+        com = np.abs(self.box[link, 1:4]).max(axis=1)
+        for cone in self.cones:
+            if cone.link == link:
+                along = self.box[link, 1 + cone.axis]
+                if np.all(np.isfinite(along)) or cone.slope == 0.0:
+                    widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
+                    across = [a for a in range(3) if a != cone.axis]
+                    com[across] = np.minimum(com[across], widest)
+        return np.asarray(com)
+
+    def _has_full_box(self, link: int) -> bool:
+        """Whether the bounds on centre of mass and moments alone bound the link's inertia."""
+        upper = self.box[link, [4, 6, 9], 1]
+        return bool(np.all(np.isfinite(upper)) and np.all(np.isfinite(self._centre_of_mass(link))))
+
+    def _radius(self, link: int) -> float:
+        """Of the ball around the link frame that holds the link's mass, by default [m]."""
+        known = self._centre_of_mass(link)
+        reach = max(self.robot.link_reach()[link], *known[np.isfinite(known)], 0.0)
+        joint = self.robot.joints[link]
+        stroke = joint.upper - joint.lower if joint.kind == "prismatic" else 0.0
+        # The given inertials' own extent: the root mean square distance of the mass from the frame.
+        mass = self.nominal_links[link, 0]
+        second = np.trace(inertia.pseudo_inertia(self.nominal_links[link])[:3, :3])
+        extent = np.sqrt(max(second / mass, 0.0)) if mass > 0.0 else 0.0
+        stroke = stroke if np.isfinite(stroke) else 0.0
+        return max(DEFAULT_REACH_FACTOR * reach, DEFAULT_RADIUS, stroke, 2.0 * float(extent))
+
+    def link_size(self, link: int) -> tuple[float, Array, Array]:
+        """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
+        box = self.box[link]
+        mass = box[0, 1] if np.isfinite(box[0, 1]) else default_mass(self.nominal_links[link, 0])
+        if np.isfinite(self.total_mass[1]):
+            mass = min(mass, self.total_mass[1])
+        com = self._centre_of_mass(link)
+        if self._has_full_box(link):
+            square = com**2
+            return mass, com, box[[4, 6, 9], 1] + mass * (square.sum() - square)
+        radius = self._radius(link)
+        return mass, np.minimum(com, radius), np.full(3, mass * radius**2)
+
+    def _link_constraints(self, link: int, indices: NDArray[np.intp]) -> list[Constraint]:
+        name = f"link {link + 1}"
+        box = self.box[link]
+        mass, com, _ = self.link_size(link)
+        out = [build.pseudo_inertia(name, indices)]
+        # m >= 0 is part of the pseudo-inertia
+        rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)
+        out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))
+        rows_com = []
+        for axis in range(3):
+            lower, upper = box[1 + axis]
+            for sign, bound in ((1.0, lower), (-1.0, upper)):
+                if np.isfinite(bound):
+                    row = np.zeros(4)
+                    row[0], row[1 + axis] = -sign * bound, sign
+                    rows_com.append(row)
+        if rows_com:
+            coefficients = np.array(rows_com).T
+            out.append(
+                build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(len(rows_com)))
+            )
+        for cone in self.cones:
+            if cone.link == link:
+                across = [a for a in range(3) if a != cone.axis]
+                coefficients = np.zeros((4, 3))
+                coefficients[0, 0] = cone.radius
+                coefficients[1 + cone.axis, 0] = cone.slope
+                coefficients[1 + across[0], 1] = coefficients[1 + across[1], 2] = 1.0
+                out.append(
+                    build.second_order(
+                        "centre of mass cone", name, indices[:4], coefficients, np.zeros(3)
+                    )
+                )
+        if self._has_full_box(link):
+            # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.
+            square = com**2
+            coefficients = np.zeros((4, 3))
+            coefficients[0] = square.sum() - square
+            coefficients[1:] = -np.eye(3)
+            upper = box[[4, 6, 9], 1]
+            out.append(build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper))
+        else:
+            ball = np.full(3, self._radius(link))
+            out.append(build.density_in_ellipsoid(name, indices, np.zeros(3), ball))
+        return out
+
+    def _barycentric_bounds(self, link: int, indices: NDArray[np.intp]) -> list[BarycentricBound]:
+        return [
+            BarycentricBound(f"link {link + 1}", link, indices, entry, float(low), float(high))
+            for entry, (low, high) in enumerate(self.box[link, 4:])
+            if np.isfinite(low) or np.isfinite(high)
+        ]
+
+
+def default_mass(given: float) -> float:
+    """Upper bound of a link's mass where none is published: a file's own mass, with room."""
+    return float(max(DEFAULT_LINK_MASS[1], 3.0 * given))
+
+
+def _interval(lower: float, upper: float) -> tuple[Array, Array]:
+    """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends left out."""
+    pairs = [(1.0, -lower)] if np.isfinite(lower) else []
+    pairs += [(-1.0, upper)] if np.isfinite(upper) else []
+    signs, constants = zip(*pairs, strict=True)
+    return np.array(signs), np.array(constants)
+
+
+def _effect_constraints(model: Model) -> list[Constraint]:
+    """Sign and range of every parameter that is not a link's; the payload's pseudo-inertia."""
+    out: list[Constraint] = []
+    rigid = set(model.rigid_indices.tolist())
+    load = _payload_indices(model)
+    if load:
+        out.append(build.pseudo_inertia("payload", load))
+    for index, parameter in enumerate(model.parameters):
+        if index in rigid:
+            continue
+        name = f"{parameter.effect} {parameter.name}"
+        if np.isfinite(parameter.lower):
+            out.append(build.linear("sign", name, [index], [[1.0]], [-parameter.lower]))
+        out.append(
+            build.linear("range", name, [index], [[1.0, -1.0]], [PARAMETER_RANGE, PARAMETER_RANGE])
+        )
+    return out
+
+
+def _payload_indices(model: Model) -> list[int]:
+    return [k for k, p in enumerate(model.parameters) if p.effect == "payload"]

@@ -1,0 +1,136 @@
+"""Published parameter values of a problem, in our parameters, and the list of the paper's errata.
+
+The published tables (problems/<name>/published) are never edited. Where one contradicts the others,
+errata.toml beside them says so and, if a number is concerned, what follows from the other tables.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+#: Table VIII's and IX's names of a link's ten barycentric parameters, in our order.
+_BARYCENTRIC = ("m{}", "c{}x", "c{}y", "c{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
+
+
+@dataclass(frozen=True)
+class Erratum:
+    """One contradiction in the paper: where it is, what is printed, what follows from the rest.
+
+    cell : table, row, column and value of the corrected number, or None where no cell is concerned.
+    """
+
+    number: int
+    problem: str
+    where: str
+    printed: str
+    corrected: str
+    cell: Mapping[str, str] | None = None
+
+
+def errata(problem: Problem) -> list[Erratum]:
+    """The errata that concern a problem, by number."""
+    if problem.folder is None or not (problem.folder / "errata.toml").is_file():
+        return []
+    return list(_errata(str(problem.folder), problem.name))
+
+
+@cache
+def _errata(folder: str, name: str) -> tuple[Erratum, ...]:
+    with open(f"{folder}/errata.toml", "rb") as file:
+        entries = tomllib.load(file)["erratum"]
+    return tuple(Erratum(problem=name, **entry) for entry in sorted(entries, key=lambda e: e["number"]))
+
+
+def published_cell(
+    problem: Problem, table: str, row: Mapping[str, str], column: str, corrected: bool
+) -> str:
+    """A cell of a published table, as printed or as the errata correct it."""
+    key = next(iter(row.values()))
+    if corrected:
+        for erratum in errata(problem):
+            cell = erratum.cell
+            if cell and (cell["table"], cell["row"], cell["column"]) == (table, key, column):
+                return cell["value"]
+    return row[column]
+
+
+def box_tables(problem: Problem) -> list[str]:
+    """The published tables that list bounds and values of the links' parameters."""
+    return [
+        name
+        for name, rows in problem.published.items()
+        if rows and {"parameter", "lower", "upper"} <= set(rows[0])
+    ]
+
+
+def published_values(problem: Problem, column: str, corrected: bool = True) -> dict[str, float]:
+    """Barycentric values by their printed names (m1, c1x, I1xx); an empty cell is NaN."""
+    values = {}
+    for name in box_tables(problem):
+        for row in problem.published[name]:
+            text = published_cell(problem, name, row, column, corrected) if column in row else ""
+            values[row["parameter"]] = float(text) if text else np.nan
+    return values
+
+
+def published_links(problem: Problem, column: str, corrected: bool = True) -> Array:
+    """(n, 10) standard parameters of a published column ("p_hat", "delta", "p_real").
+
+    A cell that the paper leaves empty because the value does not matter becomes the middle of its
+    bounds. Raises InputError where the problem has no such column.
+    """
+    values = published_values(problem, column, corrected)
+    if not values or all(np.isnan(v) for v in values.values()):
+        raise InputError(f"problem {problem.name}: no published parameters {column!r}.")
+    rows = []
+    for link in range(problem.robot.n):
+        entries = np.array([values[name.format(link + 1)] for name in _BARYCENTRIC])
+        empty = np.isnan(entries)
+        entries[empty] = problem.box[link][empty].mean(axis=1)
+        rows.append(entries)
+    return inertia.standard_from_barycentric(rows)
+
+
+def barycentric_names(link: int) -> tuple[str, ...]:
+    """The paper's names of link's (from 1) mass, centre of mass and inertia, in our order."""
+    return tuple(name.format(link) for name in _BARYCENTRIC)
+
+
+def published_friction(problem: Problem, table: str) -> Array:
+    """(n, 3) phi_1, phi_2, phi_3 of a table with one row a constant and one column a joint."""
+    rows = {row["parameter"]: row for row in problem.published[table]}
+    return np.array(
+        [[float(rows[f"phi_{k}"][f"joint_{j + 1}"]) for k in (1, 2, 3)] for j in range(problem.robot.n)]
+    )
+
+
+def published_trajectory(problem: Problem, settings: Mapping[str, Any]) -> FourierTrajectory:
+    """The exciting trajectory of a table with rows a_1.., b_1.., q_0 and one column a joint."""
+    rows = {row["coefficient"]: row for row in problem.published[settings["table"]]}
+
+    def values(name: str) -> list[float]:
+        return [float(rows[name][f"joint_{j + 1}"]) for j in range(problem.robot.n)]
+
+    harmonics = sum(1 for name in rows if name.startswith("a_"))
+    return FourierTrajectory(
+        np.array([values(f"a_{k + 1}") for k in range(harmonics)]).T,
+        np.array([values(f"b_{k + 1}") for k in range(harmonics)]).T,
+        np.array(values("q_0")),
+        np.pi * float(settings["frequency_over_pi"]),
+        float(settings["blend"]),
+        float(settings["duration"]),
+    )

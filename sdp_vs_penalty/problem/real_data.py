@@ -1,0 +1,68 @@
+"""The real measurements that the tables use where they are at hand; never replaced silently."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+VARIABLE = "SDP_VS_PENALTY_DATA"
+
+
+def real_data_folder() -> Path | None:
+    """The folder that SDP_VS_PENALTY_DATA names, else shared/data beside a checkout, else None.
+
+    Raises InputError where the variable names a folder that does not exist.
+    """
+    named = os.environ.get(VARIABLE)
+    if named:
+        folder = Path(named)
+        if not folder.is_dir():
+            raise InputError(f"{VARIABLE} names {named}, which is not a folder: correct or unset it.")
+        return folder
+    checkout = Path(__file__).parents[2]
+    folder = checkout.parent / "shared" / "data"
+    return folder if (checkout / "pyproject.toml").is_file() and folder.is_dir() else None
+
+
+def measured_run(problem: Problem) -> Measurements | None:
+    """The authors' identification run of a robot (their four text files), or None without it."""
+    folder = real_data_folder()
+    if folder is None or not (folder / problem.name / "exciting_traj_time.txt").is_file():
+        return None
+    return load_measurements(folder / problem.name, joints=problem.robot.n)
+
+
+def good_configurations(problem: Problem) -> Path | None:
+    """The file of static configurations of the authors' reverse engineering, or None without it."""
+    folder = real_data_folder()
+    file = None if folder is None else folder / problem.name / "good_configurations_1010.txt"
+    return file if file is not None and file.is_file() else None
+
+
+def commanded_coefficients(problem: Problem) -> tuple[Array, Array] | None:
+    """a, b (n, L) of the trajectory that the authors' generator commanded, or None without its file.
+
+    Raises InputError where gen_params.txt has not two rows a joint.
+    """
+    folder = real_data_folder()
+    file = None if folder is None else folder / problem.name / "gen_params.txt"
+    if file is None or not file.is_file():
+        return None
+    n = problem.robot.n
+    try:
+        rows = np.loadtxt(file, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{file}: not rows of numbers ({error}).") from error
+    if len(rows) != 2 * n:
+        raise InputError(f"{file}: {len(rows)} rows, {2 * n} are needed (a and b of each joint).")
+    return rows[:n], rows[n:]

@@ -1,0 +1,18 @@
+"""CSV tables of a problem's folder, as text cells."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from sdp_vs_penalty.errors import InputError
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return [dict(row) for row in csv.DictReader(file)]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a CSV table ({error}).") from error

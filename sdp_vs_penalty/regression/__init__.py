@@ -1,0 +1,1 @@
+"""The data, compressed: triangular factors that merge, base parameters, black boxes."""

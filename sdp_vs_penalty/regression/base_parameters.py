@@ -1,0 +1,89 @@
+"""Base parameters by name: the standard parameter each one leads with, and its whole symbol."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.inertia import parameter_names
+
+Array = NDArray[np.float64]
+
+
+def base_parameters(
+    model: Model, independent: Sequence[str] | None = None, seed: int = 0
+) -> tuple[Array, tuple[int, ...]]:
+    """The structural base parameters of a robot: pi = B theta, with B (b, 10 n) for rigid links.
+
+    Their torque regressor is theta's independent columns (Gautier, J. Robotic Systems 1991): with
+    Y_d = Y_b K for the dependent ones, pi = theta_b + K theta_d. ``independent`` names the
+    parameters to keep (otherwise the pivoting of a QR of random states chooses). Returns B and the
+    indices of theta_b. Raises InputError where those named are not independent.
+    """
+    robot = model.robot
+    rng = np.random.default_rng(seed)
+    count = 20 * robot.n + 100
+    q = robot.random_configurations(count, seed)
+    dq, ddq = rng.normal(size=(2, count, robot.n))
+    stacked = robot.regressor(q, dq, ddq).reshape(-1, 10 * robot.n)
+    norms = np.linalg.norm(stacked, axis=0)
+    unseen = norms <= 1e-10 * norms.max()
+    scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms))
+    _, r, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
+    rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))
+    if independent is None:
+        kept = tuple(sorted(int(k) for k in pivots[:rank]))
+    else:
+        rigid = [model.parameters[k].name for k in model.rigid_indices]
+        for name in independent:
+            if name not in rigid:
+                raise InputError(f"base_parameters: {name!r} is not a parameter of a link, like Izz1.")
+        kept = tuple(rigid.index(name) for name in independent)
+        if len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
+            raise InputError(
+                f"base_parameters: the {len(kept)} named are not the robot's {rank} independent ones: "
+                "leave the list out to let the program choose."
+            )
+    dependence = np.asarray(np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float)
+    dependence[np.abs(dependence) < 1e-10] = 0.0
+    return dependence, kept
+
+
+def base_parameter_names(problem: Problem) -> tuple[str, ...]:
+    """The independent standard parameter (Izz1, mx2, ...) that leads each base parameter."""
+    _, kept = base_parameters(problem.model("rigid_body"), problem.independent)
+    rigid = _rigid_names(problem.robot.n)
+    return tuple(rigid[k] for k in kept)
+
+
+def base_parameter_symbols(problem: Problem) -> tuple[str, ...]:
+    """Each base parameter written out in standard parameters: "Izz2 - 0.64 m2"."""
+    base, kept = base_parameters(problem.model("rigid_body"), problem.independent)
+    rigid = _rigid_names(problem.robot.n)
+    out = []
+    for row, lead in zip(base, kept, strict=True):
+        terms = [(1.0, rigid[lead])]
+        terms += [
+            (v, name) for k, (v, name) in enumerate(zip(row, rigid, strict=True)) if v and k != lead
+        ]
+        out.append(_written(terms))
+    return tuple(out)
+
+
+def _rigid_names(links: int) -> list[str]:
+    return [name for link in range(1, links + 1) for name in parameter_names(link)]
+
+
+def _written(terms: list[tuple[float, str]]) -> str:
+    out = ""
+    for value, name in terms:
+        size = "" if abs(abs(value) - 1.0) < 1e-9 else f"{abs(value):.4g} "
+        sign = " + " if value > 0.0 else " - "
+        out += f"{sign if out else sign.strip().replace('+', '')}{size}{name}"
+    return out

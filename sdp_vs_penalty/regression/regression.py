@@ -1,0 +1,261 @@
+"""The data, compressed: per joint and time block one triangular factor, exact and additive.
+
+For the rows Y theta = tau of one joint in one block, the QR factorisation
+
+    [Y  tau] = Q [[R, rho], [0, floor]]
+
+keeps everything that least squares can ask:
+|Y theta - tau|^2 = |R theta - rho|^2 + floor^2 for every theta. Factors merge by factorising their
+stack, so that joint weights, cross-validation over blocks, bootstrap and measurements from many
+files cost no pass over the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Parameter
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One joint's rows in one block: triangle (r, k + 1) of [Y tau], for the k columns ``indices``."""
+
+    joint: int
+    block: int
+    indices: NDArray[np.intp]
+    triangle: Array
+    rows: int
+
+
+@dataclass(frozen=True)
+class TimeBlock:
+    """Where a block comes from: the run's index and its first and last instant [s]."""
+
+    run: int
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """The whole data as one problem: loss(theta) = |R theta - rho|^2 + floor^2 [(N m)^2].
+
+    R (r, p), rho (r,), floor >= 0, tau_squared = |tau|^2 (weighted), rows: how many rows it holds.
+    """
+
+    R: Array
+    rho: Array
+    floor: float
+    tau_squared: float
+    rows: int
+
+    def loss(self, theta: ArrayLike) -> float:
+        residual = self.R @ np.asarray(theta, float) - self.rho
+        return float(residual @ residual) + self.floor**2
+
+    def gradient(self, theta: ArrayLike) -> Array:
+        return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
+
+    def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
+        """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no prior on k."""
+        size = np.asarray(scale, float)
+        p = len(size)
+        rows = np.zeros((p, p + 1))
+        rows[:, :p] = np.diag(np.sqrt(weight) / size)
+        end = np.append(np.zeros(p), self.floor)[None, :]
+        r = triangular([np.column_stack([self.R, self.rho]), end, rows])
+        top = r[:p]
+        return LeastSquares(
+            np.ascontiguousarray(top[:, :-1]),
+            top[:, -1].copy(),
+            float(r[p, p]),
+            self.tau_squared,
+            self.rows,
+        )
+
+    @property
+    def column_norms(self) -> Array:
+        """|Y_k| of each parameter: how much torque a unit of it makes; 0 where only rounding is left."""
+        norms = np.linalg.norm(self.R, axis=0)
+        return np.where(norms > 1e-10 * norms.max(initial=0.0), norms, 0.0)
+
+    @property
+    def own_torque(self) -> Array:
+        """(p,) distance of each column from the span of all others [torque per unit of parameter].
+
+        What a unit of the parameter makes that no other parameter can cancel: 1 / sqrt of the
+        diagonal of (R^T R)^-1, zero for what the data do not determine.
+        """
+        norms = self.column_norms
+        unit = np.where(norms > 0.0, norms, 1.0)
+        scaled = np.where(norms > 0.0, self.R, 0.0) / unit
+        rest = np.zeros((max(0, scaled.shape[1] - scaled.shape[0]), scaled.shape[1]))
+        _, s, vt = np.linalg.svd(np.vstack([scaled, rest]), full_matrices=False)
+        good = s > 1e-14 * s.max(initial=0.0)
+        spread = np.sum((vt[good] / s[good, None]) ** 2, axis=0)
+        hidden = np.sum(vt[~good] ** 2, axis=0) > 1e-12
+        return np.where(hidden, 0.0, norms / np.sqrt(np.where(hidden, 1.0, spread)))
+
+
+@dataclass(frozen=True)
+class Regression:
+    """The compressed data of one model: ``factors`` for each joint and block."""
+
+    parameters: tuple[Parameter, ...]
+    joints: int
+    blocks: tuple[TimeBlock, ...]
+    factors: tuple[Factor, ...]
+    #: Rows per independent sample: filtered rows are decimated to a multiple of their bandwidth.
+    oversampling: float = 2.0
+
+    @property
+    def p(self) -> int:
+        return len(self.parameters)
+
+    def select(self, blocks: Iterable[int]) -> Regression:
+        """Only these blocks (by index, repeats allowed: a bootstrap resample)."""
+        wanted = list(blocks)
+        by_block: dict[int, list[Factor]] = {}
+        for factor in self.factors:
+            by_block.setdefault(factor.block, []).append(factor)
+        factors = [
+            replace(factor, block=new) for new, b in enumerate(wanted) for factor in by_block.get(b, [])
+        ]
+        return replace(self, blocks=tuple(self.blocks[b] for b in wanted), factors=tuple(factors))
+
+    def merge(self, other: Regression) -> Regression:
+        """The data of both, for the same model; runs of ``other`` count on after those of this."""
+        if [p.name for p in self.parameters] != [p.name for p in other.parameters]:
+            raise ValueError("Regressions of different models cannot be merged.")
+        runs = 1 + max((b.run for b in self.blocks), default=-1)
+        blocks = tuple(replace(b, run=b.run + runs) for b in other.blocks)
+        factors = tuple(replace(f, block=f.block + len(self.blocks)) for f in other.factors)
+        return replace(self, blocks=self.blocks + blocks, factors=self.factors + factors)
+
+    def per_joint(self) -> list[Factor]:
+        """All blocks of each joint merged into one factor."""
+        merged = []
+        for joint in range(self.joints):
+            parts = [f for f in self.factors if f.joint == joint]
+            if not parts:
+                merged.append(Factor(joint, 0, np.arange(0), np.zeros((0, 1)), 0))
+                continue
+            triangle = triangular([f.triangle for f in parts])
+            merged.append(Factor(joint, 0, parts[0].indices, triangle, sum(f.rows for f in parts)))
+        return merged
+
+    def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
+        """The stack over joints, joint j's rows multiplied by weights[j] (default: all 1)."""
+        scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
+        stack, rows = [], 0
+        for factor in self.per_joint():
+            wide = np.zeros((len(factor.triangle), self.p + 1))
+            wide[:, factor.indices] = factor.triangle[:, :-1]
+            wide[:, -1] = factor.triangle[:, -1]
+            stack.append(scale[factor.joint] * wide)
+            rows += factor.rows
+        triangle = triangular(stack)
+        floor = float(abs(triangle[self.p, self.p])) if len(triangle) > self.p else 0.0
+        top = triangle[: self.p]
+        return LeastSquares(
+            np.ascontiguousarray(top[:, :-1]),
+            top[:, -1].copy(),
+            floor,
+            float(triangle[:, -1] @ triangle[:, -1]),
+            rows,
+        )
+
+    def joint_losses(self, theta: ArrayLike) -> Array:
+        """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
+        theta = np.asarray(theta, float)
+        out = np.zeros(self.joints)
+        for factor in self.factors:
+            residual = factor.triangle[:, :-1] @ theta[factor.indices] - factor.triangle[:, -1]
+            out[factor.joint] += residual @ residual
+        return out
+
+    def joint_rows(self) -> NDArray[np.int64]:
+        """(joints,) number of rows of each joint."""
+        out = np.zeros(self.joints, dtype=np.int64)
+        for factor in self.factors:
+            out[factor.joint] += factor.rows
+        return out
+
+
+def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) -> Array:
+    """argmin |R theta - rho|, among the minimisers the one nearest to reference (scaled)."""
+    norms = data.column_norms
+    size = np.where(norms > 0.0, norms, 1.0)
+    unit = np.where(norms > 0.0, 1.0 / size, scale)
+    scaled = np.where(norms > 0.0, data.R * unit, 0.0)
+    step = np.linalg.lstsq(scaled, data.rho - data.R @ reference, rcond=1e-9)[0]
+    return reference + unit * step
+
+
+def triangular(parts: Sequence[Array]) -> Array:
+    """The R factor of the stacked matrices, with a non-negative diagonal; at most square."""
+    stack = np.vstack(parts)
+    r = scipy.linalg.qr(stack, mode="r", check_finite=False)[0][: stack.shape[1]]
+    sign = np.where(np.diagonal(r) < 0, -1.0, 1.0)
+    r[: len(sign)] *= sign[:, None]
+    return r
+
+
+def compress(
+    measurements: Measurements,
+    model: Model,
+    settings: Preprocessing,
+    blocks_per_run: int = 20,
+    progress: Callable[[str], None] | None = None,
+) -> Regression:
+    """Filter the runs and reduce them to factors; memory does not grow with their length.
+
+    blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5 s each).
+    """
+    settings = settings.resolve(measurements)
+    blocks: list[TimeBlock] = []
+    factors: list[Factor] = []
+    samples = 0.0
+    for index, run in enumerate(measurements.runs()):
+        if progress is not None:
+            progress(run.names[0])
+        start, stop = float(run.t[0]), float(run.t[-1])
+        count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
+        edges = np.linspace(start, stop, count + 1)
+        growing: dict[tuple[int, int], Factor] = {}
+        repeated = rows_per_sample(run, settings)
+        for rows in filtered_rows(run, model, settings):
+            samples += len(rows.torque) / repeated
+            owner = np.clip(np.searchsorted(edges, rows.motion.t, side="right") - 1, 0, count - 1)
+            for b in np.unique(owner):
+                mine = owner == b
+                for joint, columns in enumerate(rows.columns):
+                    piece = np.column_stack([columns.columns[mine], rows.torque[mine, joint]])
+                    old = growing.get((int(b), joint))
+                    parts = [piece] if old is None else [old.triangle, piece]
+                    growing[int(b), joint] = Factor(
+                        joint,
+                        0,
+                        columns.indices,
+                        triangular(parts),
+                        len(piece) + (0 if old is None else old.rows),
+                    )
+        for b in sorted({key[0] for key in growing}):
+            for joint in range(model.robot.n):
+                factors.append(replace(growing[b, joint], block=len(blocks)))
+            blocks.append(TimeBlock(index, float(edges[b]), float(edges[b + 1])))
+    rows_of_a_joint = sum(f.rows for f in factors if f.joint == 0)
+    return Regression(
+        model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows_of_a_joint / samples
+    )

@@ -1,0 +1,1 @@
+"""The arm itself: kinematics, inertia (the parameter order), URDF files, trajectories."""

@@ -1,0 +1,248 @@
+"""Read a robot from a URDF file: moving joints, fixed ones merged, inertials where they are given."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Joint, Robot
+
+Array = NDArray[np.float64]
+
+_MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
+#: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and overflow on the way.
+_LARGEST = 1e9
+#: How files write "no limit" where the format asks for a number [rad or m].
+_NO_LIMIT = 1e6
+
+
+@dataclass
+class _Reader:
+    path: Path
+    joints: list[Joint] = field(default_factory=list)
+    nominal: list[Array] = field(default_factory=list)
+    reached: set[str] = field(default_factory=set)
+
+    def fail(self, what: str) -> InputError:
+        return InputError(f"{self.path}: {what}.")
+
+    def numbers(self, element: Any, attribute: str, default: Sequence[float]) -> list[float]:
+        text = None if element is None else element.get(attribute)
+        if text is None:
+            return list(default)
+        try:
+            values = [float(word) for word in text.split()]
+        except ValueError:
+            values = []
+        if len(values) != len(default) or not np.all(np.abs(values) < _LARGEST):
+            raise self.fail(
+                f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}> must hold "
+                f"{len(default)} finite number(s), below {_LARGEST:g}"
+            )
+        return values
+
+    def limit(self, element: Any, attribute: str, none: float) -> float:
+        """A joint's limit, ``none`` where the file gives none or writes a huge number for it."""
+        text = None if element is None else element.get(attribute)
+        if text is None:
+            return none
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if np.isnan(value):
+            raise self.fail(
+                f"line {element.sourceline}, <limit {attribute}={text[:40]!r}> must hold a number"
+            )
+        return none if abs(value) > _NO_LIMIT else value
+
+    def pose(self, element: Any) -> Array:
+        origin = element.find("origin")
+        out = np.eye(4)
+        out[:3, 3] = self.numbers(origin, "xyz", (0.0, 0.0, 0.0))
+        out[:3, :3] = _rotation_rpy(*self.numbers(origin, "rpy", (0.0, 0.0, 0.0)))
+        return out
+
+    def end(self, joint: Any, which: str, links: Container[str]) -> str:
+        """The link that a joint names as its parent or child."""
+        element = joint.find(which)
+        link = None if element is None else element.get("link")
+        if link not in links:
+            raise self.fail(
+                f"joint {joint.get('name')!r} names link {link!r}, which the file does not have"
+            )
+        return str(link)
+
+    def inertial(self, link: Any) -> Array:
+        """Standard parameters (10,) about the link frame; zeros where the file gives none."""
+        element = link.find("inertial")
+        if element is None:
+            return np.zeros(10)
+        mass = self.numbers(element.find("mass"), "value", (0.0,))[0]
+        tensor = element.find("inertia")
+        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        urdf = np.array([self.numbers(tensor, name, (0.0,))[0] for name in names])
+        barycentric = np.concatenate([[mass, 0, 0, 0], urdf[list(inertia.URDF_ORDER)]])
+        about_com = inertia.standard_from_barycentric(barycentric)
+        return inertia.transform(self.pose(element)) @ about_com
+
+    def visit(
+        self, links: dict[str, Any], children: dict[str, list[Any]], name: str, body: int, pose: Array
+    ) -> None:
+        """Add a link and what hangs on it; pose is the link's in the frame of its moving body."""
+        self.reached.add(name)
+        if body >= 0:
+            self.nominal[body] = self.nominal[body] + inertia.transform(pose) @ self.inertial(
+                links[name]
+            )
+        for element in children[name]:
+            placement = pose @ self.pose(element)
+            child = element.find("child").get("link")
+            if element.get("type") == "fixed":
+                self.visit(links, children, child, body, placement)
+            else:
+                self.joints.append(self.joint(element, body, placement))
+                self.nominal.append(np.zeros(10))
+                self.visit(links, children, child, len(self.joints) - 1, np.eye(4))
+
+    def joint(self, element: Any, parent: int, placement: Array) -> Joint:
+        """One moving joint."""
+        kind, name = element.get("type"), element.get("name")
+        if kind not in _MOVING:
+            raise self.fail(
+                f"joint {name!r} is of type {kind!r}; revolute, continuous, prismatic and fixed "
+                "joints can be identified (for a floating base, fix it)"
+            )
+        if element.find("mimic") is not None:
+            raise self.fail(
+                f"joint {name!r} mimics another; make it fixed to identify the robot without it"
+            )
+        axis = np.array(self.numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0)))
+        length = np.linalg.norm(axis)
+        if not length > 1e-9:
+            raise self.fail(f"joint {name!r} has an axis of length zero")
+        limit = element.find("limit")
+        range_of = None if kind == "continuous" else limit
+        lower, upper = (
+            self.limit(range_of, key, none) for key, none in (("lower", -np.inf), ("upper", np.inf))
+        )
+        if lower > upper:
+            raise self.fail(
+                f"line {limit.sourceline}, joint {name!r} has its lower limit {lower:g} above its upper "
+                f"{upper:g}"
+            )
+        return Joint(
+            name,
+            _MOVING[kind],
+            parent,
+            placement,
+            axis / length,
+            np.eye(4),
+            lower,
+            upper,
+            self.limit(limit, "velocity", np.inf),
+            self.limit(limit, "effort", np.inf),
+        )
+
+
+def read_inertial(path: str | Path, link: Any) -> Array:
+    """Standard parameters (10,), about the link frame, of a <link> element of a file."""
+    return _Reader(Path(path)).inertial(link)
+
+
+def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> tuple[Robot, Array]:
+    """The robot of a URDF file and its nominal standard parameters, shape (n, 10).
+
+    Joints come in the order of the file, depth first; continuous joints count as revolute without
+    limits; a link behind a fixed joint is merged into the link that carries it, and one fixed to
+    the base is dropped. A link without an inertial has zeros.
+
+    Raises InputError for a file that is not a URDF, a floating, planar or mimic joint, a loop, or
+    no moving joint at all.
+    """
+    reader = _Reader(Path(path))
+    root = _parse(reader)
+    links, children = _tree(reader, root)
+    base = _base(reader, links, children)
+    try:
+        reader.visit(links, children, base, -1, np.eye(4))
+    except RecursionError:
+        raise reader.fail("the links hang on each other in too long a chain") from None
+    for name in links:
+        if name not in reader.reached:
+            raise reader.fail(f"link {name!r} is in a loop of joints apart from the base {base!r}")
+    if not reader.joints:
+        raise reader.fail("no moving joint: there is nothing to identify")
+    x, y, z = (float(v) for v in gravity)
+    name = root.get("name") or reader.path.stem
+    return Robot(name, tuple(reader.joints), (x, y, z)), np.array(reader.nominal)
+
+
+def _parse(reader: _Reader) -> Any:
+    """The <robot> element; entities are never expanded, nothing is loaded from elsewhere."""
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
+    )
+    try:
+        root = etree.fromstring(reader.path.read_bytes(), parser)
+    except OSError as error:
+        raise InputError(f"{reader.path}: cannot be read ({error.strerror}).") from error
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
+    if root.tag != "robot":
+        raise reader.fail(f"the outermost element is <{root.tag}>, a URDF's is <robot>")
+    return root
+
+
+def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    """The links by name, and for each link the joints that hang on it."""
+    for tag in ("link", "joint"):
+        names = [element.get("name") for element in root.findall(tag)]
+        for element, name in zip(root.findall(tag), names, strict=True):
+            if not name:
+                raise reader.fail(f"line {element.sourceline}, a <{tag}> has no name")
+            if names.count(name) > 1:
+                raise reader.fail(f"{tag} {name!r} is there {names.count(name)} times")
+    links = {link.get("name"): link for link in root.findall("link")}
+    children: dict[str, list[Any]] = {name: [] for name in links}
+    carried: set[str] = set()
+    for element in root.findall("joint"):
+        parent, child = reader.end(element, "parent", links), reader.end(element, "child", links)
+        if child in carried:
+            raise reader.fail(
+                f"link {child!r} hangs on two joints (joint {element.get('name')!r} closes a loop); "
+                "only trees can be identified, cut the loop"
+            )
+        carried.add(child)
+        children[parent].append(element)
+    return links, children
+
+
+def _base(reader: _Reader, links: dict[str, Any], children: dict[str, list[Any]]) -> str:
+    """The one link that no joint carries."""
+    carried = {e.find("child").get("link") for joints in children.values() for e in joints}
+    roots = [name for name in links if name not in carried]
+    if len(roots) != 1:
+        found = ", ".join(roots) if roots else "none, the joints form a loop"
+        raise reader.fail(f"one base link is needed, a link without a parent joint (found: {found})")
+    return roots[0]
+
+
+def _rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """R = Rz(yaw) Ry(pitch) Rx(roll), URDF's fixed-axis convention."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

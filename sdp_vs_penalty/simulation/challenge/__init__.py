@@ -1,0 +1,1 @@
+"""How often the diagnosis is right: cases, their run, the report."""

@@ -1,0 +1,32 @@
+"""Physics engines, one file each; :func:`engine_types` finds them, present or absent."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.simulation.engines.engine import Engine
+
+
+@cache
+def engine_types() -> dict[str, type[Engine]]:
+    """Every engine that this package knows, by name; ``version()`` says whether it is at hand."""
+    found: dict[str, type[Engine]] = {}
+    for module in pkgutil.iter_modules(__path__):
+        home = importlib.import_module(f"{__name__}.{module.name}")
+        for value in vars(home).values():
+            if isinstance(value, type) and issubclass(value, Engine) and hasattr(value, "name"):
+                found[value.name] = value
+    return dict(sorted(found.items()))
+
+
+def engine(name: str) -> type[Engine]:
+    """An engine that is at hand. Raises InputError where it is unknown or absent."""
+    kinds = engine_types()
+    if name not in kinds:
+        raise InputError(f"engine {name!r} is unknown; there are: {', '.join(kinds)}.")
+    if kinds[name].version() is None:
+        raise InputError(f"engine {name} is absent: {kinds[name].install}.")
+    return kinds[name]

@@ -1,0 +1,138 @@
+"""An engine against the identified model: torque, and where the end effector goes.
+
+The paper's experiment (its Table V, Figs. 5 to 7): joints follow velocities, the engine says which
+torque that took, the identified model says which it should have taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.trajectory import joint_limits
+from sdp_vs_penalty.simulation.engines.engine import Engine, Followed
+
+Array = NDArray[np.float64]
+
+#: Time step of all engines [s].
+STEP = 1e-3
+#: Shares of each joint's range and velocity limit that the sinusoids use.
+_RANGE_SHARE, _VELOCITY_SHARE = 0.9, 0.5
+
+
+@dataclass(frozen=True)
+class PlayedMotion:
+    """A motion as splines through samples t (N,) [s], q (N, n): what engines are told to follow."""
+
+    t: Array
+    q: Array
+
+    def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """q, dq, ddq (M, n) at the instants t (M,)."""
+        spline = CubicSpline(self.t, self.q)
+        return spline(t), spline(t, 1), spline(t, 2)
+
+
+@dataclass(frozen=True)
+class Sinusoids:
+    """q_j(t) = middle_j - amplitude_j cos(w_j t): sinusoidal velocities, from rest."""
+
+    middle: Array
+    amplitude: Array
+    frequency: Array  # rad/s
+
+    @classmethod
+    def over_range(cls, robot: Robot) -> Sinusoids:
+        """90 % of every joint's range, as fast as half its velocity limit allows."""
+        lower, upper, velocity = joint_limits(robot)
+        amplitude = 0.5 * _RANGE_SHARE * (upper - lower)
+        return cls(0.5 * (lower + upper), amplitude, _VELOCITY_SHARE * velocity / amplitude)
+
+    def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """q, dq, ddq (M, n) at the instants t (M,)."""
+        w, a = self.frequency, self.amplitude
+        angle = np.outer(np.asarray(t, float), w)
+        return self.middle - a * np.cos(angle), a * w * np.sin(angle), a * w**2 * np.cos(angle)
+
+
+@dataclass(frozen=True)
+class EngineRun:
+    """One engine along one motion, beside the model of the same links.
+
+    t (N,) middle of each step; torque, model (N, n) of the engine and of recursive Newton-Euler;
+    position [m], angle [rad] (N,) : distance and rotation of the last link's joint frame from where
+    the commanded motion puts it, at the end of each step.
+    """
+
+    engine: str
+    version: str
+    followed: Followed
+    model: Array
+    position: Array
+    angle: Array
+
+    @property
+    def t(self) -> Array:
+        return self.followed.t
+
+    @property
+    def error(self) -> Array:
+        """(N, n) torque of the engine less that of the model."""
+        return self.followed.torque - self.model
+
+
+def play(
+    kind: type[Engine],
+    robot: Robot,
+    links: Array,
+    motion: Sinusoids | PlayedMotion,
+    duration: float,
+    step: float = STEP,
+) -> EngineRun:
+    """Let an engine that is present follow a motion. Raises InputError where it rejects a link.
+
+    The velocity commanded for a step is the motion's mean velocity over it, so that an engine that
+    obeys ends each step exactly where the motion does.
+    """
+    count = round(duration / step)
+    edges = np.arange(count + 1) * step
+    q = motion.states(edges)[0]
+    followed = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion.states(followed.t))
+    position, angle = pose_errors(robot, q[1:], followed.pose)
+    return EngineRun(kind.name, kind.version() or "", followed, model, position, angle)
+
+
+def inverse_dynamics_error(
+    kind: type[Engine], robot: Robot, links: Array, count: int = 100, seed: int = 0
+) -> float | None:
+    """Largest torque difference [N m] to Pinocchio over random states; None without inverse dynamics.
+
+    Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1 rad/s^2.
+    """
+    q = robot.random_configurations(count, seed)
+    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n))
+    torque = kind(robot, links).inverse_dynamics(q, dq, ddq)
+    if torque is None:
+        return None
+    return float(np.abs(torque - robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)).max())
+
+
+def pose_errors(robot: Robot, q: Array, poses: Array) -> tuple[Array, Array]:
+    """Distance [m] and angle [rad] (N,) of poses (N, 4, 4) from the last joint frame at q (N, n)."""
+    model = robot._model
+    data = model.createData()
+    position, angle = np.empty(len(q)), np.empty(len(q))
+    for k, (row, pose) in enumerate(zip(q, poses, strict=True)):
+        pin.forwardKinematics(model, data, np.ascontiguousarray(row))
+        true = data.oMi[robot.n]
+        position[k] = np.linalg.norm(pose[:3, 3] - true.translation)
+        r = true.rotation.T @ pose[:3, :3]
+        twice = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
+        angle[k] = np.arctan2(0.5 * np.linalg.norm(twice), 0.5 * (np.trace(r) - 1.0))
+    return position, angle

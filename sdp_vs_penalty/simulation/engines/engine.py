@@ -1,0 +1,92 @@
+"""What a physics engine is asked: to load a robot, to say its torques, and to follow joint velocities.
+
+A file in this folder that defines a subclass of :class:`Engine` is its registration. The robot
+reaches an engine the way a user would bring it there: as the URDF or MJCF that this package exports.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.errors import InputError, install_command
+from sdp_vs_penalty.export.content import Content, require_consistent
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What an engine did with velocity commands, over N steps of length h from t = 0.
+
+    torque : (N, n) motor torque over each step [N m, N]; q, dq : (N, n) state after it; pose :
+    (N, 4, 4) of the last link's joint frame after it.
+    """
+
+    step: float
+    torque: Array
+    q: Array
+    dq: Array
+    pose: Array
+
+    @property
+    def t(self) -> Array:
+        """(N,) middle of each step [s]: what its torque is the mean of."""
+        return np.asarray((np.arange(len(self.torque)) + 0.5) * self.step)
+
+
+class Engine(ABC):
+    """A robot of rigid links inside one engine, without friction, limits or contacts.
+
+    Subclasses set the class attributes and do all importing in :meth:`version` and :meth:`load`.
+    """
+
+    name: ClassVar[str]
+    #: How bodies and joints are described inside, and how time is stepped.
+    formulation: ClassVar[str]
+    #: What to install where it is absent.
+    install: ClassVar[str] = install_command("engines")
+
+    def __init__(self, robot: Robot, links: ArrayLike) -> None:
+        """links (n, 10) standard parameters. Raises InputError naming the link that it rejects."""
+        own = np.asarray(links, float).reshape(robot.n, 10)
+        self.robot = robot
+        #: (n, 10) about the joint frames.
+        self.links = np.stack(
+            [inertia.transform(j.link_frame) @ row for j, row in zip(robot.joints, own, strict=True)]
+        )
+        for k, (joint, link) in enumerate(zip(robot.joints, self.links, strict=True)):
+            label = f"link {k + 1} (on joint {joint.name!r})"
+            require_consistent(link, label)
+            if link[0] <= 0.0:
+                raise InputError(f"{label}: it has no mass, which physics engines refuse.")
+        self.load()
+
+    @classmethod
+    @abstractmethod
+    def version(cls) -> str | None:
+        """The version at hand, or None where the engine is absent."""
+
+    @abstractmethod
+    def load(self) -> None:
+        """Build the robot inside the engine."""
+
+    @abstractmethod
+    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
+        """Torques (N, n) for states (N, n); None where the engine has no inverse dynamics."""
+
+    @abstractmethod
+    def follow(self, start: Array, velocities: Array, step: float) -> Followed:
+        """Drive the joints from rest at ``start`` (n,) at the velocities (N, n), one each step."""
+
+    @property
+    def content(self) -> Content:
+        """The links as the exporters take them."""
+        zero = np.zeros(self.robot.n)
+        return Content(self.links, zero, zero, zero, ())

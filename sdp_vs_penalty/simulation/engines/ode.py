@@ -1,0 +1,251 @@
+"""Open Dynamics Engine (Smith): maximal coordinates, the one formulation here that is really different.
+
+Every link is a free body with six degrees of freedom; joints are constraints whose forces a linear
+complementarity solver finds. Nothing keeps the joints together but these forces, so that they drift
+apart and are pulled back (error reduction parameter). Debian's package libode8 is called through its
+C interface; it has no loader of URDF, so that bodies and joints are made here.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_uint, c_void_p
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Joint
+from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
+
+#: dParamVel and dParamFMax of ode/common.h.
+_PARAM_VEL, _PARAM_FMAX = 2, 5
+#: A motor that always reaches its velocity [N m, N].
+_STRONG = 1e6
+
+
+class _Mass(Structure):
+    """dMass: mass, centre (dVector3), inertia (dMatrix3)."""
+
+    _fields_ = [("mass", c_double), ("c", c_double * 4), ("I", c_double * 12)]
+
+
+class _Feedback(Structure):
+    """dJointFeedback: force and torque of a joint on its first and second body."""
+
+    _fields_ = [(name, c_double * 4) for name in ("f1", "t1", "f2", "t2")]
+
+
+#: Type returned and arguments of the functions used.
+_SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "dWorldCreate": (c_void_p, ()),
+    "dWorldDestroy": (None, (c_void_p,)),
+    "dWorldSetGravity": (None, (c_void_p, c_double, c_double, c_double)),
+    "dWorldSetERP": (None, (c_void_p, c_double)),
+    "dWorldStep": (c_int, (c_void_p, c_double)),
+    "dBodyCreate": (c_void_p, (c_void_p,)),
+    "dBodySetPosition": (None, (c_void_p, c_double, c_double, c_double)),
+    "dBodySetRotation": (None, (c_void_p, POINTER(c_double))),
+    "dBodySetLinearVel": (None, (c_void_p, c_double, c_double, c_double)),
+    "dBodySetAngularVel": (None, (c_void_p, c_double, c_double, c_double)),
+    "dBodyGetPosition": (POINTER(c_double), (c_void_p,)),
+    "dBodyGetRotation": (POINTER(c_double), (c_void_p,)),
+    "dBodySetMass": (None, (c_void_p, POINTER(_Mass))),
+    "dMassSetParameters": (None, (POINTER(_Mass), *(c_double,) * 10)),
+    "dMassCheck": (c_int, (POINTER(_Mass),)),
+    "dJointAttach": (None, (c_void_p, c_void_p, c_void_p)),
+    "dJointSetFeedback": (None, (c_void_p, POINTER(_Feedback))),
+    **{
+        name: signature
+        for kind in ("Hinge", "Slider")
+        for name, signature in (
+            (f"dJointCreate{kind}", (c_void_p, (c_void_p, c_void_p))),
+            (f"dJointSet{kind}Axis", (None, (c_void_p, c_double, c_double, c_double))),
+            (f"dJointSet{kind}Param", (None, (c_void_p, c_int, c_double))),
+        )
+    },
+    "dJointSetHingeAnchor": (None, (c_void_p, c_double, c_double, c_double)),
+    "dJointGetHingeAngleRate": (c_double, (c_void_p,)),
+    "dJointGetSliderPositionRate": (c_double, (c_void_p,)),
+}
+
+
+@cache
+def _library() -> Any | None:
+    """libode with its signatures set, or None where it is absent or in single precision."""
+    found = None
+    for name in ("libode.so.8", ctypes.util.find_library("ode")):
+        try:
+            found = ctypes.CDLL(name) if name else None
+        except OSError:
+            continue
+        if found is not None:
+            break
+    if found is None:
+        return None
+    found.dInitODE2.argtypes, found.dCheckConfiguration.argtypes = [c_uint], [c_char_p]
+    found.dGetConfiguration.restype = c_char_p
+    found.dInitODE2(0)
+    if not found.dCheckConfiguration(b"ODE_double_precision"):
+        return None
+    for name, (result, arguments) in _SIGNATURES.items():
+        function = getattr(found, name)
+        function.restype, function.argtypes = result, list(arguments)
+    return found
+
+
+class Ode(Engine):
+    """Joint motors at commanded velocity; torque from the constraint forces (dJointFeedback)."""
+
+    name = "ODE"
+    formulation = "maximal coordinates, constraint forces, semi-implicit Euler"
+    install = "apt install libode8 (Debian)"
+
+    @classmethod
+    def version(cls) -> str | None:
+        # The library does not say its version; its name does.
+        return None if _library() is None else "0.16 (libode8)"
+
+    def load(self) -> None:
+        ode = _library()
+        assert ode is not None
+        self.ode: Any = ode
+        self.masses = []
+        self.centres = np.zeros((self.robot.n, 3))
+        for k, link in enumerate(self.links):
+            p = inertia.barycentric_from_standard(link)
+            xx, xy, yy, xz, yz, zz = p[4:]
+            mass = _Mass()
+            ode.dMassSetParameters(byref(mass), p[0], 0.0, 0.0, 0.0, xx, yy, zz, xy, xz, yz)
+            if not ode.dMassCheck(byref(mass)):
+                raise InputError(
+                    f"link {k + 1} (on joint {self.robot.joints[k].name!r}): ODE refuses its inertia, "
+                    "which is not positive definite: identify with a minimum thickness (lmi-sdp)."
+                )
+            self.masses.append(mass)
+            self.centres[k] = p[1:4]
+
+    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> None:
+        return None
+
+    def follow(self, start: Array, velocities: Array, step: float) -> Followed:
+        scene = _Scene(self, start)
+        try:
+            return scene.run(velocities, step)
+        finally:
+            self.ode.dWorldDestroy(scene.world)
+
+
+class _Scene:
+    """One world with the robot at rest in a configuration."""
+
+    def __init__(self, engine: Ode, start: Array) -> None:
+        self.ode, self.robot, self.engine = engine.ode, engine.robot, engine
+        ode = self.ode
+        self.world = c_void_p(ode.dWorldCreate())
+        ode.dWorldSetGravity(self.world, *self.robot.gravity)
+        self.start = start
+        self.bodies: list[c_void_p] = []
+        self.joints: list[c_void_p] = []
+        self.feedback = [_Feedback() for _ in self.robot.joints]
+        frames: list[Array] = []
+        for k, joint in enumerate(self.robot.joints):
+            parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
+            at_zero = parent @ joint.placement
+            frames.append(at_zero @ _motion(joint, start[k]))
+            self._body(k, frames[k])
+            self._joint(k, joint, frames[k])
+
+    def _body(self, k: int, frame: Array) -> None:
+        body = c_void_p(self.ode.dBodyCreate(self.world))
+        rows = np.zeros((3, 4))
+        rows[:, :3] = frame[:3, :3]
+        self.ode.dBodySetRotation(body, (c_double * 12)(*rows.ravel()))
+        self.ode.dBodySetPosition(body, *(frame[:3, :3] @ self.engine.centres[k] + frame[:3, 3]))
+        self.ode.dBodySetMass(body, byref(self.engine.masses[k]))
+        self.bodies.append(body)
+
+    def _joint(self, k: int, joint: Joint, frame: Array) -> None:
+        ode, kind = self.ode, "Hinge" if joint.kind == "revolute" else "Slider"
+        made = c_void_p(getattr(ode, f"dJointCreate{kind}")(self.world, None))
+        ode.dJointAttach(made, self.bodies[k], None if joint.parent < 0 else self.bodies[joint.parent])
+        if kind == "Hinge":
+            ode.dJointSetHingeAnchor(made, *frame[:3, 3])
+        getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
+        getattr(ode, f"dJointSet{kind}Param")(made, _PARAM_FMAX, _STRONG)
+        ode.dJointSetFeedback(made, byref(self.feedback[k]))
+        self.joints.append(made)
+
+    def run(self, velocities: Array, step: float) -> Followed:
+        ode, n = self.ode, self.robot.n
+        sets = [
+            ode.dJointSetHingeParam if j.kind == "revolute" else ode.dJointSetSliderParam
+            for j in self.robot.joints
+        ]
+        rates = [
+            ode.dJointGetHingeAngleRate if j.kind == "revolute" else ode.dJointGetSliderPositionRate
+            for j in self.robot.joints
+        ]
+        torque, q, dq = (np.empty_like(velocities) for _ in range(3))
+        pose = np.empty((len(velocities), 4, 4))
+        after = self._frames()
+        for i, velocity in enumerate(velocities):
+            for k in range(n):
+                sets[k](self.joints[k], _PARAM_VEL, velocity[k])
+            ode.dWorldStep(self.world, step)
+            before, after = after, self._frames()
+            for k in range(n):
+                # ODE forms the constraints of a step at the configuration before it.
+                torque[i, k] = self._torque(k, before[k])
+                dq[i, k] = rates[k](self.joints[k])
+                q[i, k] = self._position(k, after)
+            pose[i] = after[-1]
+        revolute = [j.kind == "revolute" for j in self.robot.joints]
+        q[:, revolute] = np.unwrap(np.vstack([self.start, q])[:, revolute], axis=0)[1:]
+        return Followed(step, torque, q, dq, pose)
+
+    def _frames(self) -> list[Array]:
+        """(4, 4) of each joint frame from its body's pose."""
+        out = []
+        for body, centre in zip(self.bodies, self.engine.centres, strict=True):
+            frame = np.eye(4)
+            rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,)).reshape(3, 4)
+            frame[:3, :3] = rows[:, :3]
+            position = np.ctypeslib.as_array(self.ode.dBodyGetPosition(body), (3,))
+            frame[:3, 3] = position - frame[:3, :3] @ centre
+            out.append(frame)
+        return out
+
+    def _torque(self, k: int, frame: Array) -> float:
+        """The part along the joint's axis of what its constraint does to the link."""
+        joint, wrench = self.robot.joints[k], self.feedback[k]
+        axis = frame[:3, :3] @ joint.axis
+        force, moment = np.array(wrench.f1[:3]), np.array(wrench.t1[:3])
+        if joint.kind == "prismatic":
+            return float(axis @ force)
+        arm = frame[:3, :3] @ self.engine.centres[k]
+        return float(axis @ (moment + np.cross(arm, force)))
+
+    def _position(self, k: int, frames: list[Array]) -> float:
+        joint = self.robot.joints[k]
+        parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
+        relative = np.linalg.inv(parent @ joint.placement) @ frames[k]
+        if joint.kind == "prismatic":
+            return float(joint.axis @ relative[:3, 3])
+        r = relative[:3, :3]
+        twice = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+        return float(np.arctan2(0.5 * joint.axis @ twice, 0.5 * (np.trace(r) - 1.0)))
+
+
+def _motion(joint: Joint, value: float) -> Array:
+    out = np.eye(4)
+    if joint.kind == "prismatic":
+        out[:3, 3] = value * joint.axis
+        return out
+    x, y, z = joint.axis
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    out[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * k @ k
+    return out

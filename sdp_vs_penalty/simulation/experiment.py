@@ -1,0 +1,141 @@
+"""A problem's simulated experiment: truth, exciting trajectory, sensor, validation trajectories.
+
+Described by simulation.toml in the problem's folder; a robot without one (a URDF) gets its nominal
+links as truth, mild friction, a random trajectory and white noise, all stated below.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_friction, published_links, published_trajectory
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
+from sdp_vs_penalty.simulation.simulate import (
+    Sensor,
+    TorqueSource,
+    rigid_body_torque,
+    sigmoid_friction,
+    simulate,
+)
+
+Array = NDArray[np.float64]
+
+#: Of a robot that describes no experiment: friction and noise relative to the torque it moves with.
+_FRICTION_SHARE, _NOISE_SHARE, _POSITION_STEP = 0.02, 0.001, 1e-5
+#: Keeps validation trajectories and their noise apart from the training ones at any seed.
+_VALIDATION_SEED = 100_000
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """links : (n, 10) true standard parameters; friction : (n, 3) phi of sigmoid friction or None.
+
+    effects : what an estimator models by default; validation : how many trajectories of how many
+    seconds the estimates are judged on.
+    """
+
+    problem: Problem
+    links: Array
+    friction: Array | None
+    trajectory: FourierTrajectory
+    sensor: Sensor
+    validation: tuple[int, float]
+    effects: tuple[str, ...]
+
+    @property
+    def sources(self) -> list[TorqueSource]:
+        """What makes the true torque."""
+        rigid = rigid_body_torque(self.problem.robot, self.links)
+        return [rigid] if self.friction is None else [rigid, sigmoid_friction(self.friction)]
+
+    def training_run(self, seed: int = 0) -> Measurements:
+        """The exciting trajectory, measured once."""
+        return simulate(self.trajectory, self.sources, self.sensor, seed, name="exciting trajectory")
+
+    def validation_runs(self, seed: int = 0) -> list[Measurements]:
+        """Random trajectories inside the joint limits, each measured once."""
+        count, duration = self.validation
+        first = _VALIDATION_SEED + count * seed
+        return [
+            simulate(
+                random_trajectory(self.problem.robot, first + k, duration),
+                self.sources,
+                self.sensor,
+                first + k,
+                name=f"validation trajectory {k + 1}",
+            )
+            for k in range(count)
+        ]
+
+
+def experiment(problem: Problem) -> Experiment:
+    """The simulated experiment of a problem. Raises InputError for an incomplete simulation.toml."""
+    if problem.folder is None or not (problem.folder / "simulation.toml").is_file():
+        return _assumed(problem)
+    file = problem.folder / "simulation.toml"
+    try:
+        return _described(problem, tomllib.loads(file.read_text()))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{file}: not a TOML file ({error}).") from error
+    except KeyError as error:
+        raise InputError(f"{file}: the field {error.args[0]!r} is missing.") from error
+
+
+def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
+    truth, motion, limits = data["truth"], data["trajectory"], data["validation"]
+    if "table" in motion:
+        trajectory = published_trajectory(problem, motion)
+    else:
+        trajectory = random_trajectory(
+            problem.robot,
+            int(motion["seed"]),
+            float(motion["duration"]),
+            frequency=np.pi * float(motion["frequency_over_pi"]),
+            blend=float(motion["blend"]),
+        )
+    friction = truth.get("friction")
+    chosen = data.get("identification", {}).get("effects", problem.default_effects)
+    return Experiment(
+        problem,
+        published_links(problem, truth["column"]),
+        None if friction is None else published_friction(problem, friction),
+        trajectory,
+        _sensor(data["sensor"]),
+        (int(limits["count"]), float(limits["duration"])),
+        tuple(chosen),
+    )
+
+
+def _sensor(data: Mapping[str, Any]) -> Sensor:
+    std = np.array(data["torque_std"], float)
+    return Sensor(
+        float(data["rate"]),
+        std,
+        np.array(data.get("torque_ar", np.zeros((len(std), 0))), float),
+        np.array(data.get("torque_step", np.zeros(len(std))), float),
+        np.array(data["position_step"], float),
+        data.get("log_step"),
+        float(data.get("log_jitter", 0.0)),
+    )
+
+
+def _assumed(problem: Problem) -> Experiment:
+    robot = problem.robot
+    trajectory = random_trajectory(robot, seed=1, duration=21.0)
+    quiet = Sensor.ideal(robot.n, rate=50.0)
+    bare = Experiment(
+        problem, problem.nominal_links, None, trajectory, quiet, (10, 10.0), problem.default_effects
+    )
+    size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
+    phi = np.column_stack([2.0 * _FRICTION_SHARE * size, np.full(robot.n, 10.0), np.zeros(robot.n)])
+    steps = np.full(robot.n, _POSITION_STEP)
+    return replace(bare, friction=phi, sensor=Sensor.white(_NOISE_SHARE * size, steps))

@@ -1,0 +1,199 @@
+"""Simulated measurements: a motion, what makes torque, and a sensor, each of its own.
+
+    motion  ->  torque = sum of sources(motion)  ->  sensor  ->  Measurements
+
+A torque source is any function from a :class:`~sdp_vs_penalty.effects.effect.Motion` to torques
+(N, n), so that a hidden effect is one more function in the list. The sensor holds what a logger
+does to the truth: sampling, held values, coloured torque noise, quantisation, jittered time stamps.
+Rigid-body torque comes from recursive Newton-Euler, not from the regressor that estimators use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg, signal
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+#: From a motion to joint torques (N, n) [N m or N].
+TorqueSource = Callable[[Motion], Array]
+
+#: Steps of the noise process that are thrown away, so that it starts stationary.
+_BURN_IN = 500
+
+
+def rigid_body_torque(robot: Robot, links: ArrayLike) -> TorqueSource:
+    """Newton-Euler torque of links (n, 10), standard parameters."""
+    theta = np.asarray(links, float).ravel()
+    return lambda motion: robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
+
+
+def model_torque(model: Model, theta: ArrayLike) -> TorqueSource:
+    """The torque of a model's effects with parameters theta (p,)."""
+    values = np.asarray(theta, float)
+    return lambda motion: model.torque(values, motion)
+
+
+def sigmoid_friction(phi: ArrayLike) -> TorqueSource:
+    """phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)), phi (n, 3).
+
+    phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s] (Gaz et al. 2019, eq. 12): zero at rest.
+    """
+    amplitude, slope, shift = np.asarray(phi, float).T
+    rest = amplitude * _logistic(slope * shift)
+    return lambda motion: amplitude * _logistic(slope * (motion.dq + shift)) - rest
+
+
+def _logistic(x: Array) -> Array:
+    return 0.5 * (1.0 + np.tanh(0.5 * x))
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What a robot's log shows of the truth.
+
+    rate : [Hz] at which the controller renews positions and torques; between, the log repeats them.
+    torque_std : (n,) standard deviation of the torque noise [N m]; torque_ar : (n, k) coefficients of
+        the autoregressive process e_i = sum_m torque_ar[m] e_(i-m) + white, at ``rate``.
+    torque_step, position_step : (n,) quantisation [N m], [rad]; 0 for none.
+    log_step, log_jitter : mean and standard deviation [s] of the time between two log entries;
+        None: the log reads each of the controller's values exactly once.
+    """
+
+    rate: float
+    torque_std: Array
+    torque_ar: Array
+    torque_step: Array
+    position_step: Array
+    log_step: float | None = None
+    log_jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        for row in self.torque_ar:
+            roots = np.roots(np.concatenate([[1.0], -row]))
+            if np.any(np.abs(roots) >= 1.0):
+                raise InputError(
+                    "sensor: the coefficients of the torque noise describe no stable process."
+                )
+
+    @classmethod
+    def ideal(cls, n: int, rate: float = 1000.0) -> Sensor:
+        """No noise, no quantisation, no jitter."""
+        zero = np.zeros(n)
+        return cls(rate, zero, np.zeros((n, 0)), zero, zero)
+
+    @classmethod
+    def white(cls, torque_std: ArrayLike, position_step: ArrayLike, rate: float = 1000.0) -> Sensor:
+        """White torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
+        std = np.asarray(torque_std, float)
+        n = len(std)
+        return cls(rate, std, np.zeros((n, 0)), np.zeros(n), np.asarray(position_step, float))
+
+    def noise(self, count: int, rng: np.random.Generator) -> Array:
+        """(count, n) samples of the torque noise at ``rate``, stationary from the first on."""
+        white = rng.normal(size=(count + _BURN_IN, len(self.torque_std)))
+        columns = []
+        for j, (std, row) in enumerate(zip(self.torque_std, self.torque_ar, strict=True)):
+            innovation = std * np.sqrt(innovation_share(row))
+            columns.append(
+                signal.lfilter([innovation], np.concatenate([[1.0], -row]), white[:, j])[_BURN_IN:]
+            )
+        return np.column_stack(columns)
+
+    def log_times(self, duration: float, rng: np.random.Generator) -> Array:
+        """(N,) instants of the log entries in [0, duration] [s]."""
+        if self.log_step is None:
+            return np.arange(int(np.floor(duration * self.rate * (1.0 + 1e-12))) + 1) / self.rate
+        steps = rng.normal(self.log_step, self.log_jitter, int(1.2 * duration / self.log_step) + 10)
+        times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
+        times = np.concatenate([[0.0], times[times > 0.0]])
+        return times[times <= duration]
+
+
+def innovation_share(coefficients: ArrayLike) -> float:
+    """White noise's variance over the process's, of an autoregression with these coefficients."""
+    a = np.asarray(coefficients, float)
+    if not len(a):
+        return 1.0
+    # Yule-Walker for the autocorrelations 1, r_1..r_k: r_i = sum_m a_m r_|i-m|.
+    k = len(a)
+    matrix, right = np.eye(k), np.zeros(k)
+    for i in range(1, k + 1):
+        for m in range(1, k + 1):
+            lag = abs(i - m)
+            if lag == 0:
+                right[i - 1] += a[m - 1]
+            else:
+                matrix[i - 1, lag - 1] -= a[m - 1]
+    return float(1.0 - a @ np.linalg.solve(matrix, right))
+
+
+def simulate(
+    trajectory: FourierTrajectory,
+    sources: Sequence[TorqueSource],
+    sensor: Sensor,
+    seed: int = 0,
+    *,
+    start: float = 0.0,
+    name: str = "simulated",
+) -> Measurements:
+    """Measure the torque that the sources make along a trajectory.
+
+    seed : of the noise and the clock; start : first instant on the sitting's clock [s].
+    The measured velocity is left out: estimators do not use it.
+    """
+    rng = np.random.default_rng(seed)
+    count = int(np.ceil(trajectory.duration * sensor.rate)) + 1
+    t = np.arange(count) / sensor.rate
+    motion = Motion(t, *trajectory.states(t))
+    torque = np.sum([source(motion) for source in sources], axis=0) + sensor.noise(count, rng)
+    log = sensor.log_times(trajectory.duration, rng)
+    held = np.clip(np.floor(log * sensor.rate + 1e-9).astype(np.intp), 0, count - 1)
+    q = _quantise(motion.q[held], sensor.position_step)
+    return Measurements(log + start, q, _quantise(torque[held], sensor.torque_step), names=(name,))
+
+
+def _quantise(values: Array, step: Array) -> Array:
+    unit = np.where(step > 0.0, step, 1.0)
+    return np.where(step > 0.0, np.round(values / unit) * unit, values)
+
+
+def repetition_noise(
+    run: Measurements, period: float, rate: float, order: int = 4, edge: float = 0.7
+) -> tuple[Array, Array]:
+    """Standard deviation (n,) and autoregressive coefficients (n, order) of a log's torque noise.
+
+    From tau(t + T) - tau(t) over sqrt(2), for a motion with period T [s]: whatever a model would get
+    wrong repeats and drops out. Nearest samples are taken (interpolation would average noise away);
+    the first and last ``edge`` seconds, the blends, do not repeat and are left out.
+    Raises InputError where less than a second of the run repeats.
+    """
+    first, last = run.t[0] + edge, run.t[-1] - edge - period
+    if last - first < 1.0:
+        raise InputError(f"{run.names[0]}: less than one second repeats after {period:g} s.")
+    grid = np.arange(first, last, 1.0 / rate)
+    middle = 0.5 * (run.t[1:] + run.t[:-1])
+    early, late = (run.tau[np.searchsorted(middle, grid + shift)] for shift in (0.0, period))
+    noise = (late - early) / np.sqrt(2.0)
+    noise = noise - noise.mean(axis=0)
+    coefficients = []
+    for x in noise.T:
+        r = np.array([x[: len(x) - lag] @ x[lag:] for lag in range(order + 1)])
+        coefficients.append(linalg.solve_toeplitz(r[:order], r[1:]))
+    return noise.std(axis=0), np.array(coefficients)
+
+
+def step_size(values: ArrayLike) -> float:
+    """The smallest step between the different values of a quantised signal."""
+    return float(np.diff(np.unique(np.round(np.asarray(values, float), 7))).min())

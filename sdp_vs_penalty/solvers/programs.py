@@ -1,0 +1,87 @@
+"""Command-line solvers that read the sparse SDPA format: CSDP, DSDP, SDPA."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
+from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities
+from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
+
+Array = NDArray[np.float64]
+
+#: From what a program printed and its exit code to (claims, its own words, iterations).
+Judge = Callable[[str, int], tuple[str, str, int]]
+#: From the folder it ran in to x and z, or None where it left no answer.
+Reader = Callable[[Path, ConicProblem], tuple[Array, Array] | None]
+
+
+def run_program(
+    problem: ConicProblem,
+    command: Sequence[str],
+    files: dict[str, str],
+    judge: Judge,
+    reader: Reader,
+) -> Solution:
+    """Write problem.dat-s and the program's own files into a fresh folder, run it there, read back."""
+    start = time.perf_counter()
+    lmi = linear_matrix_inequalities(problem)
+    with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
+        folder = Path(name)
+        (folder / "problem.dat-s").write_text(sdpa_text(lmi.problem))
+        for file, content in files.items():
+            (folder / file).write_text(content)
+        ready = time.perf_counter()
+        done = subprocess.run(
+            command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+        )
+        end = time.perf_counter()
+        if -done.returncode == signal.SIGXCPU:
+            raise TimeoutError(f"{command[0]} used up its processor time")
+        if done.returncode < 0:  # killed by a signal: the caller's process counts it as a crash
+            raise ChildProcessError(f"{command[0]} ended by signal {-done.returncode}")
+        claims, status, iterations = judge(done.stdout, done.returncode)
+        answer = reader(folder, lmi.problem)
+    if answer is None:
+        answer = np.full(len(lmi.problem.q), np.nan), np.full(len(lmi.problem.b), np.nan)
+        claims = "failed" if claims in ("optimal", "inaccurate") else claims
+    x, z = lmi.back(*answer)
+    return Solution(x, z, claims, status, iterations, ready - start, end - ready)
+
+
+def read_solution(file: Path, problem: ConicProblem) -> tuple[Array, Array] | None:
+    """x and z of a solution in the format of CSDP, which DSDP shares: matrix 1 is Z, matrix 2 X."""
+    try:
+        lines = file.read_text().splitlines()
+        x = np.array([float(word) for word in lines[0].split()])
+        entries = np.array(
+            [[float(word) for word in line.split()] for line in lines[1:] if line.strip()]
+        )
+    except (OSError, ValueError, IndexError):
+        return None
+    if len(x) != len(problem.q):
+        return None
+    z = np.zeros(len(problem.b))
+    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
+    for matrix, block, i, j, value in entries.reshape(-1, 5):
+        if int(matrix) == 2:
+            cone = problem.cones[int(block) - 1]
+            z[starts[int(block) - 1] + _row(cone, int(i) - 1, int(j) - 1)] = value * _weight(cone, i, j)
+    return x, z
+
+
+def _row(cone: Cone, i: int, j: int) -> int:
+    low, high = min(i, j), max(i, j)
+    return high if cone.kind == "nonnegative" else high * (high + 1) // 2 + low
+
+
+def _weight(cone: Cone, i: float, j: float) -> float:
+    return 1.0 if cone.kind == "nonnegative" or i == j else float(np.sqrt(2.0))
