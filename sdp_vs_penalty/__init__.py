@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.data.files import load_measurements as load_measurements

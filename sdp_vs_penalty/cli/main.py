@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty import __version__
 from sdp_vs_penalty.cli import diagnosis as cli_diagnosis
 from sdp_vs_penalty.cli import files as cli_files
 from sdp_vs_penalty.cli import page as cli_page
@@ -24,6 +23,7 @@ from sdp_vs_penalty.cli.arguments import expand_many, numbers, time_window
 from sdp_vs_penalty.cli.errors import explain
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import protect
+from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.estimators.estimator import Estimator

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import __version__
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
@@ -24,6 +23,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
+from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     import pandas

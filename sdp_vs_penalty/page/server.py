@@ -28,6 +28,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.steps.take_away import FILES
 from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.workshop import Workshop
 
 HOST = "127.0.0.1"
@@ -183,11 +184,11 @@ async def _build(page: Page, session: Session) -> None:
     limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
     ui.add_head_html(f"<style>{(_HERE / 'look.css').read_text()}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
-    view = View(session, await page.catalogue(), page.folder, client)
-    view.build()
+    bench = Workbench(View(session, await page.catalogue(), page.folder, client))
+    bench.build()
 
     def leave() -> None:
-        view.close()
+        bench.close()
         page.sessions.leave(session)
 
     client.on_delete(leave)

@@ -10,7 +10,6 @@ from types import ModuleType
 
 import numpy as np
 
-from sdp_vs_penalty import __version__
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.estimators.penalty import fit_penalty
@@ -20,6 +19,7 @@ from sdp_vs_penalty.shootout.judge import Answer
 from sdp_vs_penalty.solvers import absent, solver_modules, version
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
+from sdp_vs_penalty.version import __version__
 
 #: What our default path promises.
 DEFAULT_ACCURACY = 1e-8

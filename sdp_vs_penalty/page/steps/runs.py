@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.page.controls import button, check, choice, drop, number, tag
@@ -20,16 +19,6 @@ _USES = (
     ("split", "first 70 % / test on the rest"),
     ("", "remove"),
 )
-
-
-@dataclass
-class Hiding:
-    """What to hide in simulated runs."""
-
-    effect: str = "presliding_hysteresis"
-    joint: int = 0
-    level: str = "strong"
-    seed: int = 7
 
 
 def _depends(session: Session) -> Any:

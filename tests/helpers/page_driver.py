@@ -32,7 +32,7 @@ if CHROMIUM is None:
     pytest.skip("Chromium is not installed", allow_module_level=True)
 
 DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
-ROOT = str(Path(__file__).parents[1])
+ROOT = str(Path(__file__).parents[2])
 #: Milliseconds that a job may take on a busy computer.
 PATIENCE = 60_000
 ARM = """<robot name="arm"><link name="base"/><link name="column"/><link name="slider"/>

@@ -14,7 +14,7 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.published import barycentric_names
 from sdp_vs_penalty.robot import inertia
 
-RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 FOLDERS = {"panda": RESULTS, "two_link": RESULTS / "two_link"}
 MADE = {
     "panda": ("III", "IV", "VIII", "IX", "errata", "methods", "data"),

@@ -60,7 +60,7 @@ def test_an_unknown_class_is_said(tmp_path: Path) -> None:
         run_challenge("two_link", 1, 0, tmp_path, classes=["magic"])
 
 
-RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 
 
 def committed_cases() -> dict[str, dict[str, Any]]:

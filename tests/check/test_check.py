@@ -265,7 +265,7 @@ def test_gravity_is_found(
 
 def test_an_arm_on_the_ceiling_is_no_flipped_sign() -> None:
     """Light links: one sign turned leaves little of a weight that points up, gravity leaves less."""
-    problem = load_problem(str(Path(__file__).parents[1] / "docs" / "my_arm.urdf"))
+    problem = load_problem(str(Path(__file__).parents[2] / "docs" / "my_arm.urdf"))
     run = experiment(problem).training_run(0)
     report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
     assert [f.kind for f in report.problems] == ["gravity direction"]

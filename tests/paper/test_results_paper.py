@@ -18,7 +18,7 @@ from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.simulation.engines import engine_types
 
-RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 Row = dict[str, str]
 
 #: Problem, columns that name a row, and relative and absolute tolerance of each table's numbers.

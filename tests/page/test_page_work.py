@@ -446,7 +446,7 @@ def test_workers_start_where_temporary_names_are_long(tmp_path: Path) -> None:
         "    print(asyncio.run(doing)['n'])\n    shop.close()\n"
     )
     (tmp_path / "ask.py").write_text(code)
-    environment = {**os.environ, "TMPDIR": str(long), "PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = {**os.environ, "TMPDIR": str(long), "PYTHONPATH": str(Path(__file__).parents[2])}
     done = subprocess.run(
         [sys.executable, str(tmp_path / "ask.py")],
         env=environment, capture_output=True, text=True, timeout=60,
@@ -459,7 +459,7 @@ def test_without_the_extra_it_says_what_to_install() -> None:
         "import sys; sys.modules['nicegui'] = None; "
         "from sdp_vs_penalty.cli.main import main; main(['page'])"
     )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
     )

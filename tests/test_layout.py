@@ -1,0 +1,84 @@
+"""The house: rooms in the order of the data, no import runs back, no circle, a small hall.
+
+Read from the imports themselves, lazy ones and those for types included: what a reader has to follow.
+"""
+
+from __future__ import annotations
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import sdp_vs_penalty
+
+ROOT = Path(sdp_vs_penalty.__file__).parent
+PACKAGE = ROOT.name
+#: From what knows nothing to what may use everything; the files at the package's root count as rooms.
+ORDER = (
+    "version", "errors", "files", "parallel", "robot", "constraints", "data", "effects", "signals",
+    "problem", "regression", "solvers", "estimators", "estimation", "export", "diagnosis", "simulation",
+    "check", "shootout", "report", "page", "paper", "cli", "__main__",
+)  # fmt: skip
+#: The front door: re-exports for users, and nothing inside goes through it.
+DOOR = PACKAGE
+
+
+def modules() -> dict[str, Path]:
+    """Every module by its dotted name; a package by its own."""
+    found = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = (PACKAGE, *path.relative_to(ROOT).with_suffix("").parts)
+        found[".".join(parts).removesuffix(".__init__")] = path
+    return found
+
+
+def imports(path: Path, known: dict[str, Path]) -> set[str]:
+    """The package's own modules that a file imports, wherever in the file."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: a relative import hides where it goes"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                found.add(full if full in known else str(node.module))
+    return {name for name in found if name in known}
+
+
+KNOWN = modules()
+GRAPH = {name: imports(path, KNOWN) for name, path in KNOWN.items()}
+
+
+def room(name: str) -> str:
+    return name.split(".")[1]
+
+
+def test_every_room_has_its_place_in_the_order() -> None:
+    assert {room(name) for name in KNOWN if name != DOOR} == set(ORDER)
+
+
+def test_no_room_imports_a_higher_one() -> None:
+    back = [
+        f"{name} imports {other}"
+        for name, others in GRAPH.items()
+        for other in others
+        if DOOR not in (name, other) and ORDER.index(room(other)) > ORDER.index(room(name))
+    ]
+    assert not back
+
+
+def test_nothing_inside_goes_through_the_front_door() -> None:
+    assert not [name for name, others in GRAPH.items() if DOOR in others and name != DOOR]
+
+
+def test_there_is_no_circle() -> None:
+    graph = {name: others - {name} for name, others in GRAPH.items()}
+    try:
+        list(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        raise AssertionError(f"imports in a circle: {' -> '.join(error.args[1])}") from None
+
+
+def test_at_most_eight_files_at_the_root() -> None:
+    assert len(list(ROOT.glob("*.py"))) <= 8
