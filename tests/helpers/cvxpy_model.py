@@ -124,7 +124,7 @@ def _link(problem: Problem, number: int, link: Link, thickness: float) -> list[A
     import cvxpy as cp
 
     box = problem.box[number]
-    largest, com, _ = problem._link_size(number)
+    largest, com, _ = problem.link_size(number)
     # A congruence under which the nominal link is the identity: a solver sees numbers of one size.
     t = np.linalg.inv(np.linalg.cholesky(inertia.pseudo_inertia(problem.nominal_links[number])))
     corner = link.sigma - link.mass * thickness**2 * np.eye(3)

@@ -1,26 +1,23 @@
-"""The verbs of the solver shootout, registered by cli.py."""
+"""The verb shootout: solvers judged by a proved interval."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import InputError
 
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+if TYPE_CHECKING:
+    pass
+
 
 _QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
 
 
-def register(app: typer.Typer) -> None:
-    """Add `shootout` and `export-sdp` to the command line."""
-    app.command()(shootout)
-    app.command("export-sdp")(export_sdp)
-
-
-def shootout(
+def verb(
     solvers: Annotated[
         str | None, typer.Option(metavar="a,b,...", help="Default: all that are installed.")
     ] = None,
@@ -82,28 +79,6 @@ def shootout(
         console.out.print(sentence, markup=False, soft_wrap=True)
     for path in (outcome.results.path, *written):
         console.out.print(f"written: {path}", markup=False, soft_wrap=True)
-
-
-def export_sdp(
-    problem: Annotated[str, typer.Argument(help="A built-in name, a folder, or a URDF file.")],
-    data: Annotated[list[Path], typer.Option("--data", metavar="RUN.csv ...", help="Measured runs.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="A .dat-s (sparse SDPA) or .cbf file.")],
-    method: Annotated[str, typer.Option(help="lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic.")] = "lmi-sdp",
-    effects: Annotated[str | None, typer.Option(metavar="a,b,c", help="As for identify.")] = None,
-    debug: Debug = False,
-) -> None:
-    """Write the identification SDP as a file for a solver that is not in the list.
-
-    Example: [cyan]sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf[/cyan]
-    """
-    from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.export.sdp import export_sdp as write
-    from sdp_vs_penalty.export.sdp import posed
-
-    conic = posed(problem, data, method, effects)
-    write(conic, out)
-    rows, columns = conic.A.shape
-    console.out.print(f"written: {out} ({columns} variables, {rows} rows)", markup=False, soft_wrap=True)
 
 
 def _list() -> None:

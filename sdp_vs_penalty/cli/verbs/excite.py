@@ -1,56 +1,19 @@
-"""Verbs about the paper besides its tables: figures, and trajectories that excite better than its own.
-
-Registered by cli.py.
-"""
+"""The verb excite: an exciting trajectory."""
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+from sdp_vs_penalty.cli.options import Debug
+
+if TYPE_CHECKING:
+    pass
 
 
-class FigureBudget(StrEnum):
-    """How dense the figures are sampled and how long engines run."""
-
-    quick = "quick"
-    paper = "paper"
-
-
-def register(app: typer.Typer) -> None:
-    """Add this file's verbs to the command line."""
-    app.command("figures")(draw_figures)
-    app.command("excite")(excite)
-
-
-def draw_figures(
-    numbers: Annotated[
-        list[int] | None, typer.Argument(metavar="[1 2 3 5 ... 10]", help="Default: all.")
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
-    budget: Annotated[
-        FigureBudget, typer.Option(help="quick, or longer motions and more instants.")
-    ] = FigureBudget.quick,
-    debug: Debug = False,
-) -> None:
-    """Draw the paper's figures as PNG and PDF, with simulated and, where at hand, measured data.
-
-    Example: [cyan]sdp-vs-penalty figures 1 10 --out results[/cyan]
-    """
-    from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.paper.figures import make_figures
-
-    with console.progress("figures") as progress:
-        written = make_figures(numbers or (), out, budget.value, progress=progress)
-    for path in written:
-        print(path)
-
-
-def excite(
+def verb(
     problem: Annotated[
         str, typer.Argument(help="A built-in name, a folder with a problem.toml, or a URDF file.")
     ],

@@ -1,21 +1,19 @@
-"""The verb page: the workbench in a browser. Registered by cli.py."""
+"""The verb page: the workbench in a browser."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sdp_vs_penalty.errors import InputError
 
-
-def register(app: typer.Typer) -> None:
-    """Put the verb on the command line."""
-    app.command()(page)
+if TYPE_CHECKING:
+    pass
 
 
-def page(
+def verb(
     folder: Annotated[
         Path | None,
         typer.Argument(metavar="[FOLDER]", help="Whose runs and URDF files the page offers."),

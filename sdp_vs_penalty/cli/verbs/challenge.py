@@ -1,0 +1,36 @@
+"""The verb challenge: how often the diagnosis is right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Debug, Seed
+
+if TYPE_CHECKING:
+    pass
+
+
+def verb(
+    cases: Annotated[int, typer.Option(min=1, help="Cases of each class.")] = 20,
+    seed: Seed = 0,
+    problem: Annotated[str, typer.Option(help="The robot to simulate.")] = "panda",
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for challenge.*.")] = Path("results"),
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
+    only: Annotated[str | None, typer.Option(metavar="a,b", help="Only these classes.")] = None,
+    debug: Debug = False,
+) -> None:
+    """Score diagnose on simulated measurements with hidden effects.
+
+    Example: [cyan]sdp-vs-penalty challenge --cases 20 --seed 0[/cyan]
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.simulation.challenge.challenge import run_challenge
+
+    classes = None if only is None else only.split(",")
+    with console.progress("challenge") as progress:
+        written = run_challenge(problem, cases, seed, out, jobs, classes, progress)
+    for path in written:
+        print(path)

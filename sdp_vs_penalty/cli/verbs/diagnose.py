@@ -1,0 +1,65 @@
+"""The verb diagnose: which effects a model misses."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Seed, Test, TestWindow, Window
+from sdp_vs_penalty.cli.runs import runs_for
+
+if TYPE_CHECKING:
+    pass
+
+
+def verb(
+    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify.")],
+    data: Data,
+    test: Test = None,
+    frozen: Frozen = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="findings.json", help="Write the findings there.")
+    ] = None,
+    window: Window = None,
+    test_window: TestWindow = None,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Name the physical effects that a model misses.
+
+    Example: [cyan]sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv[/cyan]
+    """
+    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.diagnosis import diagnose as run
+    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.files import write_text
+
+    estimate = load_estimate(model)
+    with console.progress("reading the measurements") as progress:
+        measurements, held_out = runs_for(estimate, data, window, test, test_window)
+        result = run(estimate, measurements, held_out, frozen=frozen, seed=seed, progress=progress)
+    options = ["--data", *map(str, data)]
+    options += [] if window is None else ["--window", window]
+    options += [] if test is None else ["--test", str(test)]
+    options += [] if test_window is None else ["--test-window", test_window]
+    options += ["--frozen"] if frozen else []
+
+    def add_command(effects: str) -> str:
+        words = ["sdp-vs-penalty", "add", str(model), effects, *options]
+        return shlex.join([*words, "--out", str(_next_to(model))])
+
+    printing.diagnosis(result, estimate.robot.torque_units, add_command)
+    if json_file is not None:
+        write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
+        console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+
+
+def _next_to(model: Path) -> Path:
+    """The file beside the model with the next number that is free: model.json, model2.json, ..."""
+    stem = model.stem.rstrip("0123456789") or model.stem
+    taken = {int(n) for p in model.parent.glob(f"{stem}*.json") if (n := p.stem[len(stem) :]).isdigit()}
+    return model.with_name(f"{stem}{max(taken, default=1) + 1}.json")

@@ -1,0 +1,43 @@
+"""The verb fetch: public measurements."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Debug
+
+if TYPE_CHECKING:
+    pass
+
+
+def verb(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[panda|ur10e|emps] ...", help="Default: all.")
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option(help="Where to keep the files; default: the user's cache.")
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Download public measurements and write them as RUN.csv files; prints their paths.
+
+    Example: [cyan]sdp-vs-penalty fetch emps[/cyan]
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.datasets import DATASETS, cache_folder, dataset
+    from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
+
+    for name in [dataset(name).name for name in names or DATASETS]:
+        with console.progress(f"fetching {name}"):
+            remarks: list[str] = []
+            paths = fetch_dataset(name, folder, say=remarks.append)
+        for remark in remarks:
+            print(f"sdp-vs-penalty: {remark}", file=sys.stderr)
+        for path in paths:
+            print(path)
+    kept = folder or cache_folder()
+    print(f"sdp-vs-penalty: tables find them with SDP_VS_PENALTY_DATA={kept}", file=sys.stderr)

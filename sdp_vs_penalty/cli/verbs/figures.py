@@ -1,0 +1,44 @@
+"""The verb figures: the paper's figures."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Debug
+
+if TYPE_CHECKING:
+    pass
+
+
+class FigureBudget(StrEnum):
+    """How dense the figures are sampled and how long engines run."""
+
+    quick = "quick"
+    paper = "paper"
+
+
+def verb(
+    numbers: Annotated[
+        list[int] | None, typer.Argument(metavar="[1 2 3 5 ... 10]", help="Default: all.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
+    budget: Annotated[
+        FigureBudget, typer.Option(help="quick, or longer motions and more instants.")
+    ] = FigureBudget.quick,
+    debug: Debug = False,
+) -> None:
+    """Draw the paper's figures as PNG and PDF, with simulated and, where at hand, measured data.
+
+    Example: [cyan]sdp-vs-penalty figures 1 10 --out results[/cyan]
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.paper.figures import make_figures
+
+    with console.progress("figures") as progress:
+        written = make_figures(numbers or (), out, budget.value, progress=progress)
+    for path in written:
+        print(path)

@@ -1,0 +1,97 @@
+"""The verb identify: a model from measured runs."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sdp_vs_penalty.cli.arguments import numbers, time_window
+from sdp_vs_penalty.cli.checking import refuse_meaningless
+from sdp_vs_penalty.cli.options import Data, Debug, Window
+from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.estimators.estimator import Estimator
+
+
+def verb(
+    problem: Annotated[
+        str, typer.Argument(help="A built-in name, a folder with a problem.toml, or a URDF file.")
+    ],
+    data: Data,
+    out: Annotated[Path, typer.Option(metavar="model.json", help="File to write the model to.")],
+    method: Annotated[str, typer.Option(help="See `sdp-vs-penalty list methods`.")] = "lmi-sdp",
+    effects: Annotated[
+        str | None,
+        typer.Option(metavar="a,b,c", help="See `sdp-vs-penalty list effects`; default: the problem's."),
+    ] = None,
+    gravity: Annotated[
+        str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, m/s^2.")
+    ] = None,
+    solver: Annotated[
+        str | None, typer.Option(help="Of the SDP methods: see `sdp-vs-penalty list solvers`.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    window: Window = None,
+    no_check: Annotated[
+        bool,
+        typer.Option("--no-check", help="Identify even where the check says it is meaningless."),
+    ] = False,
+    debug: Debug = False,
+) -> None:
+    """Identify a robot's dynamic parameters from measured runs.
+
+    The cheap part of `check` runs first: its errors stop the identification (exit code 2).
+    Example: [cyan]sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json[/cyan]
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.files import load_measurements
+    from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
+    from sdp_vs_penalty.estimation.identify import identify as run_identification
+    from sdp_vs_penalty.problem.load import load_problem
+    from sdp_vs_penalty.regression.black_box import load_answers
+
+    estimator = _estimator(method, solver)
+    robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
+    start, stop = time_window(window)
+    with console.progress("reading the measurements") as progress:
+        answers = load_answers(data, joints=robot.robot.n)
+        names = [joint.name for joint in robot.robot.joints]
+        given = answers or load_measurements(
+            *data, joints=robot.robot.n, start=start, stop=stop, names=names
+        )
+        if isinstance(given, Measurements) and not no_check:
+            progress("checking the measurements")
+            refuse_meaningless(robot, given)
+        begin = time.perf_counter()
+        estimate = run_identification(
+            robot, given, estimator, effects=effects, seed=seed, progress=progress
+        )
+        seconds = time.perf_counter() - begin
+        estimate.save(out)
+        # A black box's answers are no torque along a motion: the certificate's loss is all there is.
+        fit = None
+        if isinstance(given, Measurements):
+            fit = compare_models({estimate.method: estimate}, given)[0]
+    console.estimate_summary(estimate, fit, seconds)
+    console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+
+
+def _estimator(method: str, solver_name: str | None) -> Estimator:
+    """The estimator of a name, with its solver exchanged where one is asked for."""
+    from dataclasses import replace
+
+    from sdp_vs_penalty.estimators import make_estimator
+    from sdp_vs_penalty.solvers import solver
+
+    estimator: Any = make_estimator(method)
+    if solver_name is None:
+        return estimator
+    if not hasattr(estimator, "solver"):
+        raise InputError(f"--solver {solver_name}: method {method} solves no SDP; leave --solver out.")
+    solver(solver_name)
+    return replace(estimator, solver=solver_name)

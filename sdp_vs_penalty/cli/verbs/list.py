@@ -1,0 +1,46 @@
+"""The verb list: the names that the other verbs take."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Debug
+
+if TYPE_CHECKING:
+    pass
+
+
+class Kind(StrEnum):
+    """What can be listed."""
+
+    problems = "problems"
+    effects = "effects"
+    methods = "methods"
+    solvers = "solvers"
+    datasets = "datasets"
+    engines = "engines"
+
+
+def verb(
+    what: Annotated[Kind, typer.Argument(help="Which names to list.")],
+    name: Annotated[str | None, typer.Argument(help="Everything about this one.")] = None,
+    debug: Debug = False,
+) -> None:
+    """List the names that the other verbs take, or say all about one of them.
+
+    Example: [cyan]sdp-vs-penalty list effects presliding_hysteresis[/cyan]
+    """
+    from sdp_vs_penalty.cli import console, registry
+
+    if name is not None:
+        console.details(*registry.details(what.value, name))
+        return
+    headings, rows = registry.short_listing(what.value)
+    console.listing(what.value, headings, rows)
+    if len(headings) < len(registry.listing(what.value)[0]):
+        console.out.print(
+            f"More about one of them: sdp-vs-penalty list {what.value} NAME", soft_wrap=True
+        )

@@ -1,0 +1,56 @@
+"""The verb tables: the paper's tables made again."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Debug
+from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    pass
+
+
+_TABLES_HELP = "Default: these four; also VII (--problem two_link), errata, methods, data."
+
+
+class Budget(StrEnum):
+    """How long the penalty runs of the tables may take."""
+
+    quick = "quick"
+    paper = "paper"
+
+
+def verb(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[III IV VIII IX ...]", help=_TABLES_HELP)
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="I to IX and what goes with them.")] = False,
+    problem: Annotated[str | None, typer.Option(help="two_link or panda.")] = None,
+    budget: Annotated[Budget, typer.Option(help="quick, or as many runs as the paper.")] = Budget.quick,
+    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
+    debug: Debug = False,
+) -> None:
+    """Regenerate the paper's comparison tables.
+
+    Example: [cyan]sdp-vs-penalty tables III --out results[/cyan]
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.paper.tables import all_tables, make_tables
+
+    if every:
+        if names or problem:
+            raise InputError(
+                "--all makes every table with its own problem: leave names and --problem out."
+            )
+        names = list(all_tables())
+    with console.progress("tables") as progress:
+        written = make_tables(
+            names or None, problem=problem, budget=budget.value, out=out, progress=progress
+        )
+    for path in written:
+        print(path)
