@@ -20,8 +20,8 @@ from sdp_vs_penalty.version import __version__
 #: Every file of verbs/, in the order in which --help shows them.
 VERBS = (
     "tables", "identify", "compare", "list", "fetch", "check", "convert", "export", "check_urdf",
-    "report", "figures", "excite", "shootout", "export_sdp", "diagnose", "add", "simulate", "challenge",
-    "page",
+    "report", "figures", "excite", "shootout", "export_sdp", "verify", "diagnose", "add", "simulate",
+    "challenge", "page",
 )  # fmt: skip
 
 app = typer.Typer(

@@ -23,6 +23,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
+from sdp_vs_penalty.solvers.verified import repaired_as_written
 from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
@@ -256,6 +257,7 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     upper = lower = gap = None
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
+        theta = repaired_as_written(fit.constraints.convex, theta, fit.interior)
         upper = fit.objective.value(theta)
         lower = lower_bound(
             fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes

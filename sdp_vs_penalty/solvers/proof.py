@@ -46,7 +46,7 @@ def optimum_proof(
 ) -> Proof:
     """The proof that min objective lies between a lower bound and the objective of ``theta``.
 
-    theta (p,) : feasible exactly, as its decimal text says (:func:`exactly_feasible`).
+    theta (p,) : feasible exactly, as its decimal text says (:func:`verified.feasible_as_written`).
     Raises ValueError where it is not, or the multipliers prove nothing.
     """
     evidence = dual_evidence(objective, constraints, multipliers, theta, bound, entropy_slopes)
@@ -85,21 +85,6 @@ def infeasibility_proof(
 def write_proof(proof: Proof, path: str | Path) -> None:
     """Write proof.json, whole or not at all."""
     write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
-
-
-def exactly_feasible(constraints: Sequence[Constraint], theta: ArrayLike) -> bool:
-    """Whether theta, as its shortest decimal text reads, satisfies all constraints exactly."""
-    exact = [Fraction(repr(float(x))) for x in np.asarray(theta)]
-    return all(verify_proof.inside(c.cone, verify_proof.value_of(_exact(c), exact)) for c in constraints)
-
-
-def _exact(c: Constraint) -> dict[str, Any]:
-    flat = c.coefficients.reshape(len(c.indices), -1)
-    return {
-        "indices": c.indices.tolist(),
-        "constant": [Fraction(x) for x in c.constant.ravel().tolist()],
-        "coefficients": [[Fraction(x) for x in row] for row in flat.tolist()],
-    }
 
 
 def _problem(

@@ -211,22 +211,42 @@ def proves_infeasible(
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
     """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    exact = [Fraction(float(x)) for x in theta]
+    return _feasible(constraints, [Fraction(float(x)) for x in theta])
+
+
+def feasible_as_written(constraints: Sequence[Constraint], theta: Array) -> bool:
+    """The same of the shortest decimal text of each number, which is what a file holds."""
+    return _feasible(constraints, [Fraction(repr(float(x))) for x in theta])
+
+
+def _feasible(constraints: Sequence[Constraint], exact: Sequence[Fraction]) -> bool:
     return all(_inside(c.cone, _exact_value(c, exact)) for c in constraints)
 
 
 def feasible_point(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array | None:
     """The first point on the way from theta to an interior point that is certainly feasible."""
-    for step in _steps():
-        point = theta + step * (interior - theta)
+    for point in way_inside(theta, interior):
         if certainly_feasible(constraints, point):
             return point
     return None
 
 
-def _steps() -> Iterator[float]:
-    yield 0.0
-    yield from (10.0 ** (0.5 * k) for k in range(-32, 1))
+def repaired_as_written(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array:
+    """The first point on the way to an interior one that is feasible as it will be written.
+
+    theta itself, nearly always: where it sits on a boundary, rounding may put its last digit outside.
+    """
+    for point in way_inside(theta, interior):
+        if feasible_as_written(constraints, point):
+            return point
+    return theta
+
+
+def way_inside(theta: Array, interior: Array) -> Iterator[Array]:
+    """theta, then points ever farther on the way to an interior one: steps of 1e-16 to 1."""
+    yield theta
+    for k in range(-32, 1):
+        yield theta + 10.0 ** (0.5 * k) * (interior - theta)
 
 
 def upper_bound(objective: Objective, theta: Array) -> float:

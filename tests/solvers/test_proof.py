@@ -23,12 +23,8 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.proof import (
-    exactly_feasible,
-    infeasibility_proof,
-    optimum_proof,
-    write_proof,
-)
+from sdp_vs_penalty.solvers.proof import infeasibility_proof, optimum_proof, write_proof
+from sdp_vs_penalty.solvers.verified import feasible_as_written
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
 Proof = dict[str, Any]
@@ -156,8 +152,8 @@ def test_feasible_means_as_written() -> None:
     """0.1 + 0.2 is above 0.3 as written: exact arithmetic on the decimal text sees it."""
     at_most = build.linear("mass", "a", [0], [[-1.0]], [0.3])
     assert ConstraintSet((at_most,)).margin([0.3]) == 0.0
-    assert exactly_feasible([at_most], [0.29999999999999993])
-    assert not exactly_feasible([at_most], [0.1 + 0.2])
+    assert feasible_as_written([at_most], np.array([0.29999999999999993]))
+    assert not feasible_as_written([at_most], np.array([0.1 + 0.2]))
 
 
 def test_the_checker_stands_alone(proofs: dict[str, Proof], tmp_path: Path) -> None:
