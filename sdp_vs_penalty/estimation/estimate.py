@@ -23,7 +23,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
-from sdp_vs_penalty.solvers.verified import repaired_as_written
+from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
 from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
@@ -266,7 +266,7 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         gap = (upper - lower) / scale if scale > 0.0 else 0.0
     links = theta[task.links]
     return theta, Certificate(
-        violations=fit.constraints.worst(theta),
+        violations=violations(fit.constraints, theta),
         loss=task.data.loss(theta),
         upper=upper,
         lower=lower,

@@ -16,7 +16,7 @@ factorised exactly: feasible is then a fact.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Array = NDArray[np.float64]
@@ -211,16 +211,50 @@ def proves_infeasible(
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
     """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    return _feasible(constraints, [Fraction(float(x)) for x in theta])
+    return all(_certainly_inside(c, theta, _as_it_is) for c in constraints)
 
 
 def feasible_as_written(constraints: Sequence[Constraint], theta: Array) -> bool:
-    """The same of the shortest decimal text of each number, which is what a file holds."""
-    return _feasible(constraints, [Fraction(repr(float(x))) for x in theta])
+    """The same, and of the shortest decimal text of each number too, which is what a file holds."""
+    return all(
+        _certainly_inside(c, theta, _as_it_is) and _certainly_inside(c, theta, _as_written)
+        for c in constraints
+    )
 
 
-def _feasible(constraints: Sequence[Constraint], exact: Sequence[Fraction]) -> bool:
-    return all(_inside(c.cone, _exact_value(c, exact)) for c in constraints)
+def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
+    """Worst violation of each family; one that only rounding in its evaluation sees is none."""
+    out: dict[str, float] = {}
+    for demand in (*constraints.convex, *constraints.nonconvex):
+        violation = max(0.0, -demand.margin(theta))
+        if isinstance(demand, Constraint) and violation > 0.0 and _certainly_inside(demand, theta):
+            violation = 0.0
+        out[demand.family] = max(out.get(demand.family, 0.0), violation)
+    return out
+
+
+def _as_it_is(x: float) -> Fraction:
+    return Fraction(x)
+
+
+def _as_written(x: float) -> Fraction:
+    return Fraction(repr(x))
+
+
+#: A margin above this share of the constraint's terms is no matter of rounding, of either kind.
+_WELL_INSIDE = 1e-9
+
+
+def _certainly_inside(
+    constraint: Constraint, theta: Array, read: Callable[[float], Fraction] = _as_it_is
+) -> bool:
+    terms = np.abs(constraint.constant) + np.tensordot(
+        np.abs(theta[constraint.indices]), np.abs(constraint.coefficients), axes=(0, 0)
+    )
+    if constraint.margin(theta) > _WELL_INSIDE * float(terms.max(initial=0.0)):
+        return True
+    exact = {int(k): read(float(theta[k])) for k in constraint.indices}
+    return _inside(constraint.cone, _exact_value(constraint, exact))
 
 
 def feasible_point(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array | None:
@@ -288,13 +322,13 @@ def _log(x: Fraction) -> float:
     return math.log(float(x / Fraction(2) ** shift)) + shift * math.log(2.0)
 
 
-def _exact_value(constraint: Constraint, theta: Sequence[Fraction]) -> Any:
+def _exact_value(constraint: Constraint, theta: Mapping[int, Fraction] | Sequence[Fraction]) -> Any:
     """F(theta) in rational numbers: nested lists of the shape of the constraint's arrays."""
     out = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
         flat = coefficient.ravel()
         for entry in np.flatnonzero(flat):
-            out[entry] += theta[k] * Fraction(float(flat[entry]))
+            out[entry] += theta[int(k)] * Fraction(float(flat[entry]))
     if constraint.constant.ndim == 1:
         return out
     d = len(constraint.constant)
