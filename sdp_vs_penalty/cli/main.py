@@ -12,9 +12,10 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli.arguments import expand_many
+from sdp_vs_penalty.cli.command import VerbCommand
 from sdp_vs_penalty.cli.errors import explain
 from sdp_vs_penalty.cli.options import Debug
-from sdp_vs_penalty.files import protect
+from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.version import __version__
 
 #: Every file of verbs/, in the order in which --help shows them.
@@ -53,7 +54,7 @@ def _root(
 
 for _name in VERBS:
     _verb = import_module(f"sdp_vs_penalty.cli.verbs.{_name}").verb
-    app.command(_name.replace("_", "-"))(_verb)
+    app.command(_name.replace("_", "-"), cls=VerbCommand)(_verb)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -63,8 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        protect(_inputs(given))
-        code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)
+        with protecting():
+            code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)
         if code == 130:  # what typer makes of Ctrl-C
             raise KeyboardInterrupt
     except BrokenPipeError:
@@ -76,16 +77,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
             traceback.print_exc()
         message, code = explain(error)
         print(f"sdp-vs-penalty: {message}", file=sys.stderr)
-    finally:
-        protect([])
     sys.exit(code if isinstance(code, int) else 0)
-
-
-def _inputs(given: Sequence[str]) -> list[str]:
-    """The files among the arguments that are not named as outputs."""
-    outputs = {"--out", "--json", "--fix"}
-    return [
-        word
-        for before, word in zip(["", *given], given, strict=False)
-        if before not in outputs and not word.startswith("-")
-    ]

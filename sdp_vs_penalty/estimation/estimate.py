@@ -18,7 +18,7 @@ from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import opened, write_text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -142,6 +142,7 @@ def load_estimate(path: str | Path) -> Estimate:
     Raises InputError for a file that is not one, is incomplete, or comes from a newer version.
     """
     path = Path(path)
+    opened(path)
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

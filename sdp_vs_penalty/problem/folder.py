@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.problem.fields import check_fields
 from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
@@ -27,6 +28,7 @@ _AXES = "xyz"
 
 def load_folder(folder: Path) -> Problem:
     file = folder / "problem.toml"
+    opened(file)
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:

@@ -224,12 +224,11 @@ def feasible_as_written(constraints: Sequence[Constraint], theta: Array) -> bool
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
     """Worst violation of each family; one that only rounding in its evaluation sees is none."""
-    out: dict[str, float] = {}
-    for demand in (*constraints.convex, *constraints.nonconvex):
-        violation = max(0.0, -demand.margin(theta))
-        if isinstance(demand, Constraint) and violation > 0.0 and _certainly_inside(demand, theta):
-            violation = 0.0
-        out[demand.family] = max(out.get(demand.family, 0.0), violation)
+    out = constraints.worst(theta)
+    for family in [family for family, violation in out.items() if violation > 0.0]:
+        convex = [c for c in constraints.convex if c.family == family]
+        if convex and all(_certainly_inside(c, theta) for c in convex):
+            out[family] = 0.0
     return out
 
 

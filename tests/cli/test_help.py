@@ -24,8 +24,8 @@ RUN = (
     *("identify", "compare", "check", "list", "export", "check-urdf", "convert", "add", "report"),
     *("diagnose", "simulate", "export-sdp"),
 )
-#: Minutes, the network or a window: their own tests run them.
-NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "page"}
+#: Minutes, the network, a window or a proof: their own tests run them.
+NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "page", "verify"}
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
