@@ -1,13 +1,17 @@
-"""Outputs are written whole or not at all."""
+"""Outputs are written whole or not at all; a JSON file is read, or refused in a sentence."""
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any, TypeVar
 
 from sdp_vs_penalty.errors import InputError
+
+T = TypeVar("T")
 
 #: Files that this process was given to read: outputs never replace them.
 _inputs: set[Path] = set()
@@ -43,6 +47,30 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         if isinstance(error, OSError):
             raise InputError(f"{path}: cannot be written ({error.strerror}).") from error
         raise
+
+
+def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a field ``mark``.
+
+    Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
+    """
+    path = Path(path)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a JSON file ({error}).") from error
+    if not isinstance(data, dict) or mark not in data:
+        raise InputError(f"{path}: not a {kind} of this program (no field {mark!r}).")
+    try:
+        return build(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except KeyError as error:
+        raise InputError(f"{path}: the field {error.args[0]!r} is missing.") from error
+    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise InputError(f"{path}: a field has the wrong content ({error}).") from error
 
 
 def write_text(path: str | Path, content: str) -> None:

@@ -175,7 +175,6 @@ def extend(request: Request, progress: Progress) -> Answer:
         load_estimate(request["model"]),
         request["effect"],
         runs.train,
-        problem=_problem(request),
         frozen=bool(request["frozen"]),
         seed=int(request["seed"]),
         progress=progress,
@@ -212,17 +211,16 @@ def methods(request: Request, progress: Progress) -> Answer:
     """The same effects by other methods, judged alike."""
     from sdp_vs_penalty.diagnosis.comparison import compare
 
-    problem, runs = _problem(request), _runs(request)
-    effects = load_estimate(request["model"]).model.effects
+    runs, current = _runs(request), load_estimate(request["model"])
     rows = []
     for name in request["methods"]:
         begin = time.perf_counter()
         try:
             made = identify(
-                problem,
+                current.problem,
                 runs.train,
                 name,
-                effects=effects,
+                effects=current.model.effects,
                 seed=int(request["seed"]),
                 progress=lambda text, name=name: progress(f"{name}: {text}"),  # type: ignore[misc]
             )
@@ -261,7 +259,6 @@ def report(request: Request, progress: Progress) -> Answer:
     made = make_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},
         _runs(request).judge,
-        problem=_problem(request),
         commands=request["commands"],
         progress=progress,
     )
