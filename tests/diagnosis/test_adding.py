@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from arms import HEAVY, THREE, write_urdf
+from arms import HEAVY, THREE, write_folder, write_urdf
 from small_runs import small_run
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
@@ -17,22 +18,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.report import evidence
 from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
-
-FOLDER = """title = "two joints with a light first link"
-[kinematics]
-urdf = "arm.urdf"
-[bounds]
-tables = ["bounds.csv"]
-total_mass = [1.0, 9.0]
-[[centre_of_mass_cone]]
-link = 2
-axis = "x"
-radius = 0.05
-slope = 0.1
-[preprocessing]
-state_cutoff = 6.0
-"""
 
 
 def springy(problem: Problem) -> tuple[HiddenRuns, Measurements]:
@@ -63,12 +50,7 @@ def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(
 
 @pytest.fixture
 def folder_problem(tmp_path: Path) -> Problem:
-    folder = tmp_path / "my_folder"
-    folder.mkdir()
-    write_urdf(folder / "arm.urdf", "arm", THREE[1:])
-    (folder / "problem.toml").write_text(FOLDER)
-    (folder / "bounds.csv").write_text("parameter,lower,upper\nm1,0.5,3.5\nc1x,-0.1,0.3\nI1xx,0,0.2\n")
-    return load_problem(folder)
+    return load_problem(write_folder(tmp_path / "my_folder"))
 
 
 def test_a_folders_bounds_are_kept(folder_problem: Problem, tmp_path: Path) -> None:
@@ -105,6 +87,39 @@ def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path: Pa
     assert loaded.certificate.violations == problem.constraints(loaded.model).worst(loaded.theta)
     assert loaded.certificate.gap is not None
     assert loaded.certificate.smallest_thickness == estimate.certificate.smallest_thickness
+    section = evidence.certificate(SimpleNamespace(models={"loaded.json": loaded}))  # type: ignore[arg-type]
+    assert "loaded.json: objective and gap are of the added effects" in section.body
     text = str(loaded.certificate)
     assert "every constraint holds" not in text
     assert "rigid_body, viscous_friction, coulomb_friction, torque_offset held fixed" in text
+
+
+def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path: Path) -> None:
+    """A payload is the last link's twin: refitted together, neither would be determined."""
+    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    data = small_run(problem)
+    loaded = add(identify(problem, data), "payload", data)
+    more = add(reloaded(loaded, tmp_path), "joint_spring:2", data)
+    np.testing.assert_array_equal(more.theta[:-1], loaded.theta)
+    assert [e.name for e in more.model.effects[-2:]] == ["payload", "joint_spring"]
+    mixed = add(identify(problem, data), "payload,joint_spring:2", data)
+    np.testing.assert_array_equal(mixed.theta[: -10 - 1], loaded.theta[:-10])
+
+
+def test_bounds_of_a_later_version_do_not_change_an_old_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The defaults of a robot without published bounds are written into its model."""
+    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    estimate = identify(problem, small_run(problem), "ols")
+    before = problem.constraints(estimate.model)
+    monkeypatch.setattr("sdp_vs_penalty.problem.problem.DEFAULT_RADIUS", 9.0)
+    monkeypatch.setattr("sdp_vs_penalty.problem.problem.DEFAULT_LINK_MASS", (1.0, 7.0))
+    after = reloaded(estimate, tmp_path).problem.constraints(estimate.model)
+    assert len(before.convex) == len(after.convex)
+    for old, new in zip(before.convex, after.convex, strict=True):
+        assert (old.family, old.name, old.cone) == (new.family, new.name, new.cone)
+        np.testing.assert_array_equal(old.constant, new.constant)
+        np.testing.assert_array_equal(old.coefficients, new.coefficients)
+    fresh = load_problem(tmp_path / "arm.urdf").link_size(0)
+    assert fresh != estimate.problem.link_size(0)

@@ -32,6 +32,20 @@ SCARA = (
     Axis("prismatic", "0 0 1", "0.3 0 0", 1.2, "0.01 0 -0.1"),
     Axis("revolute", "0 0 1", "0 0 -0.1", 0.4, "0.02 0.01 0"),
 )
+FOLDER = """title = "two joints with a light first link"
+[kinematics]
+urdf = "arm.urdf"
+[bounds]
+tables = ["bounds.csv"]
+total_mass = [1.0, 9.0]
+[[centre_of_mass_cone]]
+link = 2
+axis = "x"
+radius = 0.05
+slope = 0.1
+[preprocessing]
+state_cutoff = 6.0
+"""
 
 
 def write_urdf(path: Path, name: str, axes: tuple[Axis, ...]) -> Path:
@@ -52,3 +66,12 @@ def write_urdf(path: Path, name: str, axes: tuple[Axis, ...]) -> Path:
         )
     path.write_text(f'<robot name="{name}">{"".join(links + joints)}</robot>')
     return path
+
+
+def write_folder(folder: Path) -> Path:
+    """A folder with a problem.toml, a table of bounds and a cone, of the last two of THREE joints."""
+    folder.mkdir()
+    write_urdf(folder / "arm.urdf", "arm", THREE[1:])
+    (folder / "problem.toml").write_text(FOLDER)
+    (folder / "bounds.csv").write_text("parameter,lower,upper\nm1,0.5,3.5\nc1x,-0.1,0.3\nI1xx,0,0.2\n")
+    return folder

@@ -21,7 +21,7 @@ def verb(
     out: Annotated[Path, typer.Option(metavar="model2.json", help="File to write the model to.")],
     effect: Annotated[
         str | None,
-        typer.Argument(metavar="[EFFECT[:joints][@shape=value]]", help="Several: separated by commas."),
+        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Several: separated by commas."),
     ] = None,
     findings: Annotated[
         Path | None,
@@ -44,6 +44,7 @@ def verb(
 ) -> None:
     """Add effects to a model and identify it again, under all constraints.
 
+    The effects are named, or taken from what diagnose has found: --from findings.json.
     Example: [cyan]sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json[/cyan]
     """
     from sdp_vs_penalty.cli import console, printing

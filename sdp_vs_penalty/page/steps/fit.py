@@ -33,7 +33,7 @@ def _draw(view: View) -> None:
             "judged on": _names(model.judged_on),
             "below": f"{figure(comparison['band_hz'])} Hz",
             "constraints": held(model.violation),
-            "certified gap": figure(model.gap, 2),
+            "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
             "time": f"{model.seconds:.2g} s",
         }
     )
