@@ -1,15 +1,19 @@
-"""Outputs are written whole or not at all, and never over what the same command has read."""
+"""Outputs are written whole or not at all, never over what the same command has read; JSON is read."""
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, TypeVar
 
 from sdp_vs_penalty.errors import InputError
+
+T = TypeVar("T")
 
 #: Device and inode of every file that the running command was given or has read. None outside of one:
 #: in a notebook a model may be written over the file that it came from.
@@ -91,3 +95,28 @@ def _replace(path: Path, content: bytes) -> None:
 
 def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
+
+
+def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a field ``mark``.
+
+    Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
+    """
+    path = Path(path)
+    opened(path)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a JSON file ({error}).") from error
+    if not isinstance(data, dict) or mark not in data:
+        raise InputError(f"{path}: not a {kind} of this program (no field {mark!r}).")
+    try:
+        return build(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except KeyError as error:
+        raise InputError(f"{path}: the field {error.args[0]!r} is missing.") from error
+    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise InputError(f"{path}: a field has the wrong content ({error}).") from error

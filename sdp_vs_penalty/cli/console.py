@@ -60,22 +60,26 @@ def estimate_summary(estimate: Estimate, fit: Comparison | None, seconds: float)
 
     fit : against the measurements that it came from; None for a black box's answers.
     """
-    certificate = estimate.certificate
     samples, runs = estimate.provenance["samples"], len(estimate.provenance["runs"])
     out.print(
-        f"[bold]{escape(estimate.problem)}[/bold] by [bold]{estimate.method}[/bold] from {samples} "
+        f"[bold]{escape(estimate.problem.name)}[/bold] by [bold]{estimate.method}[/bold] from {samples} "
         f"samples in {runs} run(s), {len(estimate.theta)} parameters, {seconds:.1f} s"
     )
-    lines = certificate.summary()
+    certificate(estimate)
+    if fit is not None:
+        comparison_tables([fit], estimate.robot.torque_units, title="Fit to these measurements")
+
+
+def certificate(estimate: Estimate) -> None:
+    """What the certificate says, a line each, and which bounds the estimate lies on."""
+    lines = estimate.certificate.summary()
     bounds = estimate.details.get("on_bounds") or []
     if bounds:
         lines.append(("on their bounds", ", ".join(bounds) + ": widen them, or measure more"))
     grid = Table.grid(padding=(0, 2))
     for name, text in lines:
-        grid.add_row(name, text)
+        grid.add_row(name, escape(text))
     out.print(grid)
-    if fit is not None:
-        comparison_tables([fit], estimate.robot.torque_units, title="Fit to these measurements")
 
 
 def comparison_tables(

@@ -27,10 +27,10 @@ _UNKNOWN = (
 )
 
 
-def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]) -> None:
+def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[Sequence[Finding]], str]) -> None:
     """The verdict, the ladder of effects with the falling error, and what can never be seen.
 
-    add : from effects to the command that adds them.
+    add : from the first few findings to the command that adds them.
     """
     out.print(_VERDICTS.get(result.verdict, _UNKNOWN))
     if result.effects:
@@ -51,8 +51,7 @@ def diagnosis(result: Diagnosis, units: Sequence[str], add: Callable[[str], str]
         if len(shown) < len(result.effects):
             rest = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
             out.print(f"and, every one of them weak: {rest}", markup=False)
-        command = ",".join(f.text for f in shown)
-        out.print(f"to add them: {add(command)}", markup=False, soft_wrap=True)
+        out.print(f"to add them: {add(shown)}", markup=False, soft_wrap=True)
         if any(f.confidence == "weak" for f in result.effects):
             out.print(
                 "weak: something else explains it about as well, its size is uncertain by more than a "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.library import SEVERAL
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
@@ -17,14 +18,12 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate, certify, covariance, versions
+from sdp_vs_penalty.estimation.certify import certify, certify_beside, covariance, on_bounds, versions
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
-from sdp_vs_penalty.problem.load import load_problem, problem_names
-from sdp_vs_penalty.problem.nominal import plausible_links
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 
 Array = NDArray[np.float64]
@@ -32,37 +31,39 @@ Array = NDArray[np.float64]
 
 def add(
     estimate: Estimate,
-    effect: str,
+    effects: str | Diagnosis | Sequence[Finding | str],
     measurements: Measurements,
     *,
-    problem: Problem | None = None,
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Estimate:
-    """The model with an effect more, identified again by its own method under all constraints.
+    """The model with effects more, identified again by its own method under its problem's constraints.
 
     estimate : the model to extend; measurements : the runs to identify it from again.
-    effect : ``name[:joints][@shape=value]``, several separated by commas; a shape constant that is
-    not given is estimated, joint by joint. problem : whose bounds hold (default: the estimate's, or
-    the stated defaults for a robot that came as a URDF). frozen : keep all other parameters, which
-    is the only way for a payload and its default. seed : of the method; progress : called with a short
-    text of where the work stands.
+    effects : ``name[:joints][@shape=value]``, several separated by commas, or what :func:`diagnose`
+    found: all of it or some of its findings. A shape constant that is not given is estimated, joint by
+    joint. frozen : keep all other parameters; so it is also done with what a frozen model was diagnosed
+    to miss, and wherever a payload is among the effects, new or there already: refitted links would
+    absorb it. seed : of the method; progress : called with a short text of where the work stands.
     Raises InputError for an effect that the model already has, or that cannot act.
     """
     estimate.require_joints(measurements)
-    problem = _problem_of(estimate) if problem is None else replace(problem, robot=estimate.robot)
-    wanted = parse_effects(effect, estimate.robot)
+    if isinstance(effects, Diagnosis):
+        frozen, effects = frozen or effects.frozen, effects.effects
+    texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
+    wanted = parse_effects(texts, estimate.robot)
     if not wanted:
         raise InputError("No effect to add: name one, such as presliding_hysteresis:7.")
     _refuse_twice(estimate, wanted)
+    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *wanted))
     progress("estimating shape constants")
-    new = with_shapes(estimate, wanted, _given_shapes(effect), measurements, frozen, seed)
+    new = with_shapes(estimate, wanted, _given_shapes(texts), measurements, frozen, seed)
     Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
-    if frozen or any(e.frozen_only for e in new):
-        return _add_frozen(estimate, problem, new, measurements, seed, progress)
+    if frozen:
+        return _add_frozen(estimate, new, measurements, seed, progress)
     return identify(
-        problem,
+        estimate.problem,
         measurements,
         estimator_of(estimate),
         effects=[*estimate.model.effects, *new],
@@ -71,6 +72,10 @@ def add(
         seed=seed,
         progress=progress,
     )
+
+
+def _text(effect: Finding | str) -> str:
+    return effect if isinstance(effect, str) else effect.text
 
 
 def _refuse_twice(estimate: Estimate, wanted: Sequence[Effect]) -> None:
@@ -97,16 +102,6 @@ def estimator_of(estimate: Estimate) -> Estimator:
     estimator = make_estimator(estimate.method)
     known = {f.name for f in fields(estimator)}  # type: ignore[arg-type]
     return replace(estimator, **{k: v for k, v in estimate.settings.items() if k in known})  # type: ignore[type-var]
-
-
-def _problem_of(estimate: Estimate) -> Problem:
-    if estimate.problem in problem_names():
-        return replace(load_problem(estimate.problem), robot=estimate.robot)
-    box = np.full((estimate.robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.0
-    given = estimate.links if len(estimate.links) else np.zeros((estimate.robot.n, 10))
-    nominal = plausible_links(estimate.robot, given)
-    return Problem(estimate.problem, estimate.problem, estimate.robot, box, nominal)
 
 
 def _given_shapes(text: str) -> list[frozenset[str]]:
@@ -162,14 +157,13 @@ def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> 
 
 def _add_frozen(
     estimate: Estimate,
-    problem: Problem,
     new: Sequence[Effect],
     measurements: Measurements,
     seed: int,
     progress: Progress,
 ) -> Estimate:
     """Fit only the new effects, under their own constraints, to what the model leaves."""
-    old = len(estimate.theta)
+    problem, old = estimate.problem, len(estimate.theta)
     own = Model(estimate.robot, tuple(new))
     reference = np.concatenate([estimate.theta, np.zeros(len(own.parameters))])
     model = Model(estimate.robot, (*estimate.model.effects, *new))
@@ -203,16 +197,14 @@ def _add_frozen(
         estimator = make_estimator(DEFAULT_METHOD)
     fit = estimator.fit(task)
     part, certificate = certify(task, fit)
-    wide = np.full((old + len(part),) * 2, np.nan)
-    wide[:old, :old] = estimate.covariance
-    wide[old:, old:] = covariance(data, regression.oversampling)
+    theta = np.concatenate([estimate.theta, part])
     return replace(
         estimate,
         model=model,
-        theta=np.concatenate([estimate.theta, part]),
-        covariance=wide,
-        certificate=certificate,
-        details={"frozen": [e.text for e in estimate.model.effects]},
+        theta=theta,
+        covariance=_side_by_side(estimate.covariance, covariance(data, regression.oversampling)),
+        certificate=certify_beside(estimate, model, theta, certificate),
+        details={"on_bounds": on_bounds(problem.constraints(model), theta)},
         provenance={
             **estimate.provenance,
             "seed": seed,
@@ -222,6 +214,16 @@ def _add_frozen(
             "versions": versions(),
         },
     )
+
+
+def _side_by_side(old: Array, new: Array) -> Array:
+    """The covariance of independent parts: NaN for what either does not determine, zero between them."""
+    k = len(old)
+    wide = np.zeros((k + len(new),) * 2)
+    wide[:k, :k], wide[k:, k:] = old, new
+    unseen = np.isnan(np.diagonal(wide))
+    wide[unseen] = wide[:, unseen] = np.nan
+    return wide
 
 
 def _reduced(data: LeastSquares, fixed: Array) -> LeastSquares:

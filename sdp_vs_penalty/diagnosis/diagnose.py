@@ -102,6 +102,9 @@ def _diagnosis(
         held_out.ladder[-1],
         stage.rows.cutoff,
         explanations.remarks(stage.noise.source, unknown_function, held_out.source),
+        held_out.ladder[0],
+        held_out.source,
+        stage.frozen,
     )
 
 
@@ -117,7 +120,8 @@ def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> 
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
     rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in pick.rivals))
-    sure = held_out.holds[k] and not rivals and abs(size) > 5.0 * std and pick.gain > 2.0 * MIN_GAIN
+    uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
+    weak = explanations.weaknesses(held_out.holds[k], bool(rivals), uncertain, small)
     return Finding(
         h.effect.name,
         joints,
@@ -126,13 +130,14 @@ def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> 
         parameters[0].unit,
         std,
         {p.name: float(b) for p, b in zip(parameters, beta, strict=True)},
-        "confident" if sure else "weak",
+        "weak" if weak else "confident",
         rivals,
         held_out.ladder[k],
         held_out.ladder[k + 1],
         explanations.sentence(h.effect, size, std, rivals),
         h.effect.text,
         pick.gain,
+        weak,
     )
 
 

@@ -51,6 +51,17 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
     return text
 
 
+def weaknesses(holds: bool, rivals: bool, uncertain: bool, small: bool) -> tuple[str, ...]:
+    """Why a finding is weak, a phrase each; nothing for a confident one."""
+    reasons = {
+        "another effect fits as well": rivals,
+        "its size is uncertain by more than a fifth": uncertain,
+        "its gain is small": small,
+        "the error on held-out data does not fall": not holds,
+    }
+    return tuple(text for text, true in reasons.items() if true)
+
+
 def unrelated_ripples(findings: Sequence[Finding]) -> tuple[int, ...]:
     """Joints (from 1) on which ripples were found whose orders are no multiples of the lowest, or three
     and more: that is an unknown function of the position, written as a sum of waves."""

@@ -40,8 +40,8 @@ class Content:
         model, robot = estimate.model, estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
-                f"model {estimate.problem}: there is no rigid_body in it, so that there are no inertias "
-                "to write: export it as .json or .py."
+                f"model {estimate.problem.name}: there is no rigid_body in it, so that there are no "
+                "inertias to write: export it as .json or .py."
             )
         links = np.stack(
             [

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+
+from sdp_vs_penalty.diagnosis.findings import Finding
 
 
 def figure(value: float | None, digits: int = 3) -> str:
@@ -54,7 +55,7 @@ def constants(shape: Mapping[str, float], prismatic: bool) -> str:
     return ", ".join(said)
 
 
-def where(joints: list[int]) -> str:
+def where(joints: Sequence[int]) -> str:
     if not joints:
         return "whole robot"
     word = "joint" if len(joints) == 1 else "joints"
@@ -76,7 +77,7 @@ def held(violation: Mapping[str, float]) -> str:
     return "all hold" if violation["other"] == 0.0 else "all convex ones hold"
 
 
-def physics(finding: dict[str, Any]) -> str:
+def physics(finding: Finding) -> str:
     """The sentences of a finding that say what it is, without its size and its rivals."""
-    text = str(finding["explanation"]).partition(". ")[2]
+    text = finding.explanation.partition(". ")[2]
     return text.partition(" These data cannot tell it from")[0]

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.adding import _problem_of
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, uncertainty
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import evidence, parameters, sections
 from sdp_vs_penalty.report.document import page
 from sdp_vs_penalty.report.section import Material
@@ -36,13 +34,11 @@ def make_report(
     models: Mapping[str, Estimate],
     measurements: Measurements,
     *,
-    problem: Problem | None = None,
     commands: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> str:
     """The HTML of a report: models by name, in the order in which effects were added.
 
-    problem : whose bounds the intervals refer to (default: the last model's own).
     Raises InputError where a model and the measurements do not belong together, or plotly is missing.
     """
     try:
@@ -57,19 +53,17 @@ def make_report(
         name: [filtered_torque(run, e.model, settings) for run in measurements.runs()]
         for name, e in models.items()
     }
-    own = _problem_of(last) if problem is None else problem
     progress("looking where it fails")
     failures = where_it_fails(last, measurements)
     progress("bootstrapping")
     material = Material(
         models,
         measurements,
-        own,
         comparisons,
         rows,
         failures,
-        _known(own, last, measurements),
-        check(own, measurements),
+        _known(last, measurements),
+        check(last.problem, measurements),
         commands,
     )
     progress("drawing")
@@ -77,8 +71,8 @@ def make_report(
     return page(f"{last.robot.name}: identified dynamics", made, get_plotlyjs())
 
 
-def _known(problem: Problem, estimate: Estimate, measurements: Measurements) -> Uncertainty | None:
+def _known(estimate: Estimate, measurements: Measurements) -> Uncertainty | None:
     try:
-        return uncertainty(problem, estimate, measurements)
+        return uncertainty(estimate.problem, estimate, measurements)
     except InputError:  # too few time blocks: the section says so
         return None

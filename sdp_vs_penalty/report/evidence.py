@@ -48,7 +48,12 @@ def certificate(material: Material) -> Section:
         "Violations of every family of constraints, also of those that a method did not receive; the "
         "lower bound follows from dual multipliers by arithmetic of our own, whatever a solver claims."
     )
-    return Section("certificate", "Certificate", body + table(["", *material.models], rows))
+    body += table(["", *material.models], rows)
+    for name, e in material.models.items():
+        if e.certificate.held:
+            held = ", ".join(e.certificate.held)
+            body += text(f"{name}: objective and gap are of the added effects, with {held} held fixed.")
+    return Section("certificate", "Certificate", body)
 
 
 def _all(material: Material) -> list:  # type: ignore[type-arg]

@@ -14,7 +14,7 @@ give a tight one. Nothing a solver says about itself enters.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -40,6 +40,8 @@ class Certificate:
     the nearest feasible point towards the interior; lower : a lower bound on the optimum of the
     convex problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : the
     share of random poses at which M(q) is positive definite. None where it does not apply.
+    held : the effects that were not optimised but held as they were: violations are of the whole model
+    all the same, upper, lower and gap of the other effects alone.
     """
 
     violations: dict[str, float]
@@ -49,6 +51,7 @@ class Certificate:
     gap: float | None = None
     positive_mass_matrices: float | None = None
     smallest_thickness: float | None = None
+    held: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -95,7 +98,9 @@ class Certificate:
     def _gap_text(self) -> str:
         if self.gap is None:
             return "no lower bound: this method is not convex, or has no constraints"
-        return f"{self.gap:.1e} of the loss (certified lower bound)"
+        names = ", ".join(dict.fromkeys(text.partition("@")[0] for text in self.held))
+        held = f", with {names} held fixed" if self.held else ""
+        return f"{self.gap:.1e} of the loss (certified lower bound){held}"
 
 
 @dataclass(frozen=True)

@@ -389,6 +389,28 @@ def setter(*keys: Any, value: Any) -> Callable[[Any], None]:
 
 MODEL_CASES: dict[str, tuple[Callable[[Any], Any], list[str]]] = {
     "a newer version": (setter("format", value=99), ["newer version", "format 99", "upgrade"]),
+    "an earlier version": (setter("format", value=1), ["earlier version", "bounds", "identify again"]),
+    "no problem": (lambda d: d.pop("problem"), ["'problem' is missing"]),
+    "a bound of nothing": (setter("problem", "bounds", "m9", value=[0, 1]), ["'m9'", "no parameter"]),
+    "a bound upside down": (setter("problem", "bounds", "m1", value=[9, 1]), ["bound", "above"]),
+    "a total upside down": (setter("problem", "total_mass", value=[9, 1]), ["total_mass", "above"]),
+    "a cone of nothing": (
+        setter("problem", "centre_of_mass_cones", 0, "link", value=9),
+        ["centre_of_mass_cone names link 9"],
+    ),
+    "a strange axis": (
+        setter("problem", "centre_of_mass_cones", 0, "axis", value="w"),
+        ["axis 'w'", "x, y, z"],
+    ),
+    "a side of nothing": (setter("problem", "torque_side", value="left"), ["'left'", "motor"]),
+    "links of another robot": (
+        lambda d: d["problem"]["nominal_links"].pop(),
+        ["nominal links", "another robot"],
+    ),
+    "a ball of nothing": (
+        setter("problem", "link_defaults", 0, "radius", value=0.0),
+        ["link_defaults", "above 0"],
+    ),
     "no format": (lambda d: d.pop("format"), ["not a model.json"]),
     "no parameters": (lambda d: d.pop("parameters"), ["'parameters' is missing"]),
     "a parameter gone": (lambda d: d["parameters"].pop(3), ["parameters: mz1", "missing"]),
@@ -613,7 +635,7 @@ def test_fuzz_model(data: st.DataObject, model: Path, tmp_path: Path) -> None:
 
 
 @FUZZ
-@given(content=st.one_of(mutated(b'{"format": 1, "robot": {}}'), st.binary(max_size=200)))
+@given(content=st.one_of(mutated(b'{"format": 2, "robot": {}}'), st.binary(max_size=200)))
 def test_fuzz_model_bytes(content: bytes, tmp_path: Path) -> None:
     survives(tmp_path / "model.json", content, load_estimate)
 

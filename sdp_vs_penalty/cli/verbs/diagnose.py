@@ -13,7 +13,9 @@ from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Seed, Test, TestWind
 from sdp_vs_penalty.cli.runs import runs_for
 
 if TYPE_CHECKING:
-    pass
+    from collections.abc import Sequence
+
+    from sdp_vs_penalty.diagnosis.findings import Finding
 
 
 def verb(
@@ -48,13 +50,19 @@ def verb(
     options += [] if test_window is None else ["--test-window", test_window]
     options += ["--frozen"] if frozen else []
 
-    def add_command(effects: str) -> str:
-        words = ["sdp-vs-penalty", "add", str(model), effects, *options]
+    def add_command(shown: Sequence[Finding]) -> str:
+        what = [",".join(f.text for f in shown)]
+        if json_file is not None:
+            what = ["--from", str(json_file)]
+            if len(shown) < len(result.effects):
+                what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
+        words = ["sdp-vs-penalty", "add", str(model), *what, *options]
         return shlex.join([*words, "--out", str(_next_to(model))])
 
-    printing.diagnosis(result, estimate.robot.torque_units, add_command)
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
+    printing.diagnosis(result, estimate.robot.torque_units, add_command)
+    if json_file is not None:
         console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
 
 

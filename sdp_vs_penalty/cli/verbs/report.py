@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import bounds_for, time_window
+from sdp_vs_penalty.cli.arguments import time_window
 from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import InputError
 
@@ -26,9 +26,6 @@ def verb(
         list[Path], typer.Option("--data", metavar="RUN.csv ...", help="Runs to judge the models on.")
     ],
     out: Annotated[Path, typer.Option(metavar="report.html", help="File to write.")],
-    problem: Annotated[
-        str | None, typer.Option(help="Whose bounds hold; default: the model's own problem.")
-    ] = None,
     window: Annotated[
         str | None,
         typer.Option(metavar="START:STOP", help="Part of each run, in seconds from its start."),
@@ -51,13 +48,10 @@ def verb(
     estimates = {str(path): load_estimate(path) for path in models}
     start, stop = time_window(window)
     robot = next(iter(estimates.values())).robot
-    bounds = bounds_for(robot, problem)
     names = [joint.name for joint in robot.joints]
     with console.progress("reading the measurements") as progress:
         measurements = load_measurements(*data, start=start, stop=stop, names=names)
         command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
-        made = make_report(
-            estimates, measurements, problem=bounds, commands=[command], progress=progress
-        )
+        made = make_report(estimates, measurements, commands=[command], progress=progress)
     write_text(out, made)
     console.out.print(f"written: {out}", markup=False, soft_wrap=True)

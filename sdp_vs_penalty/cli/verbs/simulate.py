@@ -18,13 +18,15 @@ if TYPE_CHECKING:
 
 def verb(
     problem: Annotated[str, typer.Argument(help="A built-in name, a folder, or a URDF file.")],
-    hide: Annotated[
-        list[str],
-        typer.Option("--hide", metavar="EFFECT[:joints]", help="The effect to hide; repeatable."),
-    ],
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for run1..3.csv, test.csv, truth.json.")
     ],
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--hide", metavar="EFFECT[:joints]", help="The effect to hide; repeatable. Default: none."
+        ),
+    ] = None,
     level: Annotated[
         str, typer.Option(help="strong, medium, weak, or the RMS over the raw noise.")
     ] = "strong",
@@ -58,7 +60,7 @@ def verb(
             if (out / name).exists():
                 raise InputError(f"--out {out}: {name} is there already: name another folder.")
     effects = []
-    for effect in parse_effects(hide, robot.robot):
+    for effect in parse_effects(hide or [], robot.robot):
         effects.append((effect.name, list(effect.asked_joints or ())))
     made = hidden_runs(robot, effects, size, seed, must_show=True)
     for name, run in zip(names, made.runs, strict=True):

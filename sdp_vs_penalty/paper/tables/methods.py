@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.estimate import positive_mass_matrices
+from sdp_vs_penalty.estimation.certify import positive_mass_matrices
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.paper.tables.study import Data, Result, Study, sentence
 from sdp_vs_penalty.paper.tables.table import ROUNDING, Cell, Column, Table

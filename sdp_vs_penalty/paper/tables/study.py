@@ -15,7 +15,7 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
