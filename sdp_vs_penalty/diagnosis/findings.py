@@ -22,7 +22,8 @@ class Finding:
 
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
     there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
-    held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how to write the effect.
+    held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how to write the effect;
+    constants : the shape in words, with units.
     """
 
     effect: str
@@ -39,6 +40,7 @@ class Finding:
     explanation: str
     text: str
     gain: float
+    constants: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         return {

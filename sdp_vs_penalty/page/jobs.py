@@ -200,6 +200,7 @@ def find(request: Request, progress: Progress) -> Answer:
         **result.to_dict(),
         "texts": [f.text for f in result.effects],
         "std": [f.std for f in result.effects],
+        "constants": [f.constants for f in result.effects],
         "remarks": list(result.remarks),
         "noise_source": result.noise_source,
         "unexplained": result.unexplained.tolist(),

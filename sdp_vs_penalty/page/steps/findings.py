@@ -9,7 +9,6 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
 from sdp_vs_penalty.page.wording import (
     change,
-    constants,
     figure,
     physics,
     plain_name,
@@ -78,8 +77,7 @@ def _card(view: View, k: int, text: str, added: bool) -> None:
             tag("span", finding["confidence"], f"badge {finding['confidence']}")
         unit = plain_unit(finding["unit"])
         size = f"{finding['size']:.4g} ± {std:.1g} {unit}".strip()
-        prismatic = bool(finding["joints"]) and units[finding["joints"][0] - 1] == "N"
-        said = constants(finding["shape"], prismatic)
+        said = session.findings["constants"][k]
         tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
         before_this = [f["effect"] for f in session.findings["effects"][:k]]
         if finding["effect"] in before_this:
