@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.library import SEVERAL
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
 from sdp_vs_penalty.effects import parse_effects
@@ -80,7 +79,7 @@ def _text(effect: Finding | str) -> str:
 
 def _refuse_twice(estimate: Estimate, wanted: Sequence[Effect]) -> None:
     for effect in wanted:
-        if effect.name in SEVERAL:
+        if effect.several:
             continue
         there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
         twice = sorted(there & set(effect.joints))
@@ -122,35 +121,31 @@ def with_shapes(
     out: list[Effect] = []
     stage: Stage | None = None
     for effect, fixed in zip(wanted, given, strict=True):
-        if fixed >= set(effect.shape_defaults) - {"t0", "v_s"} or not next(
-            iter(type(effect).shapes(effect.robot, effect.joints[0]))
-        ):
+        clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
+        if fixed >= clock.union(effect.searched):
             out.append(effect)
             continue
         if stage is None:
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             stage = prepare(rows, estimate, frozen, seed)
-        out += [_shaped(stage, effect, joint, fixed) for joint in effect.joints]
+        joints = [None] if effect.whole_robot else effect.joints
+        out += [_shaped(stage, effect, joint, fixed) for joint in joints]
     return out
 
 
-def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> Effect:
+def _shaped(stage: Stage, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
     """One joint's effect with the shape that explains most of the residual; given ones stay."""
     search = stage.search
     fit = search.fit()
-    kind, keep = type(effect), {k: effect.shape[k] for k in fixed}
     start = min(float(s.motion.t[0]) for s in stage.rows.segments)
-    if "t0" in kind.shape_defaults:
-        keep = {"t0": start, **keep}
-    trials = []
-    for shape in kind.shapes(effect.robot, joint):
-        one = kind(effect.robot, [joint], **{**shape, **keep})
-        trials.append(
-            search.candidates.hypothesis(
-                fit, (effect.name, joint), one, search.candidates.white_columns(one)
-            )
+    given = {key: effect.shape[key] for key in fixed}
+    trials = [
+        search.candidates.hypothesis(
+            fit, (effect.name, joint), one, search.candidates.white_columns(one)
         )
+        for one in effect.candidates(effect.robot, joint, start, **given)
+    ]
     best = max(trials, key=lambda h: h.chi2)
     return search.candidates.tuned(fit, best, fixed).effect
 

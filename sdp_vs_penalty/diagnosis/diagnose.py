@@ -86,11 +86,10 @@ def _diagnosis(
     held_out: HeldOut,
 ) -> Diagnosis:
     findings = tuple(_finding(stage, picks, k, held_out) for k in range(len(picks)))
-    unknown_function = explanations.unrelated_ripples(findings)
-    if left.remains or unknown_function:
+    doubted = explanations.doubts(findings)
+    verdict = EFFECT_MISSING if findings else NOTHING_MISSING
+    if left.remains or doubted:
         verdict = UNKNOWN
-    else:
-        verdict = EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
         findings,
@@ -101,7 +100,7 @@ def _diagnosis(
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(stage.noise.source, unknown_function, held_out.source),
+        explanations.remarks(stage.noise.source, doubted, held_out.source),
         held_out.ladder[0],
         held_out.source,
         stage.frozen,
@@ -127,7 +126,7 @@ def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> 
         joints,
         dict(h.effect.shape),
         size,
-        parameters[0].unit,
+        parameters[h.effect.sized_by][0].unit,
         std,
         {p.name: float(b) for p, b in zip(parameters, beta, strict=True)},
         "weak" if weak else "confident",
@@ -138,6 +137,7 @@ def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> 
         h.effect.text,
         pick.gain,
         weak,
+        h.effect.constants,
     )
 
 

@@ -27,7 +27,7 @@ class Finding:
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
     there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
     held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how :func:`add` takes the
-    effect; remarks : why the finding is weak, if it is.
+    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units.
     """
 
     effect: str
@@ -45,6 +45,7 @@ class Finding:
     text: str
     gain: float
     remarks: tuple[str, ...] = ()
+    constants: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -59,6 +60,7 @@ class Finding:
             "confidence": self.confidence,
             "indistinguishable_from": list(self.indistinguishable_from),
             "remarks": list(self.remarks),
+            "constants": self.constants,
             "gain": self.gain,
             "held_out_rmse_before": self.held_out_rmse_before.tolist(),
             "held_out_rmse_after": self.held_out_rmse_after.tolist(),
@@ -83,6 +85,7 @@ class Finding:
             str(data["text"]),
             float(data["gain"]),
             _texts(data["remarks"]),
+            str(data["constants"]),
         )
 
 

@@ -35,26 +35,6 @@ def plain_name(effect: str) -> str:
     return effect.replace("_", " ").capitalize()
 
 
-#: Of shape constants, of a revolute and of a prismatic joint.
-_SHAPE_UNITS = {
-    "d": ("rad", "m"),
-    "v0": ("rad/s", "m/s"),
-    "vs": ("rad/s", "m/s"),
-    "k": ("per rad", "per m"),
-    "T": ("s", "s"),
-}
-
-
-def constants(shape: Mapping[str, float], prismatic: bool) -> str:
-    """The shape constants that say something, with their units."""
-    said = []
-    for key, value in shape.items():
-        if key not in ("t0", "v_s"):
-            unit = _SHAPE_UNITS.get(key, ("", ""))[prismatic]
-            said.append(f"{key} = {value:.3g} {unit}".strip())
-    return ", ".join(said)
-
-
 def where(joints: Sequence[int]) -> str:
     if not joints:
         return "whole robot"

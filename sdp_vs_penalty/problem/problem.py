@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
@@ -33,8 +33,6 @@ DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not o
 #: A link's mass lies in a ball around its frame: this times the link's reach, at least the radius.
 DEFAULT_REACH_FACTOR = 1.5
 DEFAULT_RADIUS = 1.0  # m: what a last link bears beyond its frame, the kinematics do not say
-#: Friction, offsets and other joint parameters: |theta| below this, in SI units.
-PARAMETER_RANGE = 1e4
 
 
 @dataclass(frozen=True)
@@ -160,7 +158,8 @@ class Problem:
                         bounds[1],
                     )
                 )
-        convex += _effect_constraints(model)
+        for effect, indices in zip(model.effects, model.indices, strict=True):
+            convex += effect.constraints(indices)
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 
     def parameter_bound(self, model: Model) -> Array:
@@ -179,13 +178,10 @@ class Problem:
         return bound
 
     def nominal(self, model: Model) -> Array:
-        """(p,) the nominal links and zero for everything else."""
-        theta = np.zeros(len(model.parameters))
+        """(p,) the nominal links, and of every other effect its own nominal parameters."""
+        theta = np.concatenate([effect.nominal for effect in model.effects])
         if len(model.rigid_indices):
             theta[model.rigid_indices] = self.nominal_links.ravel()
-        load = _payload_indices(model)
-        if load:  # a solid ball of 5 cm radius and 0.5 kg
-            theta[load] = 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
         return theta
 
     @cached_property
@@ -306,26 +302,3 @@ def _interval(lower: float, upper: float) -> tuple[Array, Array]:
     pairs += [(-1.0, upper)] if np.isfinite(upper) else []
     signs, constants = zip(*pairs, strict=True)
     return np.array(signs), np.array(constants)
-
-
-def _effect_constraints(model: Model) -> list[Constraint]:
-    """Sign and range of every parameter that is not a link's; the payload's pseudo-inertia."""
-    out: list[Constraint] = []
-    rigid = set(model.rigid_indices.tolist())
-    load = _payload_indices(model)
-    if load:
-        out.append(build.pseudo_inertia("payload", load))
-    for index, parameter in enumerate(model.parameters):
-        if index in rigid:
-            continue
-        name = f"{parameter.effect} {parameter.name}"
-        if np.isfinite(parameter.lower):
-            out.append(build.linear("sign", name, [index], [[1.0]], [-parameter.lower]))
-        out.append(
-            build.linear("range", name, [index], [[1.0, -1.0]], [PARAMETER_RANGE, PARAMETER_RANGE])
-        )
-    return out
-
-
-def _payload_indices(model: Model) -> list[int]:
-    return [k for k, p in enumerate(model.parameters) if p.effect == "payload"]

@@ -155,7 +155,7 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
         assert code == 0
         kind = effect_types()[name]
         shown = " ".join(out.split())
-        for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shape_defaults):
+        for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shapes):
             assert " ".join(text.split()) in shown
     code, _, err = run("list", "effects", "ether")
     assert code == 2

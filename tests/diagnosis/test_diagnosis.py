@@ -161,7 +161,7 @@ def test_a_contact_is_an_event_not_an_effect(panda: Problem) -> None:
 
 
 def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
-    from sdp_vs_penalty.simulation.hidden_effects import Hidden, on_joint
+    from sdp_vs_penalty.effects.hidden import Hidden, on_joint
 
     odd = Hidden(
         "unknown",

@@ -10,7 +10,6 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
 from sdp_vs_penalty.page.wording import (
     change,
-    constants,
     figure,
     physics,
     plain_name,
@@ -79,8 +78,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             tag("span", finding.confidence, f"badge {finding.confidence}")
         unit = plain_unit(finding.unit)
         size = f"{finding.size:.4g} ± {finding.std:.1g} {unit}".strip()
-        prismatic = bool(finding.joints) and units[finding.joints[0] - 1] == "N"
-        said = constants(finding.shape, prismatic)
+        said = finding.constants
         tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
         if finding.effect in [f.effect for f in found.effects[:k]]:
             with details("What it is", f"physics-{k}"):
