@@ -6,7 +6,7 @@ Three grids, all uniform:
 - the column grid (30 times the low-pass's cut-off): columns of effects are computed there, fast
   enough for a friction that turns round within milliseconds;
 - the rows: twice the cut-off, one row an independent sample. Columns and torque pass the same kernel
-  (that of the columns is the other's, sampled), so that a linear relation between them survives,
+  (that of the columns is the other's, sampled on the coarser grid), so that a linear relation between them survives,
   the folding of what lies above the row rate included.
 
 Rows are dropped where the robot stands, and where the motion is sharper than the state filter can
@@ -26,7 +26,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.signals.kernels import Kernel, LowPass, convolve
+from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, _Movement, _rate, _segments
 
 Array = NDArray[np.float64]
@@ -172,7 +172,7 @@ def _run_segments(
     state, torque_kernel = Kernel(settings.state_cutoff, dt), Kernel(cutoff, dt)
     wider = Kernel(1.6 * settings.state_cutoff, dt)
     stride = max(1, int(1.0 / (_COLUMN_RATE * cutoff * dt)))
-    coarse = _sampled(torque_kernel, stride)
+    coarse = torque_kernel.sampled(stride)
     half = coarse.half
     step = max(1, int(1.0 / (2.0 * cutoff * dt * stride)))
     dense_step = max(1, int(1.0 / (_DENSE_RATE * cutoff * dt * stride)))
@@ -224,10 +224,3 @@ def _run_segments(
 def _links(estimate: Estimate) -> Array:
     links = estimate.links
     return links if len(links) else np.zeros((estimate.robot.n, 10))
-
-
-def _sampled(kernel: Kernel, stride: int) -> LowPass:
-    """The kernel on a grid ``stride`` times coarser: the same response below the coarse grid's rate."""
-    reach = kernel.half // stride
-    values = kernel.value[kernel.half + stride * np.arange(-reach, reach + 1)]
-    return LowPass(values / values.sum())
