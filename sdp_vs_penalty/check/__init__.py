@@ -19,7 +19,8 @@ from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, _moving_joints, low_passed
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
+from sdp_vs_penalty.signals.runs import moving_joints
 
 __all__ = ["Finding", "Report", "check"]
 
@@ -142,7 +143,7 @@ class _Work:
         """Everything behind the clock; returns what stays unexplained, None where nothing moves."""
         if len(self.run.t) < 10:
             raise InputError(f"{self.run.names[0]}: only {len(self.run.t)} row(s) are usable.")
-        moving = _moving_joints(self.run)
+        moving = moving_joints(self.run)
         if not moving.any():
             self.mend(signals.no_motion())
             return None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.finding import Array, Finding
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.signals.preprocessing import _moving_joints
+from sdp_vs_penalty.signals.runs import moving_joints
 
 #: A time step above this many medians is no jitter any more.
 _LONG = 5.0
@@ -77,7 +77,7 @@ _STEPS, _SPEEDS = (2e-5, 0.5), (3e-3, 100.0)
 def _time_unit(run: Measurements) -> Finding | None:
     """A clock that does not count seconds: taken for seconds, it makes the motion far too slow."""
     steps = np.diff(run.t)
-    moving = _moving_joints(run)
+    moving = moving_joints(run)
     if not np.any(steps > 0.0) or not moving.any():
         return None
     step, speed = float(np.median(steps[steps > 0.0])), float(np.median(_speeds(run)[moving]))

@@ -13,11 +13,9 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
-    _highest_harmonic,
-    _Movement,
-    _moving_joints,
     low_passed,
 )
+from sdp_vs_penalty.signals.runs import Movement, highest_harmonic, moving_joints
 
 #: Noise of quantisation above this share of the signal is worth a warning.
 _COARSE = 0.05
@@ -48,7 +46,7 @@ def no_motion() -> Iterator[Finding]:
 
 
 def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
-    idle = ~_moving_joints(run)
+    idle = ~moving_joints(run)
     if idle.any():
         yield Finding(
             "idle joints",
@@ -61,7 +59,7 @@ def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Finding
             None,
             {"joints": (np.flatnonzero(idle) + 1).tolist()},
         )
-    at_rest = 1.0 - float(_Movement(run, settings.standstill).moves.mean())
+    at_rest = 1.0 - float(Movement(run, settings.standstill).moves.mean())
     if at_rest > 0.01:
         seconds = at_rest * (run.t[-1] - run.t[0])
         most = at_rest > 0.5
@@ -130,7 +128,7 @@ def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> I
     cutoff, dt = settings.state_cutoff, float(np.median(np.diff(run.t)))
     motion, tau, _ = low_passed(run, settings, 500)
     for name, values, signal in (("q", run.q, motion.ddq), ("tau", run.tau, tau)):
-        for j in np.flatnonzero(_moving_joints(run)):
+        for j in np.flatnonzero(moving_joints(run)):
             step = lattice_step(values[:, j])
             size = float(np.std(signal[:, j]))
             if step == 0.0 or size == 0.0:
@@ -171,7 +169,7 @@ def lattice_step(values: Array) -> float:
 def _sample_rate(run: Measurements) -> Iterator[Finding]:
     """Whether the motion's fastest part is sampled often enough to be differentiated twice."""
     rate = 1.0 / float(np.median(np.diff(run.t)))
-    highest = _highest_harmonic(run)
+    highest = highest_harmonic(run)
     # The filter may reach a tenth of the rate; below three times the motion's band it bends it.
     if rate >= 30.0 * highest:
         return
@@ -201,7 +199,7 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
     if run.dq is None:
         return
     motion, measured, _ = low_passed(replace(run, tau=run.dq), settings, 500)
-    moves = _moving_joints(run)
+    moves = moving_joints(run)
     wrong: dict[str, list[int]] = {}
     factors = np.ones(run.n)
     for j in np.flatnonzero(moves):

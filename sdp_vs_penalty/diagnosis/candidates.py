@@ -13,8 +13,8 @@ from sdp_vs_penalty.diagnosis.fit import Fit
 from sdp_vs_penalty.diagnosis.library import SEVERAL, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, score_library, solve_group
-from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.signals.noise import Noise
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Candidates:
 
     def __init__(self, rows: DiagnosisRows, noise: Noise, white: Library) -> None:
         self.rows, self.noise, self.white = rows, noise, white
-        self.pieces = [pieces_of(rows, j) for j in range(rows.n)]
+        self.pieces = [rows.pieces(j) for j in range(rows.n)]
         self.texts = [group.effect.text for group in white.groups]
         self.by_key: dict[Key, list[int]] = {}
         for g, group in enumerate(white.groups):

@@ -15,6 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.signals.autoregression import innovations
 
 Array = NDArray[np.float64]
 
@@ -95,17 +96,9 @@ class Weighting:
         """White rows (M, ...) of one joint, filtered and divided."""
         if not np.any(columns):
             return columns
-        if not np.any(self.colour[joint]):
-            return columns / self.level[joint]
-        out = np.zeros_like(columns)
-        order = self.colour.shape[1]
-        for piece in self.pieces[joint]:
-            x = columns[piece]
-            y = x[order:].copy()
-            for lag, a in enumerate(self.colour[joint], start=1):
-                y -= a * x[order - lag : -lag]
-            out[piece[order:]] = y / self.level[joint]
-        return out
+        if np.any(self.colour[joint]):
+            columns = innovations(columns, self.colour[joint], self.pieces[joint])
+        return columns / self.level[joint]
 
     def apply_all(self, columns: Array) -> Array:
         """(n M, ...) rows of all joints."""

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from sdp_vs_penalty.diagnosis.autoregression import ORDER, autoregression
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, flip_threshold, wald_exponent
 from sdp_vs_penalty.diagnosis.candidates import Candidates, Hypothesis
 from sdp_vs_penalty.diagnosis.fit import Fit, Rows, Weighting, independent
 from sdp_vs_penalty.diagnosis.library import Key, Library
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import Noise
+from sdp_vs_penalty.signals.autoregression import ORDER, autoregression
+from sdp_vs_penalty.signals.noise import Noise
 
 Array = NDArray[np.float64]
 

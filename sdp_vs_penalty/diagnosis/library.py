@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.signals.noise import Noise
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class Library:
         return out
 
     def whitened(self, noise: Noise, rows: DiagnosisRows) -> Library:
-        pieces = [pieces_of(rows, j) for j in range(rows.n)]
+        pieces = [rows.pieces(j) for j in range(rows.n)]
         joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
         robot = np.stack([noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.robot)])
         return replace(self, joints=joints, robot=robot)

@@ -7,18 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.events import (
-    Event,
-    intervals,
-    local_excess,
-    noise_profile,
-    robust_scale,
-    spectral_lines,
-)
+from sdp_vs_penalty.diagnosis.events import Event, intervals, spectral_lines
 from sdp_vs_penalty.diagnosis.fit import Fit
 from sdp_vs_penalty.diagnosis.stage import Stage, residual_beside
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
-from sdp_vs_penalty.diagnosis.whitening import later_rows, pieces_of, rate_features
+from sdp_vs_penalty.signals.noise import rate_features
+from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
+from sdp_vs_penalty.signals.repetition import later_rows
 
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
@@ -44,7 +39,7 @@ def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
         steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
         # The noise may be larger than the repetition let on; its median does not see an event.
         steady /= max(robust_scale(steady[steady != 0.0]), 1.0)
-        found = local_excess(steady, pieces_of(rows, j), n, float(noise.degrees[j]))
+        found = local_excess(steady, rows.pieces(j), n, float(noise.degrees[j]))
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
     repeats = _repeating(mask, stage)
@@ -62,7 +57,7 @@ def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
     events = [
         Event(j, start, end)
         for j in range(n)
-        for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0)
+        for start, end in intervals(mask[:, j], rows.t, whole.pieces(j), gap=1.0)
     ]
     events += _hums(stage)
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
@@ -77,7 +72,7 @@ def _hums(stage: Stage) -> list[Event]:
     left = residual_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
     out = []
     for j in range(rows.n):
-        pieces = pieces_of(rows, j)
+        pieces = rows.pieces(j)
         longest = max((len(p) for p in pieces), default=0)
         pieces = [p for p in pieces if 2 * len(p) > longest]
         series = [left[p, j] for p in pieces]

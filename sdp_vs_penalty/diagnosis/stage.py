@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.autoregression import ORDER
 from sdp_vs_penalty.diagnosis.fit import Rows
 from sdp_vs_penalty.diagnosis.ladder import MISFIT, Search
 from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import Noise, noise_of, pieces_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.signals.noise import repeat_period
+from sdp_vs_penalty.signals.autoregression import ORDER
+from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_in, noise_of
+from sdp_vs_penalty.signals.repetition import repeat_period
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def prepare(
     """Noise, whitening, candidates."""
     residual = rows.residual
     progress("noise from repetition")
-    noise = noise_of(rows, rows.dense_residuals, residual)
+    noise = noise_of(rows)
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
     progress("columns of all candidates")
@@ -76,7 +76,7 @@ def search_through(stage: Stage, estimate: Estimate) -> Stage:
     explanation and is known better after each round. Its colour hides what resembles it; when
     nothing more is found with it, one more look takes the noise as white.
     """
-    if stage.noise.source != "residual":
+    if stage.noise.source != RESIDUAL:
         stage.search.run()
         return stage
     best = _with_white_noise(stage, estimate).search
@@ -121,7 +121,7 @@ def _carried(old: Stage, new: Stage) -> Stage:
 
 def _noise_beside(stage: Stage, effects: Sequence[Effect]) -> Noise:
     """The noise as what the model leaves when it has these effects as well."""
-    return noise_of(stage.rows, [], residual_beside(stage, effects))
+    return noise_in(stage.rows, residual_beside(stage, effects))
 
 
 def residual_beside(stage: Stage, effects: Sequence[Effect]) -> Array:
@@ -173,7 +173,7 @@ def label_rows(rows: DiagnosisRows) -> Rows:
     if len(spans) == 1:
         fold = phase_folds(rows)
     _, block = np.unique(block, return_inverse=True)
-    seen = np.array([sum(max(len(p) - 4, 0) for p in pieces_of(rows, j)) for j in range(rows.n)], float)
+    seen = np.array([sum(max(len(p) - 4, 0) for p in rows.pieces(j)) for j in range(rows.n)], float)
     return Rows(rows.n, block, fold, seen)
 
 
@@ -194,7 +194,7 @@ def white_rows(rows: DiagnosisRows, noise: Noise, base: Array, residual: Array) 
     n, M = rows.n, len(rows.t)
     columns, target = np.zeros((n, M, base.shape[2])), np.zeros((n, M))
     for j in range(n):
-        pieces = pieces_of(rows, j)
+        pieces = rows.pieces(j)
         columns[j] = noise.whiten(base[j], j, pieces)
         target[j] = noise.whiten(residual[:, j], j, pieces)
     return columns.reshape(n * M, -1), target.ravel()
@@ -211,7 +211,7 @@ def least_squares(stage: Stage, rows: DiagnosisRows, columns: Array, balanced: b
         return np.zeros(0)
     white, b = np.zeros((n, M, p)), np.zeros((n, M))
     for j in range(n):
-        pieces = pieces_of(rows, j)
+        pieces = rows.pieces(j)
         white[j] = stage.noise.whiten(columns[j], j, pieces)
         b[j] = stage.noise.whiten(stage.residual[:, j], j, pieces)
     theta = _solved(white, b)

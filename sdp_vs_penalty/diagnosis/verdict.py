@@ -17,7 +17,7 @@ from scipy import stats
 
 from sdp_vs_penalty.diagnosis.fit import Fit
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import Noise
+from sdp_vs_penalty.signals.noise import REPETITION, Noise
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,7 +48,7 @@ def remainder(fit: Fit, rows: DiagnosisRows, noise: Noise, ignore: Mask | None =
     degrees = np.maximum((keep * (1.0 - leverage)).sum(axis=0), 1.0)
     variance = (keep * white**2).sum(axis=0) / degrees
     p_values = []
-    if noise.source == "repetition":
+    if noise.source == REPETITION:
         p_values += list(stats.f.sf(variance, degrees, noise.degrees))
         p_values += _repeated_products(white, keep, rows, noise)
     p = min(1.0, min(p_values, default=1.0) * max(len(p_values), 1))

@@ -59,7 +59,7 @@ def make_report(
     }
     own = _problem_of(last) if problem is None else problem
     progress("looking where it fails")
-    failures = where_it_fails(last, measurements)
+    failures = where_it_fails(last, measurements, settings)
     progress("bootstrapping")
     material = Material(
         models,

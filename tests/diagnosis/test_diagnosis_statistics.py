@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from sdp_vs_penalty.diagnosis.autoregression import autoregression, beside
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, largest_wald, wald, wald_exponent
-from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, spectral_lines
+from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.diagnosis.fit import Fit, Rows, Weighting, independent
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
+from sdp_vs_penalty.signals.autoregression import autoregression, beside
+from sdp_vs_penalty.signals.outliers import local_excess, noise_profile
 from sdp_vs_penalty.simulation.challenge.report import wilson
 
 Array = NDArray[np.float64]
