@@ -37,12 +37,6 @@ _SLOPES = (4.0, 10.0, 25.0)
 _SLOPE_RANGE, _SHIFT_RANGE = (0.1, 500.0), (-0.5, 0.5)
 
 
-def friction(phi: Array, dq: Array) -> Array:
-    """f (N, n) for phi (n, 3) at velocities dq (N, n)."""
-    amplitude, slope, shift = phi.T
-    return np.asarray(amplitude * (expit(slope * (dq + shift)) - expit(slope * shift)))
-
-
 class SigmoidLinearised(Effect):
     """f / phi_1 and its derivatives by phi_2 and phi_3 at given phi: three columns a joint.
 
