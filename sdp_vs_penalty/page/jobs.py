@@ -23,6 +23,7 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.page import split
 from sdp_vs_penalty.page.summary import Runs, summary, violation
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.problem.problem import Problem
@@ -30,10 +31,6 @@ from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
 from sdp_vs_penalty.simulation.hidden_effects import LEVELS, hideable
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-
-#: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
-#: between, so that no filter sees both.
-SPLIT, _PAUSE = 0.7, 0.5
 
 Request = Mapping[str, Any]
 Answer = dict[str, Any]
@@ -289,9 +286,9 @@ def _runs(request: Request) -> Runs:
     train, test = [], []
     for run, part in zip(chosen, loaded.runs(), strict=True):
         if run["use"] == "split":
-            cut = SPLIT * float(part.t[-1] - part.t[0])
-            train.append(replace(part.window(0.0, cut), names=(f"{run['name']}, first part",)))
-            rest = part.window(cut + _PAUSE, float("inf"))
+            end = split.cut(float(part.t[-1] - part.t[0]))
+            train.append(replace(part.window(0.0, end), names=(f"{run['name']}, first part",)))
+            rest = part.window(end + split.PAUSE, float("inf"))
             test.append(replace(rest, names=(f"{run['name']}, rest",)))
         else:
             (test if run["use"] == "test" else train).append(replace(part, names=(run["name"],)))

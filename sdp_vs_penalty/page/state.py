@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sdp_vs_penalty.page import split
 from sdp_vs_penalty.page.workshop import Work, Workshop
 from sdp_vs_penalty.report.plots import Curves
 
@@ -131,7 +132,7 @@ class State:
         robot = shlex.quote(self.robot["file"] or self.robot["source"])
         data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] != "test")
         if len(self.runs) == 1 and self.runs[0]["use"] == "split":
-            data += f" --window 0:{0.7 * self.runs[0]['seconds']:.4g}"
+            data += f" --window 0:{split.cut(self.runs[0]['seconds']):.4g}"
         first = self.ladder[0]
         out = [f"sdp-vs-penalty simulate {robot} {self.made_by}"] if self.made_by else []
         names = [first.get("opened", "model1.json")]
