@@ -13,6 +13,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.library import SEVERAL
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
+from sdp_vs_penalty.diagnosis.state import State
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -142,8 +143,7 @@ def with_shapes(
 
 def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> Effect:
     """One joint's effect with the shape that explains most of the residual; given ones stay."""
-    search = stage.search
-    fit = search.fit()
+    fit, candidates = State.start(stage).fit, stage.candidates
     kind, keep = type(effect), {k: effect.shape[k] for k in fixed}
     start = min(float(s.motion.t[0]) for s in stage.rows.segments)
     if "t0" in kind.shape_defaults:
@@ -152,12 +152,10 @@ def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> 
     for shape in kind.shapes(effect.robot, joint):
         one = kind(effect.robot, [joint], **{**shape, **keep})
         trials.append(
-            search.candidates.hypothesis(
-                fit, (effect.name, joint), one, search.candidates.white_columns(one)
-            )
+            candidates.hypothesis(fit, (effect.name, joint), one, candidates.white_columns(one))
         )
     best = max(trials, key=lambda h: h.chi2)
-    return search.candidates.tuned(fit, best, fixed).effect
+    return candidates.tuned(fit, best, fixed).effect
 
 
 def _add_frozen(

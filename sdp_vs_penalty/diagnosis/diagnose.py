@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import explanations
-from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -19,14 +17,13 @@ from sdp_vs_penalty.diagnosis.findings import (
     Finding,
     Invisible,
 )
-from sdp_vs_penalty.diagnosis.fit import Fit
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, Pick
+from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, search_through
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import score_library
-from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet, search_through
-from sdp_vs_penalty.diagnosis.verdict import Remainder
+from sdp_vs_penalty.diagnosis.stage import prepare, quiet
+from sdp_vs_penalty.diagnosis.state import State
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -63,29 +60,19 @@ def diagnose(
     rows = diagnosis_rows(measurements, estimate, settings)
     stage = prepare(rows, estimate, frozen, seed, progress)
     progress("searching for what is missing")
-    stage = search_through(stage, estimate)
+    state = search_through(stage)
     progress("held-out errors")
-    return conclude(estimate, stage, test, settings)
+    return conclude(estimate, state, test, settings)
 
 
 def conclude(
-    estimate: Estimate, stage: Stage, test: Measurements | None, settings: Preprocessing
+    estimate: Estimate, state: State, test: Measurements | None, settings: Preprocessing
 ) -> Diagnosis:
-    """Verdict, findings and held-out errors of a search that has run."""
-    left, events = remaining(stage.search.fit(), stage)
-    picks = stage.search.picks
-    held_out = held_out_errors(estimate, stage, picks, test, settings)
-    return _diagnosis(stage, picks, left, events, held_out)
-
-
-def _diagnosis(
-    stage: Stage,
-    picks: Sequence[Pick],
-    left: Remainder,
-    events: tuple[Event, ...],
-    held_out: HeldOut,
-) -> Diagnosis:
-    findings = tuple(_finding(stage, picks, k, held_out) for k in range(len(picks)))
+    """Verdict, findings and held-out errors of a search that has come to its end."""
+    stage = state.stage
+    left, events = remaining(state)
+    held_out = held_out_errors(estimate, state, test, settings)
+    findings = tuple(_finding(state, k, held_out) for k in range(len(state.picks)))
     unknown_function = explanations.unrelated_ripples(findings)
     if left.remains or unknown_function:
         verdict = UNKNOWN
@@ -95,7 +82,7 @@ def _diagnosis(
         verdict,
         findings,
         stage.noise.floor,
-        invisible_effects(stage),
+        invisible_effects(state),
         events,
         stage.noise.source,
         left.share,
@@ -105,10 +92,10 @@ def _diagnosis(
     )
 
 
-def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> Finding:
-    pick = picks[k]
+def _finding(state: State, k: int, held_out: HeldOut) -> Finding:
+    pick = state.picks[k]
     h = pick.hypothesis
-    fit = stage.search.fit(without=k)
+    fit = state.without(k).fit
     fresh = fit.partialled(fit.scaled(h.columns))
     gram = fresh.T @ fresh
     beta = np.asarray(np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0], float)
@@ -143,13 +130,12 @@ def _rival_name(own: tuple[str, int | None], other: tuple[str, int | None]) -> s
     return other[0]
 
 
-def invisible_effects(stage: Stage) -> tuple[Invisible, ...]:
+def invisible_effects(state: State) -> tuple[Invisible, ...]:
     """Candidates whose energy the model's own columns absorb, whatever their shape."""
+    stage = state.stage
     if stage.frozen:
         return ()
-    search = stage.search
-    plain = replace(search.weighting, level=np.ones(stage.rows.n))
-    scores = score_library(Fit.of(stage.labels, search.basis, search.target, plain), stage.white)
+    scores = score_library(stage.fit(stage.plain_weighting), stage.white)
     shares: dict[tuple[str, int | None], float] = {}
     for group, absorbed in zip(stage.white.groups, scores.absorbed, strict=True):
         shares[group.key] = min(shares.get(group.key, 1.0), float(absorbed))

@@ -88,7 +88,7 @@ class Weighting:
     pieces: tuple[tuple[NDArray[np.intp], ...], ...]
 
     @property
-    def floor(self) -> Array:
+    def noise_variance(self) -> Array:
         """(n,) variance of the noise behind the colour's filter, before the division."""
         return 1.0 + np.sum(self.colour**2, axis=1)
 
@@ -195,10 +195,10 @@ class Fit:
         they take from the weighted residual."""
         before = self.joint_chi2[joint]
         after = np.maximum(before - chi2 * self.weighting.level[joint] ** 2, 0.0)
-        floor, degrees = self.weighting.floor[joint], self.degrees[joint]
+        noise, degrees = self.weighting.noise_variance[joint], self.degrees[joint]
 
         def deviance(x: Array) -> Array:
-            variance = np.maximum(x / degrees, floor)
+            variance = np.maximum(x / degrees, noise)
             return np.asarray(degrees * np.log(variance) + x / variance)
 
         return deviance(before) - deviance(after)
@@ -217,7 +217,7 @@ class Fit:
         return self._deviance_of(self.joint_chi2)
 
     def _deviance_of(self, chi2: Array) -> float:
-        variance = np.maximum(chi2 / self.degrees, self.weighting.floor)
+        variance = np.maximum(chi2 / self.degrees, self.weighting.noise_variance)
         return float(np.sum(self.degrees * np.log(variance) + chi2 / variance))
 
 

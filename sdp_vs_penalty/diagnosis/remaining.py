@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import Event, intervals, spectral_lines
-from sdp_vs_penalty.diagnosis.fit import Fit
-from sdp_vs_penalty.diagnosis.stage import Stage, residual_beside
+from sdp_vs_penalty.diagnosis.stage import Stage
+from sdp_vs_penalty.diagnosis.state import State
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
 from sdp_vs_penalty.signals.noise import rate_features
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
@@ -23,12 +23,13 @@ _SLOWEST_HUM = 0.8
 _FASTEST_HUM = 0.45
 
 
-def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
+def remaining(state: State) -> tuple[Remainder, tuple[Event, ...]]:
     """What is left once events are set aside, and the events.
 
     Windows of too much energy are events only if they are few and nothing repeatable is left
     beside them: otherwise they are the peaks of the model's error.
     """
+    fit, stage = state.fit, state.stage
     rows, noise = stage.rows, stage.noise
     n, M = rows.n, len(rows.t)
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
@@ -59,17 +60,17 @@ def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
         for j in range(n)
         for start, end in intervals(mask[:, j], rows.t, whole.pieces(j), gap=1.0)
     ]
-    events += _hums(stage)
+    events += _hums(state)
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
 
 
-def _hums(stage: Stage) -> list[Event]:
+def _hums(state: State) -> list[Event]:
     """One event a run for each joint in whose residual a spectral line stands.
 
     The residual is not whitened for it: an autoregression takes a sine for its own colour.
     """
-    rows = stage.rows
-    left = residual_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
+    rows = state.stage.rows
+    left = state.stage.residual_beside(state.effects)
     out = []
     for j in range(rows.n):
         pieces = rows.pieces(j)

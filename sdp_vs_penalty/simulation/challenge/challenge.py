@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.diagnose import conclude
 from sdp_vs_penalty.diagnosis.fit import independent
+from sdp_vs_penalty.diagnosis.ladder import search_through
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, search_through, white_rows
+from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, white_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import write_text
@@ -103,9 +104,8 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     estimate = quick_estimate(problem, model_runs, made.truth["model_effects"])
     begin = time.perf_counter()
     rows = diagnosis_rows(data, estimate, estimate.preprocessing)
-    stage = prepare(rows, estimate, case.frozen, seed)
-    stage = search_through(stage, estimate)
-    result = conclude(estimate, stage, made.runs[3], estimate.preprocessing)
+    state = search_through(prepare(rows, estimate, case.frozen, seed))
+    result = conclude(estimate, state, made.runs[3], estimate.preprocessing)
     seconds = time.perf_counter() - begin
     ideal = diagnosis_rows(concatenate(made.ideal[: case.runs]), estimate, estimate.preprocessing)
     floor = noise_std(rows, ideal)
@@ -119,7 +119,7 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
         "class": name,
         "seed": seed,
         "truth": made.truth["effects"],
-        "energy": hidden_energies(made, ideal, estimate, stage, case),
+        "energy": hidden_energies(made, ideal, estimate, state.stage, case),
         "deviation": [link_deviation(made, h) for h in made.hidden],
         "found": [
             {
