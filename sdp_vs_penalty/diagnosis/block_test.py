@@ -102,8 +102,8 @@ def _wald(pull: Array, beta: Array, spread: Array, scores: Array) -> Array:
     k = pull.shape[2]
     # The sums above cancel to rounding only: the spread is never smaller than that.
     size = np.trace(spread, axis1=2, axis2=3)
-    floor = 1e-12 * np.sum(scores**2, axis=(1, 2))[:, None] + 1e-300
-    spread = spread + (1e-9 * np.maximum(size, 0.0) + floor)[:, :, None, None] * np.eye(k)
+    rounding = 1e-12 * np.sum(scores**2, axis=(1, 2))[:, None] + 1e-300
+    spread = spread + (1e-9 * np.maximum(size, 0.0) + rounding)[:, :, None, None] * np.eye(k)
     robust = np.sum(pull * np.linalg.solve(spread, pull[..., None])[..., 0], axis=2)
     return np.minimum(robust, np.sum(pull * beta, axis=2))
 

@@ -70,9 +70,9 @@ def spectral_lines(
             pooled += 1
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, int(smooth / frequency[1]))
-    floor = _running_median(power, half) / stats.chi2.median(2 * pooled) * (2 * pooled)
+    level = _running_median(power, half) / stats.chi2.median(2 * pooled) * (2 * pooled)
     with np.errstate(divide="ignore", invalid="ignore"):
-        excess = np.where(floor > 0.0, power / floor, 0.0) * 2 * pooled
+        excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
     limit = stats.chi2.isf(FALSE_EVENT / (len(power) * tests), 2 * pooled)
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)

@@ -210,8 +210,8 @@ def of_regression(
 
 
 def _verdict(half: float, value: float, largest: float) -> str:
-    for (own, floor), verdict in ((_IDENTIFIABLE, IDENTIFIABLE), (_WEAKLY, WEAKLY)):
-        if half <= max(own * min(value, largest), floor * largest if np.isfinite(largest) else 0.0):
+    for (own, absolute), verdict in ((_IDENTIFIABLE, IDENTIFIABLE), (_WEAKLY, WEAKLY)):
+        if half <= max(own * min(value, largest), absolute * largest if np.isfinite(largest) else 0.0):
             return verdict
     return NOT_SEEN
 

@@ -115,13 +115,13 @@ def fit_sigmoid(
     if len(data.torque) / oversampling < data.rigid.shape[2] + 3:
         raise InputError("Too few samples to fit rigid model and sigmoid friction: record longer.")
     n = problem.robot.n
-    # A rounding floor, so that data without noise are not weighted by rounding.
-    floor = 1e-12 * float(np.abs(data.torque).max())
+    # What rounding leaves, so that data without noise are not weighted by rounding.
+    rounding = 1e-12 * float(np.abs(data.torque).max())
     weights, shapes = np.ones(n), data.start()
     for _ in range(2):
         shapes = data.minimise(shapes, weights)
         _, residual, _ = data.project(shapes, weights)
-        rms = np.sqrt(np.mean((residual / weights) ** 2, axis=0)) + floor
+        rms = np.sqrt(np.mean((residual / weights) ** 2, axis=0)) + rounding
         weights = float(np.exp(np.mean(np.log(rms)))) / rms
     linear, residual, probes = data.project(shapes, weights)
     phi = np.column_stack([linear[-n:], shapes])
