@@ -54,7 +54,9 @@ def base_parameters_of(
     stacked = np.zeros((len(motion.t), model.robot.n, len(places)))
     for j, block in enumerate(part.columns(motion)):
         stacked[:, j, block.indices] = block.columns
-    base, kept = _base_of(stacked.reshape(-1, len(places)))
+    # Of columns that stand for each other the first leads, whatever rounding says: links before rotors.
+    preference = np.linspace(1.0, 1.0 - 1e-4, len(places))
+    base, kept = _base_of(stacked.reshape(-1, len(places)), preference=preference)
     return base, places, [int(places[k]) for k in kept]
 
 
@@ -66,11 +68,14 @@ def _random_motion(robot: Robot, seed: int) -> Motion:
     return Motion(np.zeros(count), q, dq, ddq)
 
 
-def _base_of(stacked: Array, kept: tuple[int, ...] | None = None) -> tuple[Array, tuple[int, ...]]:
-    """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted QR chooses."""
+def _base_of(
+    stacked: Array, kept: tuple[int, ...] | None = None, preference: Array | float = 1.0
+) -> tuple[Array, tuple[int, ...]]:
+    """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted QR chooses of
+    them, at unit norm times ``preference`` (k,)."""
     norms = np.linalg.norm(stacked, axis=0)
     unseen = norms <= 1e-10 * norms.max()
-    scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms))
+    scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms)) * preference
     _, r, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))
     if kept is None:
