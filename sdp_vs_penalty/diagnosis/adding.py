@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.library import SEVERAL
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
-from sdp_vs_penalty.diagnosis.state import State
+from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -143,7 +143,7 @@ def with_shapes(
 
 def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> Effect:
     """One joint's effect with the shape that explains most of the residual; given ones stay."""
-    fit, candidates = State.start(stage).fit, stage.candidates
+    fit, candidates = SearchState.start(stage).fit, stage.candidates
     kind, keep = type(effect), {k: effect.shape[k] for k in fixed}
     start = min(float(s.motion.t[0]) for s in stage.rows.segments)
     if "t0" in kind.shape_defaults:
@@ -151,9 +151,7 @@ def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> 
     trials = []
     for shape in kind.shapes(effect.robot, joint):
         one = kind(effect.robot, [joint], **{**shape, **keep})
-        trials.append(
-            candidates.hypothesis(fit, (effect.name, joint), one, candidates.white_columns(one))
-        )
+        trials.append(candidates.judged(fit, (effect.name, joint), one, candidates.white_columns(one)))
     best = max(trials, key=lambda h: h.chi2)
     return candidates.tuned(fit, best, fixed).effect
 
@@ -226,4 +224,6 @@ def _reduced(data: LeastSquares, fixed: Array) -> LeastSquares:
     """The problem in the remaining parameters when the first ones are fixed."""
     k = len(fixed)
     rho = data.rho - data.R[:, :k] @ fixed
-    return LeastSquares(data.R[:, k:], rho, data.floor, float(rho @ rho) + data.floor**2, data.rows)
+    return LeastSquares(
+        data.R[:, k:], rho, data.residual_norm, float(rho @ rho) + data.residual_norm**2, data.rows
+    )

@@ -23,7 +23,7 @@ from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import score_library
 from sdp_vs_penalty.diagnosis.stage import prepare, quiet
-from sdp_vs_penalty.diagnosis.state import State
+from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -47,7 +47,7 @@ def diagnose(
     estimate : the model in question; measurements : the runs to search in; test : a run only for the
     held-out errors (without it, folds that no selection saw).
     frozen : keep the model's parameters, so that changes of the links
-    show (a payload); otherwise they are refitted along with every hypothesis. seed : of the random
+    show (a payload); otherwise they are refitted along with every candidate. seed : of the random
     signs that the tests compare with; progress : called with a short text of where the search stands.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
@@ -66,7 +66,7 @@ def diagnose(
 
 
 def conclude(
-    estimate: Estimate, state: State, test: Measurements | None, settings: Preprocessing
+    estimate: Estimate, state: SearchState, test: Measurements | None, settings: Preprocessing
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
     stage = state.stage
@@ -92,9 +92,9 @@ def conclude(
     )
 
 
-def _finding(state: State, k: int, held_out: HeldOut) -> Finding:
+def _finding(state: SearchState, k: int, held_out: HeldOut) -> Finding:
     pick = state.picks[k]
-    h = pick.hypothesis
+    h = pick.candidate
     fit = state.without(k).fit
     fresh = fit.partialled(fit.scaled(h.columns))
     gram = fresh.T @ fresh
@@ -130,7 +130,7 @@ def _rival_name(own: tuple[str, int | None], other: tuple[str, int | None]) -> s
     return other[0]
 
 
-def invisible_effects(state: State) -> tuple[Invisible, ...]:
+def invisible_effects(state: SearchState) -> tuple[Invisible, ...]:
     """Candidates whose energy the model's own columns absorb, whatever their shape."""
     stage = state.stage
     if stage.frozen:

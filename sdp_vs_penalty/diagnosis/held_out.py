@@ -13,7 +13,7 @@ from sdp_vs_penalty.diagnosis.ladder import climbed
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, label_rows, model_columns
-from sdp_vs_penalty.diagnosis.state import Pick, State
+from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -39,7 +39,7 @@ class HeldOut:
 
 def held_out_errors(
     estimate: Estimate,
-    state: State,
+    state: SearchState,
     test: Measurements | None,
     settings: Preprocessing,
 ) -> HeldOut:
@@ -56,7 +56,7 @@ def held_out_errors(
     same = np.zeros_like(total)
     for f in np.unique(outer):
         train = outer != f
-        again = climbed(State.start(_stage_on(stage, train)), thorough=False)
+        again = climbed(SearchState.start(_stage_on(stage, train)), thorough=False)
         squares = _left_out(stage, again.picks, train)
         # The procedure's k-th step; where it stopped earlier, its last.
         at = np.minimum(np.arange(len(picks) + 1), len(squares) - 1)
@@ -75,7 +75,7 @@ def _holds(picks: Sequence[Pick], ladder: Array) -> tuple[bool, ...]:
 
 
 def _falls(pick: Pick, before: Array, after: Array) -> bool:
-    effect = pick.hypothesis.effect
+    effect = pick.candidate.effect
     acts = slice(None) if effect.whole_robot else list(effect.joints)
     return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
 
@@ -101,8 +101,8 @@ def _ladder(
 ) -> Array:
     """(steps + 1, n) squared errors on rows, parameters fitted to the white training rows."""
     keep = rows.keep if only is None else rows.keep & only[:, None]
-    columns = [stage.columns, *(spread_columns(stage.rows, p.hypothesis.effect) for p in picks)]
-    there = [base, *(spread_columns(rows, p.hypothesis.effect) for p in picks)]
+    columns = [stage.columns, *(spread_columns(stage.rows, p.candidate.effect) for p in picks)]
+    there = [base, *(spread_columns(rows, p.candidate.effect) for p in picks)]
     masked = _switched_off(stage, train)
     out = []
     for k in range(len(picks) + 1):

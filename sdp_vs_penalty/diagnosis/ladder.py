@@ -1,6 +1,6 @@
-"""The search: add the best hypothesis, refine its shape, re-examine earlier ones, repeat.
+"""The search: add the best candidate, refine its shape, re-examine earlier ones, repeat.
 
-A hypothesis is an effect on a joint. It is added only if all of these hold:
+A candidate is an effect on a joint. It is added only if all of these hold:
 
 - the F test's p is below FALSE_CLAIM divided by the number of columns that were searched;
 - its block-robust Wald statistic exceeds the 99th percentile of the library's maximum when the signs
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, flip_threshold, wald_exponent
-from sdp_vs_penalty.diagnosis.candidates import Hypothesis
-from sdp_vs_penalty.diagnosis.fit import Fit
+from sdp_vs_penalty.diagnosis.candidates import Candidate
+from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.stage import MISFIT, Stage
-from sdp_vs_penalty.diagnosis.state import Pick, State
+from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.signals.autoregression import ORDER
 from sdp_vs_penalty.signals.noise import RESIDUAL
 
@@ -34,21 +34,21 @@ MIN_SHARE = 0.004
 #: Evidence (twice a log Bayes factor, per unit of residual variance) by which a rival must fall
 #: short to be told apart: odds of 150 to 1.
 TOLD_APART = 10.0
-#: How many hypotheses a step tries to add, how many steps there are.
+#: How many candidates a step tries to add, how many steps there are.
 _TRIES = 3
 _STEPS = 40
 #: How often the noise is estimated anew where only the residual shows it.
 _ROUNDS = 12
 
 
-def search_through(stage: Stage) -> State:
+def search_through(stage: Stage) -> SearchState:
     """The end of the search.
 
     Where only the residual shows the noise, it begins as what the model leaves beside the best
     explanation and is known better after each round. Its colour hides what resembles it; when
     nothing more is found with it, one more look takes the noise as white.
     """
-    start = State.start(stage)
+    start = SearchState.start(stage)
     if stage.noise.source != RESIDUAL:
         return climbed(start)
     best = [h.effect for h in _with_white_noise(start).contenders()[:1]]
@@ -64,18 +64,18 @@ def search_through(stage: Stage) -> State:
     return _with_noise_beside(state)
 
 
-def _with_noise_beside(state: State) -> State:
+def _with_noise_beside(state: SearchState) -> SearchState:
     """The same picks with the noise as what is left beside them."""
     return state.with_noise(state.stage.noise_beside(state.effects))
 
 
-def _with_white_noise(state: State) -> State:
+def _with_white_noise(state: SearchState) -> SearchState:
     """The same picks with white noise as large as what is left beside them."""
     noise = state.stage.noise_beside(state.effects)
     return state.with_noise(replace(noise, ar=np.zeros_like(noise.ar), sigma=noise.floor))
 
 
-def climbed(state: State, thorough: bool = True) -> State:
+def climbed(state: SearchState, thorough: bool = True) -> SearchState:
     """Add until nothing more is justified; ``thorough`` re-examines earlier picks on the way."""
     for _ in range(_STEPS):
         pick = next_pick(state)
@@ -87,8 +87,8 @@ def climbed(state: State, thorough: bool = True) -> State:
     return state
 
 
-def next_pick(state: State) -> Pick | None:
-    """The best acceptable hypothesis, with what it cannot be told apart from.
+def next_pick(state: SearchState) -> Pick | None:
+    """The best acceptable candidate, with what it cannot be told apart from.
 
     While even the best leaves error that is not noise, the choice is made with that error's own
     colour taken out: otherwise whatever is slow, like the error, would win.
@@ -100,12 +100,12 @@ def next_pick(state: State) -> Pick | None:
     if not contenders:
         return None
     threshold = flip_threshold(state.fit, state.scaled, state.stage.seed + len(state.picks))
-    for hypothesis in contenders[:_TRIES]:
-        pick = accepted(state, hypothesis, threshold)
+    for candidate in contenders[:_TRIES]:
+        pick = accepted(state, candidate, threshold)
         if pick is None:
             continue
-        rivals = rivals_of(state, hypothesis, contenders)
-        plain = _plain_form(hypothesis, rivals)
+        rivals = rivals_of(state, candidate, contenders)
+        plain = _plain_form(candidate, rivals)
         simpler = None if plain is None else accepted(state, plain, threshold)
         if plain is not None and simpler is not None:
             return replace(simpler, rivals=rivals_of(state, plain, contenders))
@@ -113,36 +113,36 @@ def next_pick(state: State) -> Pick | None:
     return None
 
 
-def accepted(state: State, hypothesis: Hypothesis, threshold: float) -> Pick | None:
-    """The pick, if the hypothesis passes every test."""
-    fit, stage, k = state.fit, state.stage, len(hypothesis.beta)
-    joints = _joints(fit, hypothesis)
+def accepted(state: SearchState, candidate: Candidate, threshold: float) -> Pick | None:
+    """The pick, if the candidate passes every test."""
+    fit, stage, k = state.fit, state.stage, len(candidate.beta)
+    joints = _joints(fit, candidate)
     freedom = max(fit.degrees[joints].sum() - k, 1.0)
     level2, least = fit.weighting.level**2, fit.degrees * fit.weighting.noise_variance
-    rest = float(np.sum((fit.joint_chi2 / level2)[joints])) - hypothesis.chi2
+    rest = float(np.sum((fit.joint_chi2 / level2)[joints])) - candidate.chi2
     noise = float(np.sum((least / level2)[joints]))
     rest = max(rest, noise) / freedom  # luck with the noise is no evidence
-    # The noise's spectrum at the hypothesis's frequencies is known to a relative variance of
+    # The noise's spectrum at the candidate's frequencies is known to a relative variance of
     # 2 ORDER / degrees only (Berk, Annals of Statistics 1974).
     known = float(stage.noise.degrees[joints].sum()) / ORDER
-    p = stats.f.sf(hypothesis.chi2 / k / rest, k, min(freedom, known))
+    p = stats.f.sf(candidate.chi2 / k / rest, k, min(freedom, known))
     if not p < FALSE_CLAIM / max(stage.white.size, 1):
         return None
-    sums = BlockSums.of(fit, fit.partialled(fit.scaled(hypothesis.columns)), k)
+    sums = BlockSums.of(fit, fit.partialled(fit.scaled(candidate.columns)), k)
     exponent = float(wald_exponent(sums)[0])
     if exponent < threshold:
         return None
-    gain = float(_block_gains(state, hypothesis).sum())
+    gain = float(_block_gains(state, candidate).sum())
     excess = np.maximum(fit.joint_chi2 - least, 0.0) / level2
     if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
         return None
-    return Pick(hypothesis, gain, exponent, ())
+    return Pick(candidate, gain, exponent, ())
 
 
 def rivals_of(
-    state: State, chosen: Hypothesis, contenders: Sequence[Hypothesis]
-) -> tuple[Hypothesis, ...]:
-    """Hypotheses that these data do not tell from the chosen one.
+    state: SearchState, chosen: Candidate, contenders: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """Candidates that these data do not tell from the chosen one.
 
     By evidence; where error remains that nothing explains, evidence is too sure of itself, and
     the difference of the cross-validated gains, block by block, has to exceed 2 sigma as well.
@@ -165,14 +165,14 @@ def rivals_of(
     return tuple(h for h in close if solve(with_chosen, h.key, h.effect, h.columns).chi2 < 0.5 * h.chi2)
 
 
-def reexamined(state: State) -> State:
+def reexamined(state: SearchState) -> SearchState:
     """Picks that have become useless dropped; those that something else explains better exchanged,
     now that the newest one has taken its share of the same joints' error."""
     coloured, picks = state.coloured(), state.picks
-    newest = _joints(state.fit, picks[-1].hypothesis)
+    newest = _joints(state.fit, picks[-1].candidate)
     for k in reversed(range(len(picks))):
         others = replace(coloured, picks=picks).without(k)
-        pick, h = picks[k], picks[k].hypothesis
+        pick, h = picks[k], picks[k].candidate
         chosen, rivals = _judged(others, h), pick.rivals
         if k < len(picks) - 1 and len(np.intersect1d(newest, _joints(others.fit, h))):
             chosen, rivals = _again(others, h)
@@ -180,13 +180,13 @@ def reexamined(state: State) -> State:
         if gain < MIN_GAIN:
             picks = others.picks
         else:
-            pick = replace(pick, hypothesis=chosen, gain=gain, rivals=rivals)
+            pick = replace(pick, candidate=chosen, gain=gain, rivals=rivals)
             picks = (*picks[:k], pick, *picks[k + 1 :])
     return state.with_picks(picks)
 
 
-def _again(others: State, old: Hypothesis) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
-    """The best hypothesis in the place of an old one, given all other picks."""
+def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candidate, ...]]:
+    """The best candidate in the place of an old one, given all other picks."""
     contenders = others.contenders()
     own = others.stage.candidates.tuned(others.fit, _judged(others, old))
     same = next((h for h in contenders if h.key == old.key), None)
@@ -200,29 +200,29 @@ def _again(others: State, old: Hypothesis) -> tuple[Hypothesis, tuple[Hypothesis
     return (own, rivals) if plain is None else (plain, rivals_of(others, plain, contenders))
 
 
-def _judged(state: State, h: Hypothesis) -> Hypothesis:
-    """The same hypothesis beside other picks."""
-    return state.stage.candidates.hypothesis(state.fit, h.key, h.effect, h.columns)
+def _judged(state: SearchState, h: Candidate) -> Candidate:
+    """The same candidate beside other picks."""
+    return state.stage.candidates.judged(state.fit, h.key, h.effect, h.columns)
 
 
-def _block_gains(state: State, hypothesis: Hypothesis) -> Array:
-    return state.stage.candidates.block_gains(state.fit, state.scaled, hypothesis)
+def _block_gains(state: SearchState, candidate: Candidate) -> Array:
+    return state.stage.candidates.block_gains(state.fit, state.scaled, candidate)
 
 
-def _joints(fit: Fit, hypothesis: Hypothesis) -> NDArray[np.intp]:
-    """On which joints a hypothesis acts."""
-    return np.flatnonzero(fit.rows.joint_sums(np.sum(hypothesis.columns**2, axis=1)) > 0.0)
+def _joints(fit: WhiteFit, candidate: Candidate) -> NDArray[np.intp]:
+    """On which joints a candidate acts."""
+    return np.flatnonzero(fit.rows.joint_sums(np.sum(candidate.columns**2, axis=1)) > 0.0)
 
 
-def _left(fit: Fit, hypothesis: Hypothesis) -> float:
-    """Residual variance (1: noise alone) where the hypothesis acts, once it is added."""
-    left = fit.residual - fit.partialled(fit.scaled(hypothesis.columns)) @ hypothesis.beta
-    joints = _joints(fit, hypothesis)
+def _left(fit: WhiteFit, candidate: Candidate) -> float:
+    """Residual variance (1: noise alone) where the candidate acts, once it is added."""
+    left = fit.residual - fit.partialled(fit.scaled(candidate.columns)) @ candidate.beta
+    joints = _joints(fit, candidate)
     noise = fit.degrees * fit.weighting.noise_variance
     return float(fit.chi2_of(left)[joints].sum() / noise[joints].sum())
 
 
-def _plain_form(chosen: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis | None:
+def _plain_form(chosen: Candidate, rivals: Sequence[Candidate]) -> Candidate | None:
     """The rival that the chosen one refines (a power law near 1: viscous friction), if there is one:
     where data do not tell them apart, the plain law is named."""
     own = [h for h in rivals if h.key[1] == chosen.key[1] and h.key[0] in chosen.effect.refines]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import Event, intervals, spectral_lines
 from sdp_vs_penalty.diagnosis.stage import Stage
-from sdp_vs_penalty.diagnosis.state import State
+from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
 from sdp_vs_penalty.signals.noise import rate_features
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
@@ -23,7 +23,7 @@ _SLOWEST_HUM = 0.8
 _FASTEST_HUM = 0.45
 
 
-def remaining(state: State) -> tuple[Remainder, tuple[Event, ...]]:
+def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     """What is left once events are set aside, and the events.
 
     Windows of too much energy are events only if they are few and nothing repeatable is left
@@ -64,7 +64,7 @@ def remaining(state: State) -> tuple[Remainder, tuple[Event, ...]]:
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
 
 
-def _hums(state: State) -> list[Event]:
+def _hums(state: SearchState) -> list[Event]:
     """One event a run for each joint in whose residual a spectral line stands.
 
     The residual is not whitened for it: an autoregression takes a sine for its own colour.

@@ -13,8 +13,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
-DiagnosisRows = SegmentedRuns
-
 
 def diagnosis_rows(
     measurements: Measurements, estimate: Estimate, settings: Preprocessing

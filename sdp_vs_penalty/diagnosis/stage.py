@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.candidates import Candidates
-from sdp_vs_penalty.diagnosis.fit import Fit, Rows, Weighting, independent
+from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
 from sdp_vs_penalty.diagnosis.library import Key, Library, build_library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -42,7 +42,7 @@ class Stage:
 
     rows: SegmentedRuns
     noise: Noise
-    labels: Rows
+    labels: RowLabels
     columns: Array
     residual: Array
     library: Library
@@ -66,14 +66,14 @@ class Stage:
         inner = [[p[ORDER:] for p in one if len(p) > 2 * ORDER] for one in self.candidates.pieces]
         return Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(map(tuple, inner)))
 
-    def fit(self, weighting: Weighting) -> Fit:
+    def fit(self, weighting: Weighting) -> WhiteFit:
         """The model alone, fitted to its weighted white residual."""
-        return Fit.of(self.labels, *self._white_model, weighting)
+        return WhiteFit.of(self.labels, *self._white_model, weighting)
 
     @cached_property
     def _white_model(self) -> tuple[Array, Array]:
         columns, target = white_rows(self.rows, self.noise, self.columns, self.residual)
-        return independent(columns), target
+        return orthonormal(columns), target
 
     def residual_beside(self, effects: Sequence[Effect]) -> Array:
         """(M, n) what the model leaves, not whitened, when it has these effects as well."""
@@ -142,7 +142,7 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
     return out
 
 
-def label_rows(rows: SegmentedRuns) -> Rows:
+def label_rows(rows: SegmentedRuns) -> RowLabels:
     """Blocks of equal length within runs; folds: whole runs, or phases of the one run's period."""
     run, t = rows.run, rows.t
     spans = [t[run == r][-1] - t[run == r][0] for r in np.unique(run)]
@@ -161,7 +161,7 @@ def label_rows(rows: SegmentedRuns) -> Rows:
         fold = phase_folds(rows)
     _, block = np.unique(block, return_inverse=True)
     seen = [sum(max(len(p) - ORDER, 0) for p in rows.pieces(j)) for j in range(rows.n)]
-    return Rows(rows.n, block, fold, np.array(seen, float))
+    return RowLabels(rows.n, block, fold, np.array(seen, float))
 
 
 def phase_folds(rows: SegmentedRuns) -> NDArray[np.intp]:

@@ -252,7 +252,7 @@ def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None
 
     def pick(joints: tuple[int, ...], whole: bool = False) -> Any:
         return SimpleNamespace(
-            hypothesis=SimpleNamespace(effect=SimpleNamespace(joints=joints, whole_robot=whole))
+            candidate=SimpleNamespace(effect=SimpleNamespace(joints=joints, whole_robot=whole))
         )
 
     before, after = np.array([1.0, 1.0, 1.0]), np.array([1.0, 0.9, 1.1])
