@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_torque
+from sdp_vs_penalty.signals.segments import segmented
 
 if TYPE_CHECKING:
     import pandas
@@ -62,10 +64,13 @@ def compare(
     models: Estimate | Sequence[Estimate] | Mapping[str, Estimate],
     measurements: Measurements,
     preprocessing: Preprocessing | None = None,
+    *,
+    noise_from: Measurements | None = None,
 ) -> list[Comparison]:
     """Compare one or several models with the same measurements.
 
     All models are judged behind the same filters: those of the first model, or ``preprocessing``.
+    noise_from : the runs whose repetition shows the noise floor (default: the measurements).
     Raises InputError where a model and the measurements have different numbers of joints.
     """
     if isinstance(models, Estimate):
@@ -77,6 +82,7 @@ def compare(
     settings = preprocessing or next(iter(models.values())).preprocessing
     settings = settings.resolve(measurements)
     assert settings.torque_cutoff is not None
+    repeated = segmented(measurements if noise_from is None else noise_from, settings)
     out = []
     for name, model in models.items():
         if model.robot.n != measurements.n:
@@ -95,9 +101,7 @@ def compare(
         with np.errstate(divide="ignore", invalid="ignore"):
             r2 = np.where(torque.var(axis=0) > 0.0, 1.0 - mse / torque.var(axis=0), np.nan)
             relative = 100.0 * np.linalg.norm(error) / np.linalg.norm(torque)
-        floor = noise_floor(
-            [(rows.motion.t, rows.motion.q, r) for rows, r in zip(runs, residuals, strict=True)]
-        )
+        floor = noise_floor(with_estimate(repeated, model))
         out.append(
             Comparison(name, np.sqrt(mse), mse, r2, floor, float(relative), settings.torque_cutoff)
         )

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.stage import label_rows
-from sdp_vs_penalty.diagnosis.whitening import noise_of
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 
 Array = NDArray[np.float64]
 
@@ -77,19 +78,58 @@ class JointFailure:
         }
 
 
+#: A quantity is named as what the error depends on where it explains this share, at most so many.
+_NAMED_SHARE, _MOST_NAMED = 0.05, 3
+#: Times by which the error near reversals has to be larger than elsewhere to be worth a sentence.
+_NAMED_LIFT = 1.3
+
+
+def dependences(failure: JointFailure) -> list[tuple[str, float]]:
+    """The quantities that the error depends on most, with the share that each explains."""
+    best = sorted(failure.shares.items(), key=lambda item: -item[1])[:_MOST_NAMED]
+    return [(name, share) for name, share in best if share >= _NAMED_SHARE]
+
+
+def sentences(failure: JointFailure, unit: str) -> list[str]:
+    """Where one joint's error is large, in words; unit : of its torque."""
+    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in dependences(failure)]
+    if named:
+        listed = named[0] if len(named) == 1 else f"{', '.join(named[:-1])} and {named[-1]}"
+        out = [f"The error depends most on {listed}."]
+    else:
+        out = [f"No smooth function of the motion explains {100.0 * _NAMED_SHARE:.0f} % of the error."]
+    if failure.reversal_lift >= _NAMED_LIFT:
+        out.append(
+            f"Within {_NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
+            "large as elsewhere."
+        )
+    if failure.orders:
+        waves = ", ".join(f"{k} ({a:.2g} {unit}, {r:.0f}x)" for k, a, r in failure.orders)
+        out.append(f"Waves per revolution (amplitude, that over its surroundings): {waves}.")
+    return out
+
+
 def _number(x: float) -> float | None:
     return x if np.isfinite(x) else None
 
 
 def where_it_fails(
-    estimate: Estimate, measurements: Measurements, preprocessing: Preprocessing | None = None
+    estimate: Estimate,
+    measurements: Measurements,
+    preprocessing: Preprocessing | None = None,
+    *,
+    noise_from: Measurements | None = None,
 ) -> list[JointFailure]:
-    """One JointFailure a joint. Raises InputError where the measurements are not of this robot."""
+    """One JointFailure a joint; noise_from : as in :func:`~.comparison.compare`.
+
+    Raises InputError where the measurements are not of this robot.
+    """
     estimate.require_joints(measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
-    noise = noise_of(rows, rows.dense_residuals, residual)
+    repeated = rows if noise_from is None else with_estimate(segmented(noise_from, settings), estimate)
+    floors = noise_floor(repeated)
     labels = label_rows(rows)
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)
@@ -99,7 +139,7 @@ def where_it_fails(
     for j in range(rows.n):
         error = residual[:, j] - residual[keep, j].mean()
         rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))
-        floor = float(noise.floor[j]) if noise.source == "repetition" else None
+        floor = None if floors is None else float(floors[j])
         explainable = None if floor is None or rmse == 0.0 else max(0.0, 1.0 - (floor / rmse) ** 2)
         full = [_full_rate(m, s, j) for m, s in _pairs(measurements, rows)]
         lift, asymmetry = _reversals(states["velocity"][:, j], error, rows, keep)
@@ -120,7 +160,7 @@ def where_it_fails(
     return out
 
 
-def _states(rows: DiagnosisRows) -> dict[str, Array]:
+def _states(rows: SegmentedRuns) -> dict[str, Array]:
     def stack(name: str) -> Array:
         return np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
 
@@ -188,7 +228,7 @@ def _held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> fl
 
 
 def _reversals(
-    velocity: Array, error: Array, rows: DiagnosisRows, keep: NDArray[np.bool_]
+    velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
 ) -> tuple[float, float]:
     """RMS near velocity reversals over elsewhere, and its asymmetry from before to after."""
     turn = np.flatnonzero(
@@ -211,12 +251,12 @@ def _reversals(
     return float(near / rms_apart), (rms_after - rms_before) / max(rms_after + rms_before, 1e-300)
 
 
-def _pairs(measurements: Measurements, rows: DiagnosisRows) -> list[tuple[Measurements, Any]]:
+def _pairs(measurements: Measurements, rows: SegmentedRuns) -> list[tuple[Measurements, Segment]]:
     runs = measurements.runs()
     return [(runs[s.run], s) for s in rows.segments]
 
 
-def _full_rate(run: Measurements, segment: Any, j: int) -> tuple[Array, Array, float]:
+def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Array, float]:
     """Angle (N,), residual (N,) at the log's rate, and that rate."""
     motion = segment.motion
     inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])

@@ -87,7 +87,7 @@ def _show(report: Report) -> None:
         f"[bold]{escape(report.run)}[/bold]: {len(report.problems)} problem(s); {verdict}",
         soft_wrap=True,
     )
-    for f in report.findings:
+    for f in report.issues:
         word = f"[{colours[f.severity]}]{f.severity}[/]"
         out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
         fixed = " (--fix does it)" if f.repair is not None else ""

@@ -41,7 +41,8 @@ def verb(
     names = [joint.name for joint in estimate.robot.joints]
     measurements = load_measurements(*data, start=start, stop=stop, names=names)
     results = compare_models(estimates, measurements)
-    failures = where_it_fails(estimate, measurements)
+    oldest = next(iter(estimates.values()))
+    failures = where_it_fails(estimate, measurements, oldest.preprocessing)
     if json_file is not None:
         content = {
             "models": [result.to_dict() for result in results],
