@@ -200,12 +200,28 @@ def test_a_tilt_is_told_in_degrees() -> None:
     assert tilt.remark(0.1712) == "Here: 1 degrees."
 
 
-def test_coupling_without_i_is_with_the_joint_before_and_for_the_first_with_the_one_after() -> None:
+@pytest.mark.parametrize(
+    ("text", "pairs"),
+    [
+        ("joint_coupling", [(0, 1), (1, 0), (2, 1)]),  # the joint before, after the first
+        ("joint_coupling@i=1", [(1, 0), (2, 0)]),
+        ("joint_coupling:1@i=3", [(0, 2)]),
+    ],
+)
+def test_coupling_is_with_the_joint_that_is_named(text: str, pairs: list[tuple[int, int]]) -> None:
     robot = robots()["arm"]
     motion = steady_motion(robot)
-    columns = wide_columns(effect_types()["joint_coupling"](robot), motion)
-    for joint, other in ((0, 1), (1, 0), (2, 1)):
-        np.testing.assert_array_equal(columns[joint, :, joint], motion.dq[:, other])
+    (effect,) = parse_effects(text, robot)
+    columns = wide_columns(effect, motion)
+    assert list(effect.joints) == [joint for joint, _ in pairs]
+    for k, (joint, other) in enumerate(pairs):
+        np.testing.assert_array_equal(columns[joint, :, k], motion.dq[:, other])
+
+
+def test_a_search_couples_neighbours() -> None:
+    coupling = effect_types()["joint_coupling"]
+    for joint, partners in ((0, {2.0}), (1, {1.0, 3.0}), (2, {2.0})):
+        assert {s["i"] for s in coupling.starts(robots()["arm"], joint)} == partners
 
 
 @pytest.mark.parametrize(
