@@ -31,9 +31,10 @@ def load_measurements(
     parts = []
     for path in map(Path, paths):
         part = read_run(path, joints, names)
-        _check(path, part)
+        word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
+        check_usable(path, part, word, first)
         parts.append(part)
-    _refuse_twice(paths, parts)
+    refuse_twice(paths, parts)
     whole = parts[0] if len(parts) == 1 else concatenate(parts)
     if start > 0.0 or np.isfinite(stop):
         for run in whole.runs():
@@ -74,7 +75,7 @@ def read_run(
     return part
 
 
-def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
+def refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
     """The same samples again would count as a repetition without noise."""
     if len(parts) < 2:  # nothing to compare with: no need to hash the samples
         return
@@ -85,11 +86,13 @@ def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) ->
             raise InputError(f"{path}: holds the same samples as {paths[other]}: name each run once.")
 
 
-def _check(path: Path, m: Measurements) -> None:
-    """InputError for what makes a run useless: too short, not finite, a clock that does not run."""
+def check_usable(path: str | Path, m: Measurements, word: str = "sample", first: int = 1) -> None:
+    """InputError for what makes a run useless: too short, not finite, a clock that does not advance.
+
+    path : what messages call the run; word, first : how they count its samples.
+    """
     if len(m.t) < 2:
         raise InputError(f"{path}: the run has {len(m.t)} sample(s): record longer.")
-    word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
     for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
         if values is None:
             continue

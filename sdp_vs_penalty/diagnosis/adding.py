@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.library import SEVERAL
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
@@ -19,10 +21,11 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, certify, covariance, versions
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
-from sdp_vs_penalty.problem.load import load_problem, problem_names
+from sdp_vs_penalty.problem.load import as_problem, load_problem, problem_names
 from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
@@ -31,18 +34,19 @@ Array = NDArray[np.float64]
 
 
 def add(
-    estimate: Estimate,
+    estimate: Estimate | str | Path,
     effect: str,
-    measurements: Measurements,
+    measurements: Source,
     *,
-    problem: Problem | None = None,
+    problem: str | Path | Problem | None = None,
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Estimate:
     """The model with an effect more, identified again by its own method under all constraints.
 
-    estimate : the model to extend; measurements : the runs to identify it from again.
+    estimate : the model to extend, or its model.json; measurements : the runs to identify it from
+    again, whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes.
     effect : ``name[:joints][@shape=value]``, several separated by commas; a shape constant that is
     not given is estimated, joint by joint. problem : whose bounds hold (default: the estimate's, or
     the stated defaults for a robot that came as a URDF). frozen : keep all other parameters, which
@@ -50,8 +54,15 @@ def add(
     text of where the work stands.
     Raises InputError for an effect that the model already has, or that cannot act.
     """
+    estimate = as_estimate(estimate, "add(estimate=...)")
+    measurements = as_measurements(
+        measurements, names=estimate.robot.joint_names, what="add(measurements=...)"
+    )
     estimate.require_joints(measurements)
-    problem = _problem_of(estimate) if problem is None else replace(problem, robot=estimate.robot)
+    if problem is None:
+        problem = _problem_of(estimate)
+    else:
+        problem = replace(as_problem(problem, "add(problem=...)"), robot=estimate.robot)
     wanted = parse_effects(effect, estimate.robot)
     if not wanted:
         raise InputError("No effect to add: name one, such as presliding_hysteresis:7.")

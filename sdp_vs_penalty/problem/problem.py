@@ -22,6 +22,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
@@ -46,8 +47,8 @@ class CentreOfMassCone:
     slope: float
 
 
-@dataclass(frozen=True)
-class Problem:
+@dataclass(frozen=True, repr=False)
+class Problem(Shown):
     """What is known of a robot before anything is measured.
 
     box : (n, 10, 2) lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about
@@ -76,6 +77,15 @@ class Problem:
         if self.effects is not None:
             return self.effects
         return DEFAULT_EFFECTS + (("rotor_inertia",) if self.torque_side == "motor" else ())
+
+    def _summary(self) -> Summary:
+        joints = [f"{j.name} ({j.kind})" for j in self.robot.joints]
+        gravity = ", ".join(f"{x:.4g}" for x in self.robot.gravity)
+        return f"Problem: {self.name}, {self.title}", [
+            ("joints", f"{len(joints)}: {', '.join(joints)}"),
+            ("torque", f"measured on the {self.torque_side} side; gravity ({gravity}) m/s^2"),
+            ("default effects", ", ".join(self.default_effects)),
+        ]
 
     def model(self, effects: str | Sequence[str] | Sequence[Effect] | None = None) -> Model:
         """The model of this robot with effects given by name, as objects, or the defaults."""

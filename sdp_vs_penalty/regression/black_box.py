@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -175,6 +176,14 @@ def load_configurations(path: str | Path, joints: int) -> Array:
     if q.shape[1] != joints or not np.all(np.isfinite(q)):
         raise InputError(f"{path}: {q.shape[1]} finite numbers a line where {joints} are needed.")
     return q
+
+
+def as_black_box(source: Any, joints: int | None = None) -> BlackBox | None:
+    """The black box in a path, or a list of one; None for anything else."""
+    paths = source if isinstance(source, list | tuple) else [source]
+    if not all(isinstance(path, str | Path) for path in paths):
+        return None
+    return load_answers(paths, joints)
 
 
 def load_answers(paths: Sequence[str | Path], joints: int | None = None) -> BlackBox | None:

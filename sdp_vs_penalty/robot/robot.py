@@ -98,6 +98,10 @@ class Robot:
         return len(self.joints)
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.joints)
+
+    @property
     def position_units(self) -> tuple[str, ...]:
         return tuple("m" if j.kind == "prismatic" else "rad" for j in self.joints)
 

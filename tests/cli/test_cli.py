@@ -71,7 +71,7 @@ def assert_one_sentence(err: str, *words: str) -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="no resource usage of children")
 def test_help_answers_at_once() -> None:
-    """Under half a second of processor time, so that a busy machine does not fail the test."""
+    """The promise; 0.05 s of processor time on the machine where this was written."""
     import resource
 
     seconds = []
@@ -81,7 +81,7 @@ def test_help_answers_at_once() -> None:
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert "identify" in result.stdout
-    assert min(seconds) < 0.5
+    assert min(seconds) < 0.2
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -99,7 +99,7 @@ def test_help_imports_nothing_heavy() -> None:
 def test_help_of_every_verb_has_an_example(run: Run, verb: str) -> None:
     code, out, _ = run(verb, "--help")
     assert code == 0
-    assert f"Example: sdp-vs-penalty {verb}" in out
+    assert f"Example:\n  sdp-vs-penalty {verb}" in out
 
 
 def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
     run = some_run(2)
     path, out = tmp_path / "data.mat", tmp_path / "run.csv"
     savemat(path, {"time": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
-    with pytest.raises(InputError, match=r"q or tau \(there are: force, gain, qm, time\)"):
+    with pytest.raises(InputError, match=r"q or tau \(columns: force, gain, qm, time\)"):
         load_measurements(path)
     assert run_cli("convert", path, "--out", out, "--rename", "t=time,q=qm,tau=force") == 0
     assert load_measurements(out).data_hash == run.data_hash
@@ -114,7 +114,7 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(
     savemat(path, {"t": run.t, "qm": run.q, "force": run.tau})
     assert run_cli("identify", "emps", "--data", path, "--out", tmp_path / "model.json") == 2
     said = capsys.readouterr().err
-    assert "nothing is called q or tau (there are: force, qm, t)" in said
+    assert "no column q or tau (columns: force, qm, t)" in said
     (command,) = re.findall("`sdp-vs-penalty (.*)`", said)
     words = command.replace("q=NAME", "q=qm").replace("tau=NAME", "tau=force").split()
     words[-1] = str(tmp_path / words[-1])
@@ -270,7 +270,7 @@ def test_hdf5_and_other_matlab_surprises(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="q 2, tau 3"):
         load_measurements(path)
     savemat(path, {"t": np.arange(4.0), "q": np.zeros((4, 2)) * 1j, "tau": np.zeros((4, 2))})
-    with pytest.raises(InputError, match="nothing is called q "):
+    with pytest.raises(InputError, match="no column q "):
         load_measurements(path)
 
 

@@ -35,7 +35,7 @@ def verb(
 ) -> None:
     """Add an effect to a model and identify it again, under all constraints.
 
-    Example: [cyan]sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json[/cyan]
+    Example: sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis import add as run

@@ -24,7 +24,7 @@ def verb(
 ) -> None:
     """Score diagnose on simulated measurements with hidden effects.
 
-    Example: [cyan]sdp-vs-penalty challenge --cases 20 --seed 0[/cyan]
+    Example: sdp-vs-penalty challenge --cases 20 --seed 0
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.simulation.challenge.challenge import run_challenge

@@ -39,7 +39,7 @@ def verb(
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
     Exit code 1 where to identify would be meaningless.
-    Example: [cyan]sdp-vs-penalty check run.csv --problem panda --fix mended.csv[/cyan]
+    Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
     """
     from sdp_vs_penalty.check import check
     from sdp_vs_penalty.cli import console

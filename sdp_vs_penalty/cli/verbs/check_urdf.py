@@ -28,7 +28,8 @@ def verb(
 ) -> None:
     """Check the inertials of a URDF: which bodies cannot exist, by how much, and the nearest that can.
 
-    Exit code 1 where one cannot. Example: [cyan]sdp-vs-penalty check-urdf robot.urdf[/cyan]
+    Exit code 1 where one cannot.
+    Example: sdp-vs-penalty check-urdf robot.urdf
     """
     from sdp_vs_penalty.check.urdf import check_urdf, massless_links, write_nearest
     from sdp_vs_penalty.cli import console

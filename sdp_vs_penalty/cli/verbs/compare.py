@@ -26,7 +26,7 @@ def verb(
 ) -> None:
     """Compare models with runs: each joint's error beside the noise, where the last model fails.
 
-    Example: [cyan]sdp-vs-penalty compare model.json --data test.csv --json out.json[/cyan]
+    Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.files import load_measurements

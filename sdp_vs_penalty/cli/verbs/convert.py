@@ -46,7 +46,7 @@ def verb(
 ) -> None:
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
 
-    Example: [cyan]sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv[/cyan]
+    Example: sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import read_run, save

@@ -31,7 +31,7 @@ def verb(
 ) -> None:
     """Name the physical effects that a model misses.
 
-    Example: [cyan]sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv[/cyan]
+    Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis import diagnose as run

@@ -30,15 +30,15 @@ def verb(
 ) -> None:
     """Optimise an exciting trajectory within the robot's limits. It does not look at collisions.
 
-    Example: [cyan]sdp-vs-penalty excite panda --out trajectory.csv[/cyan]
+    Example: sdp-vs-penalty excite panda --out trajectory.csv
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.estimation.excitation import optimise_excitation, save_trajectory
+    from sdp_vs_penalty.estimation.excitation import excite, save_trajectory
     from sdp_vs_penalty.problem.load import load_problem
 
     robot = load_problem(problem)
     with console.progress("excitation") as progress:
-        found = optimise_excitation(
+        found = excite(
             robot,
             objective=objective,
             harmonics=harmonics,

@@ -33,7 +33,7 @@ def verb(
 ) -> None:
     """Take a model to a simulator or a controller; refuses an inertial that is physically impossible.
 
-    Example: [cyan]sdp-vs-penalty export model.json --out robot.urdf[/cyan]
+    Example: sdp-vs-penalty export model.json --out robot.urdf
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.estimation.estimate import load_estimate

@@ -23,7 +23,7 @@ def verb(
 ) -> None:
     """Write the identification SDP as a file for a solver that is not in the list.
 
-    Example: [cyan]sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf[/cyan]
+    Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.export.sdp import export_sdp as write

@@ -25,7 +25,7 @@ def verb(
 ) -> None:
     """Download public measurements and write them as RUN.csv files; prints their paths.
 
-    Example: [cyan]sdp-vs-penalty fetch emps[/cyan]
+    Example: sdp-vs-penalty fetch emps
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.datasets import DATASETS, cache_folder, dataset

@@ -33,7 +33,7 @@ def verb(
 ) -> None:
     """Draw the paper's figures as PNG and PDF, with simulated and, where at hand, measured data.
 
-    Example: [cyan]sdp-vs-penalty figures 1 10 --out results[/cyan]
+    Example: sdp-vs-penalty figures 1 10 --out results
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.figures import make_figures

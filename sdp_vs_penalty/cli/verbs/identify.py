@@ -45,7 +45,7 @@ def verb(
     """Identify a robot's dynamic parameters from measured runs.
 
     The cheap part of `check` runs first: its errors stop the identification (exit code 2).
-    Example: [cyan]sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json[/cyan]
+    Example: sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import load_measurements

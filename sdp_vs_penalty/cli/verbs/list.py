@@ -31,7 +31,7 @@ def verb(
 ) -> None:
     """List the names that the other verbs take, or say all about one of them.
 
-    Example: [cyan]sdp-vs-penalty list effects presliding_hysteresis[/cyan]
+    Example: sdp-vs-penalty list effects presliding_hysteresis
     """
     from sdp_vs_penalty.cli import console, registry
 

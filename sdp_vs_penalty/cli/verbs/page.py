@@ -28,7 +28,7 @@ def verb(
     """Open the workbench: a local page to identify, diagnose, add effects and take the model away.
 
     It is served to this computer only, and asks nobody for anything.
-    Example: [cyan]sdp-vs-penalty page measurements --port 8200 --no-browser[/cyan]
+    Example: sdp-vs-penalty page measurements --port 8200 --no-browser
     """
     try:
         from sdp_vs_penalty.page.server import serve

@@ -37,7 +37,7 @@ def verb(
 ) -> None:
     """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.
 
-    Example: [cyan]sdp-vs-penalty report model.json model2.json --data test.csv --out report.html[/cyan]
+    Example: sdp-vs-penalty report model.json model2.json --data test.csv --out report.html
     """
 
     from sdp_vs_penalty.cli import console

@@ -47,7 +47,7 @@ def verb(
 ) -> None:
     """Run SDP solvers on identification problems and judge each answer by a proved interval.
 
-    Example: [cyan]sdp-vs-penalty shootout --quick --out shootout[/cyan]
+    Example: sdp-vs-penalty shootout --quick --out shootout
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout import runner, summary

@@ -33,7 +33,7 @@ def verb(
 ) -> None:
     """Simulate runs in which an effect is hidden; truth.json says which.
 
-    Example: [cyan]sdp-vs-penalty simulate panda --hide stribeck_friction:3 --seed 7 --out DIR[/cyan]
+    Example: sdp-vs-penalty simulate panda --hide stribeck_friction:3 --seed 7 --out DIR
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import save

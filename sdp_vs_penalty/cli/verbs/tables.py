@@ -37,7 +37,7 @@ def verb(
 ) -> None:
     """Regenerate the paper's comparison tables.
 
-    Example: [cyan]sdp-vs-penalty tables III --out results[/cyan]
+    Example: sdp-vs-penalty tables III --out results
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.tables import all_tables, make_tables
