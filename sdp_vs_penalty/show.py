@@ -69,7 +69,9 @@ def words(items: Sequence[object]) -> str:
 
 
 def joints(numbers: Sequence[int]) -> str:
-    """ "joint 4", "joints 2 and 5" from numbers that count from 1."""
+    """ "joint 4", "joints 2 and 5", "joints 1 to 4" from numbers that count from 1."""
+    if len(numbers) > 2 and list(numbers) == list(range(numbers[0], numbers[-1] + 1)):
+        return f"joints {numbers[0]} to {numbers[-1]}"
     return f"joint{'s' if len(numbers) > 1 else ''} {words(numbers)}"
 
 

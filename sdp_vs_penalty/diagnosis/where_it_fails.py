@@ -80,6 +80,37 @@ class JointFailure:
         }
 
 
+#: A quantity is named as what the error depends on where it explains this share, at most so many.
+_NAMED_SHARE, _MOST_NAMED = 0.05, 3
+#: Times by which the error near reversals has to be larger than elsewhere to be worth a sentence.
+_NAMED_LIFT = 1.3
+
+
+def dependences(failure: JointFailure) -> list[tuple[str, float]]:
+    """The quantities that the error depends on most, with the share that each explains."""
+    best = sorted(failure.shares.items(), key=lambda item: -item[1])[:_MOST_NAMED]
+    return [(name, share) for name, share in best if share >= _NAMED_SHARE]
+
+
+def sentences(failure: JointFailure, unit: str) -> list[str]:
+    """Where one joint's error is large, in words; unit : of its torque."""
+    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in dependences(failure)]
+    if named:
+        listed = named[0] if len(named) == 1 else f"{', '.join(named[:-1])} and {named[-1]}"
+        out = [f"The error depends most on {listed}."]
+    else:
+        out = [f"No smooth function of the motion explains {100.0 * _NAMED_SHARE:.0f} % of the error."]
+    if failure.reversal_lift >= _NAMED_LIFT:
+        out.append(
+            f"Within {_NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
+            "large as elsewhere."
+        )
+    if failure.orders:
+        waves = ", ".join(f"{k} ({a:.2g} {unit}, {r:.0f}x)" for k, a, r in failure.orders)
+        out.append(f"Waves per revolution (amplitude, that over its surroundings): {waves}.")
+    return out
+
+
 def _number(x: float) -> float | None:
     return x if np.isfinite(x) else None
 

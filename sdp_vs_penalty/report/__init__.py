@@ -55,15 +55,19 @@ def report(
     commands : how it was made, for its last section; progress : called with a short text.
     Raises InputError where models and measurements do not belong together, or plotly is missing.
     """
-    out = Path(out)
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{out}: the report is an HTML file: choose a name that ends in .html.")
+    check_name(Path(out))
     named = as_estimates(models, "report(models=...)")
     names = next(iter(named.values())).robot.joint_names
     runs = as_measurements(measurements, names=names, what="report(measurements=...)")
     bounds = None if problem is None else as_problem(problem, "report(problem=...)")
     made = make_report(named, runs, problem=bounds, commands=commands, progress=progress)
     write_text(out, made)
+
+
+def check_name(out: Path) -> None:
+    """InputError for a file to write that is no HTML file."""
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{out}: the report is an HTML file: choose a name that ends in .html.")
 
 
 def make_report(

@@ -37,10 +37,7 @@ class SimulatedRuns(show.Shown):
         Raises InputError where the folder holds runs that were not written here.
         """
         folder = Path(folder)
-        if not (folder / "truth.json").exists():  # else the folder is one that was written here
-            for name in RUN_FILES:
-                if (folder / name).exists():
-                    raise InputError(f"{folder}: {name} exists already: name another folder.")
+        refuse_foreign(folder)
         for name, run in zip(RUN_FILES, (*self.train, self.test), strict=True):
             save(run, folder / name)
         write_text(folder / "truth.json", json.dumps(self.truth, indent=1) + "\n")
@@ -52,6 +49,14 @@ class SimulatedRuns(show.Shown):
             ("test", f"1 run of {length:.3g} s"),
             ("model's effects", ", ".join(self.truth["model_effects"])),
         ]
+
+
+def refuse_foreign(folder: Path) -> None:
+    """InputError where a folder holds runs that :meth:`SimulatedRuns.save` did not write."""
+    if not (folder / "truth.json").exists():  # else the folder is one that was written here
+        for name in RUN_FILES:
+            if (folder / name).exists():
+                raise InputError(f"{folder}: {name} exists already: name another folder.")
 
 
 def simulate(

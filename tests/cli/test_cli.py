@@ -99,7 +99,7 @@ def test_help_imports_nothing_heavy() -> None:
 def test_help_of_every_verb_has_an_example(run: Run, verb: str) -> None:
     code, out, _ = run(verb, "--help")
     assert code == 0
-    assert f"Example:\n  sdp-vs-penalty {verb}" in out
+    assert f"Example:\n    sdp-vs-penalty {verb}" in out
 
 
 def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Pat
     hide = ("simulate", "two_link", "--hide", "joint_spring:1", "--out")
     code, _, err = run(*hide, own)
     assert code == 2
-    assert_one_sentence(err, "run2.csv is there already", "another folder")
+    assert_one_sentence(err, "run2.csv exists already", "another folder")
     assert [path.name for path in own.iterdir()] == ["run2.csv"]
     assert (own / "run2.csv").read_text() == "mine"
     for _ in range(2):

@@ -82,7 +82,7 @@ def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture
             second = tmp_path / f"b{target}"
             assert run_cli("convert", first, "--out", second) == 0
             same(run, load_measurements(second))
-    assert "50 samples of 3 joint(s), velocities" in capsys.readouterr().out
+    assert "50 samples of 3 joints, velocities" in capsys.readouterr().out
 
 
 def run_cli(*arguments: object) -> int:

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.arguments import bounds_for
-from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Seed, Test, TestWindow, Window
+from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Model, Seed, Test, TestWindow, Window
 from sdp_vs_penalty.cli.runs import runs_for
-
-if TYPE_CHECKING:
-    pass
 
 
 def verb(
-    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify or add.")],
+    model: Model,
     effect: Annotated[
         str,
-        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Several: separated by commas."),
+        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Effects, separated by commas."),
     ],
     data: Data,
     out: Annotated[Path, typer.Option(metavar="model2.json", help="File to write the model to.")],
     test: Test = None,
     frozen: Frozen = False,
     problem: Annotated[
-        str | None, typer.Option(help="Whose bounds hold; default: the model's own problem.")
+        str | None,
+        typer.Option(help="Problem that supplies the bounds; default: the model's own."),
     ] = None,
     window: Window = None,
     test_window: TestWindow = None,
@@ -58,8 +56,8 @@ def verb(
         judge = measurements if held_out is None else held_out
         before, after = compare({"before": estimate, "after": bigger}, judge)
         bigger.save(out)
-    for e in bigger.model.effects[len(estimate.model.effects) :]:
-        console.out.print(f"added: {e.text}", markup=False)
     what = "the training data" if test is None else str(test)
-    printing.before_after(before.rmse, after.rmse, after.noise_floor, estimate.robot.torque_units, what)
-    console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+    printing.before_after(before, after, estimate.robot.torque_units, what)
+    for e in bigger.model.effects[len(estimate.model.effects) :]:
+        console.say(f"added: {e.text}")
+    console.written(out)

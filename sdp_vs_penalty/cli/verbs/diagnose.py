@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import json
-import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
-
-from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Seed, Test, TestWindow, Window
+from sdp_vs_penalty.cli.options import (
+    Data,
+    Debug,
+    Frozen,
+    Model,
+    Seed,
+    Test,
+    TestWindow,
+    Verbose,
+    Window,
+    json_option,
+)
 from sdp_vs_penalty.cli.runs import runs_for
-
-if TYPE_CHECKING:
-    pass
 
 
 def verb(
-    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify.")],
+    model: Model,
     data: Data,
     test: Test = None,
     frozen: Frozen = False,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="findings.json", help="Write the findings there.")
-    ] = None,
+    json_file: Annotated[Path | None, json_option("findings")] = None,
     window: Window = None,
     test_window: TestWindow = None,
     seed: Seed = 0,
+    verbose: Verbose = False,
     debug: Debug = False,
 ) -> None:
-    """Name the physical effects that a model misses.
+    """Name the physical effects that a model is missing.
 
     Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
     """
@@ -47,15 +51,14 @@ def verb(
     options += [] if test is None else ["--test", str(test)]
     options += [] if test_window is None else ["--test-window", test_window]
     options += ["--frozen"] if frozen else []
-
-    def add_command(effects: str) -> str:
-        words = ["sdp-vs-penalty", "add", str(model), effects, *options]
-        return shlex.join([*words, "--out", str(_next_to(model))])
-
-    printing.diagnosis(result, estimate.robot.torque_units, add_command)
+    add: list[str] = []
+    if result.effects:
+        effects = ",".join(f.text for f in printing.worth_showing(result.effects))
+        add = ["add", str(model), effects, *options, "--out", str(_next_to(model))]
+    printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
-        console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+        console.written(json_file)
 
 
 def _next_to(model: Path) -> Path:
