@@ -109,8 +109,8 @@ def check(
         )
     if measurements.n != problem.robot.n:
         raise InputError(
-            f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "
-            f"{problem.robot.n}: choose the problem that belongs to the file."
+            f"The measurements have {show.count(measurements.n, 'joint')}, the robot {problem.name} "
+            f"has {problem.robot.n}: choose the problem that belongs to the file."
         )
     settings = preprocessing or problem.preprocessing
     return [_check_run(problem, run, settings, thorough) for run in measurements.runs()]
@@ -131,7 +131,7 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
                 "error",
                 "the run",
                 f"{what or remedy}.",
-                "certain: the filters cannot be filled",
+                "certain: the filters need more",
                 remedy if what else "record a longer motion",
             )
         )
@@ -169,7 +169,7 @@ class _Work:
     def check_content(self, thorough: bool) -> float | None:
         """Everything behind the clock; returns what stays unexplained, None where nothing moves."""
         if len(self.run.t) < 10:
-            raise InputError(f"{self.run.names[0]}: only {len(self.run.t)} row(s) are usable.")
+            raise InputError(f"{self.run.names[0]}: fewer than 10 usable rows: record longer.")
         moving = _moving_joints(self.run)
         if not moving.any():
             self.mend(signals.no_motion())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,8 +62,8 @@ def bounds_for(robot: Robot, problem: str | None) -> Problem | None:
     named = load_problem(problem)
     if named.robot.n != robot.n:
         raise InputError(
-            f"--problem {problem}: it has {named.robot.n} joint(s), the model {robot.n}: name the "
-            "problem of the model's robot."
+            f"--problem {problem}: it has {show.count(named.robot.n, 'joint')}, the model {robot.n}: "
+            "name the problem of the model's robot."
         )
     return named
 

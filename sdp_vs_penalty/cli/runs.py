@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.cli.arguments import time_window
 from sdp_vs_penalty.errors import InputError
 
@@ -33,8 +34,8 @@ def runs_for(
     for given in (runs, held_out):
         if given is not None and given.n != robot.n:
             raise InputError(
-                f"{given.names[0]}: the file has {given.n} joint(s), the model {robot.n}: choose the "
-                "model that belongs to it."
+                f"{given.names[0]}: the file has {show.count(given.n, 'joint')}, the model "
+                f"{robot.n}: choose the model that belongs to it."
             )
         if given is not None:
             check_plausible(robot, given)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
@@ -69,8 +70,8 @@ def read_run(
     part: Measurements = home.read(path, Choice(names, topic, rename))
     if joints is not None and part.n != joints:
         raise InputError(
-            f"{path}: the file has {part.n} joint(s), the robot has {joints}: "
-            "choose the problem that belongs to this file."
+            f"{path}: the file has {show.count(part.n, 'joint')}, the robot has {joints}: choose the "
+            "problem that belongs to this file."
         )
     return part
 
@@ -92,7 +93,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     path : what messages call the run; word, first : how they count its samples.
     """
     if len(m.t) < 2:
-        raise InputError(f"{path}: the run has {len(m.t)} sample(s): record longer.")
+        raise InputError(f"{path}: the run has {show.count(len(m.t), 'sample')}: record longer.")
     for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
         if values is None:
             continue
@@ -110,8 +111,8 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
         how = "repeats" if steps[row] == 0 else "runs backwards"
         raise InputError(
             f"{path}: {word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
-            f"{m.t[row + 1]:.6g} s; {int(np.sum(steps <= 0))} such {word}(s)): delete them, or cut the "
-            "file there."
+            f"{m.t[row + 1]:.6g} s; {show.count(int(np.sum(steps <= 0)), f'such {word}')}): delete "
+            "them, or cut the file there."
         )
 
 

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.files import check_usable, load_measurements, read_run, refuse_twice
 from sdp_vs_penalty.data.formats.columns import from_columns
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
@@ -67,8 +68,8 @@ def _one(
     run = from_columns(f"run{number}", columns, None, remedy=_REMEDY, what=what)
     if joints is not None and run.n != joints:
         raise InputError(
-            f"{what}: the arrays have {run.n} joint(s), the robot has {joints}: choose the problem that "
-            "belongs to them."
+            f"{what}: the arrays have {show.count(run.n, 'joint')}, the robot has {joints}: choose "
+            "the problem that belongs to them."
         )
     if usable:
         check_usable(run.names[0], run)

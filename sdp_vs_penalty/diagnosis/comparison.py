@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.show import fit_verdict, plot_errors, plot_residual
@@ -175,8 +176,8 @@ def compare(
     for name, model in models.items():
         if model.robot.n != measurements.n:
             raise InputError(
-                f"model {name} is of a robot with {model.robot.n} joint(s), the measurements have "
-                f"{measurements.n}: choose the model that belongs to them."
+                f"model {name} is of a robot with {show.count(model.robot.n, 'joint')}, the "
+                f"measurements have {measurements.n}: choose the model that belongs to them."
             )
         check_plausible(model.robot, measurements)
         runs = [filtered_torque(run, model.model, settings) for run in measurements.runs()]

@@ -38,7 +38,7 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
         if effect.whole_robot
         else "joint " + "+".join(str(j + 1) for j in effect.joints)
     )
-    amount = f"{size:.4g} +- {std:.1g}" + ("" if unit == "-" else f" {unit}")
+    amount = f"{size:.4g} ± {std:.1g}" + ("" if unit == "-" else f" {unit}")
     constants = ", ".join(
         f"{key} = {value:.4g}" for key, value in effect.shape.items() if key not in ("t0", "v_s")
     )
@@ -47,7 +47,7 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
     if effect.name == "base_tilt":
         text += f" Here: {np.degrees(size / 9.81):.2g} degrees."
     if rivals:
-        text += f" These data cannot tell it from {', '.join(rivals)}."
+        text += f" Indistinguishable in these data from {', '.join(rivals)}."
     return text
 
 
@@ -72,8 +72,8 @@ def remarks(noise_source: str, unknown_functions: Sequence[int], held_out: str) 
     out = []
     if noise_source == "residual":
         out.append(
-            "No motion repeats, so the noise is not known apart from the model's error: that nothing "
-            "more is missing is a weaker statement here; record a run with more than one period."
+            'No motion repeats, so noise and model error cannot be separated; "nothing missing" '
+            "is weaker evidence. Record a run with more than one period."
         )
     for joint in unknown_functions:
         out.append(
@@ -82,7 +82,7 @@ def remarks(noise_source: str, unknown_functions: Sequence[int], held_out: str) 
         )
     if held_out == "folds":
         out.append(
-            "Held-out errors come from outer folds: the search was repeated without each of them; where "
-            "that found fewer effects its last error is repeated. A test run (--test) shows each step."
+            "Held-out errors come from outer folds: the search was repeated without each of them; "
+            "steps a fold did not reach repeat its last error. A test run (--test) shows each step."
         )
     return tuple(out)

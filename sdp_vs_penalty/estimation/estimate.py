@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
@@ -172,8 +173,8 @@ class Estimate(Shown):
         """Raises InputError unless the measurements have as many joints as the robot."""
         if measurements.n != self.robot.n:
             raise InputError(
-                f"The {what} have {measurements.n} joint(s), the model's robot has {self.robot.n}: "
-                "choose the model that belongs to them."
+                f"The {what} have {show.count(measurements.n, 'joint')}, the model's robot has "
+                f"{self.robot.n}: choose the model that belongs to them."
             )
 
     def save(self, path: str | Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -57,8 +58,8 @@ def identify(
         )
     if measurements.n != problem.robot.n:
         raise InputError(
-            f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "
-            f"{problem.robot.n}: choose the problem that belongs to the file."
+            f"The measurements have {show.count(measurements.n, 'joint')}, the robot {problem.name} "
+            f"has {problem.robot.n}: choose the problem that belongs to the file."
         )
     estimator = make_estimator(method)
     if isinstance(measurements, BlackBox):

@@ -95,7 +95,7 @@ class Problem(Shown):
         return Model(self.robot, tuple(chosen))
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
-        """The robot mounted otherwise; other parameters are then independent than those named."""
+        """Same robot, other mounting; drops the named base parameters if gravity's direction changed."""
         x, y, z = (float(v) for v in gravity)
         turned = not np.allclose(np.cross(gravity, self.robot.gravity), 0.0)
         independent = None if turned else self.independent

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats.npz import numeric_arrays
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -116,8 +117,8 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
             )
     if joints is not None and n != joints:
         raise InputError(
-            f"{path}: the file has {n} joint(s), the robot has {joints}: choose the problem that "
-            "belongs to this file."
+            f"{path}: the file has {show.count(n, 'joint')}, the robot has {joints}: choose the "
+            "problem that belongs to this file."
         )
     difference = np.abs(mass_matrix - np.swapaxes(mass_matrix, 1, 2)).max(axis=(1, 2))
     worst = int(np.argmax(difference))

@@ -48,8 +48,8 @@ def check_size(path: Path, unpacked: int, packed: int) -> None:
         )
     if unpacked > _WORTH_A_LOOK and unpacked > _TIGHTEST * packed:
         raise InputError(
-            f"{path}: unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements do "
-            "not compress so well, this is no file of them."
+            f"{path}: unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements "
+            "never compress that much, so this file holds something else."
         )
 
 
