@@ -30,7 +30,7 @@ from sdp_vs_penalty import identify, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH
-from sdp_vs_penalty.estimation.estimate import versions
+from sdp_vs_penalty.estimation.certify import versions
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
 from sdp_vs_penalty.estimators.estimator import Task

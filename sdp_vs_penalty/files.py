@@ -1,36 +1,86 @@
-"""Outputs are written whole or not at all."""
+"""Outputs are written whole or not at all, never over what the same command has read; JSON is read."""
 
 from __future__ import annotations
 
+import json
 import os
+import stat
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, TypeVar
 
 from sdp_vs_penalty.errors import InputError
 
-#: Files that this process was given to read: outputs never replace them.
-_inputs: set[Path] = set()
+T = TypeVar("T")
+
+#: Device and inode of every file that the running command was given or has read. None outside of one:
+#: in a notebook a model may be written over the file that it came from.
+_inputs: set[tuple[int, int]] | None = None
 
 
-def protect(paths: Iterable[str | Path]) -> None:
-    """From now on no output may replace one of these files (the command line's inputs)."""
-    _inputs.clear()
-    _inputs.update(Path(p).resolve() for p in paths if Path(p).is_file())
+@contextmanager
+def protecting() -> Iterator[None]:
+    """While this runs, no output may replace a file that :func:`opened` has heard of."""
+    global _inputs
+    before, _inputs = _inputs, set()
+    try:
+        yield
+    finally:
+        _inputs = before
+
+
+def opened(path: str | Path) -> None:
+    """A reader says what it reads; of a folder all files in it. By inode, so that no link hides it."""
+    if _inputs is None:
+        return
+    path = Path(path)
+    try:
+        for file in path.iterdir() if path.is_dir() else [path]:
+            found = file.stat()
+            if stat.S_ISREG(found.st_mode):
+                _inputs.add((found.st_dev, found.st_ino))
+    except (OSError, ValueError):  # no such file, or no name of one: whoever reads it says so
+        return
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write to a temporary file beside the target and rename: an interruption keeps the old file."""
+    """Write to a temporary file beside the target and rename: an interruption keeps the old file.
+
+    A link stays, its target is replaced. A device or a pipe is written to as it is. Raises InputError
+    where the file is an input of this command, or cannot be written.
+    """
     path = Path(path)
-    if path.resolve() in _inputs:
-        raise InputError(f"{path}: is also an input of this command: name another file to write.")
-    if path.is_dir():
-        raise InputError(f"{path}: cannot be written (it is a folder): name a file.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}).") from error
+        there = _there(path)
+        if there is not None and stat.S_ISDIR(there.st_mode):
+            raise InputError(f"{path}: cannot be written (it is a folder): name a file.")
+        if there is not None and _inputs and (there.st_dev, there.st_ino) in _inputs:
+            raise InputError(f"{path}: is also an input of this command: name another file to write.")
+        if there is not None and not stat.S_ISREG(there.st_mode):
+            with path.open("wb", buffering=0) as device:
+                device.write(content)
+            return
+        _replace(Path(os.path.realpath(path)), content)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        what = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path}: cannot be written ({what}).") from error
+
+
+def _there(path: Path) -> os.stat_result | None:
+    """What the path leads to, links followed; None for nothing yet."""
+    try:
+        return path.stat()
+    except FileNotFoundError:
+        return None
+
+
+def _replace(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
@@ -38,12 +88,35 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
         os.replace(temporary, path)
-    except BaseException as error:
+    except BaseException:
         os.unlink(temporary)
-        if isinstance(error, OSError):
-            raise InputError(f"{path}: cannot be written ({error.strerror}).") from error
         raise
 
 
 def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
+
+
+def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a field ``mark``.
+
+    Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
+    """
+    path = Path(path)
+    opened(path)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a JSON file ({error}).") from error
+    if not isinstance(data, dict) or mark not in data:
+        raise InputError(f"{path}: not a {kind} of this program (no field {mark!r}).")
+    try:
+        return build(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except KeyError as error:
+        raise InputError(f"{path}: the field {error.args[0]!r} is missing.") from error
+    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise InputError(f"{path}: a field has the wrong content ({error}).") from error

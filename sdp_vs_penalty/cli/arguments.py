@@ -3,14 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.problem.problem import Problem
-    from sdp_vs_penalty.robot.robot import Robot
 
 #: Options that take all words up to the next option: --data run1.csv run2.csv.
 _MANY = frozenset({"--data"})
@@ -51,21 +45,6 @@ def time_window(text: str | None, option: str = "--window") -> tuple[float, floa
             f"{option} {text!r}: write START:STOP in seconds from a run's start, like 0:14 or 14.2:."
         )
     return start, stop
-
-
-def bounds_for(robot: Robot, problem: str | None) -> Problem | None:
-    """The problem whose bounds shall hold for this robot, None where none is named."""
-    if problem is None:
-        return None
-    from sdp_vs_penalty.problem.load import load_problem
-
-    named = load_problem(problem)
-    if named.robot.n != robot.n:
-        raise InputError(
-            f"--problem {problem}: it has {show.count(named.robot.n, 'joint')}, the model {robot.n}: "
-            "name the problem of the model's robot."
-        )
-    return named
 
 
 def expand_many(arguments: Sequence[str]) -> list[str]:

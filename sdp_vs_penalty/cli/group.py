@@ -10,6 +10,8 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from sdp_vs_penalty.cli.command import VerbCommand
+
 #: Every file of verbs/ with the line that the program's --help shows, by what it is for.
 VERBS = {
     "Measurements": {
@@ -25,6 +27,7 @@ VERBS = {
         "diagnose": "Name the physical effects that a model is missing.",
         "add": "Add an effect to a model and identify it again.",
         "report": "Write a self-contained HTML report.",
+        "verify": "Check proofs of optimality in exact arithmetic.",
         "export": "Export a model: URDF, MJCF, JSON, NumPy function.",
         "check-urdf": "Check a URDF's inertials for physical consistency.",
         "page": "Open the workbench in a browser.",
@@ -50,7 +53,7 @@ class _Lazy(Mapping[str, Any]):
         text, _, example = inspect.cleandoc(verb.__doc__).partition("Example: ")
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
         # \b keeps the line as it is: an example is there to be copied.
-        app.command(name, help=text, epilog=f"\b\nExample:\n  {example}")(verb)
+        app.command(name, cls=VerbCommand, help=text, epilog=f"\b\nExample:\n  {example}")(verb)
         return typer.main.get_command(app)
 
     def __iter__(self) -> Iterator[str]:

@@ -14,7 +14,7 @@ from sdp_vs_penalty.cli.arguments import expand_many
 from sdp_vs_penalty.cli.errors import explain
 from sdp_vs_penalty.cli.group import VerbGroup
 from sdp_vs_penalty.cli.options import Debug
-from sdp_vs_penalty.files import protect
+from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.version import __version__
 
 app = typer.Typer(
@@ -52,8 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        protect(_inputs(given))
-        code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)
+        with protecting():
+            code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)
         if code == 130:  # what typer makes of Ctrl-C
             raise KeyboardInterrupt
     except BrokenPipeError:
@@ -65,16 +65,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
             traceback.print_exc()
         message, code = explain(error)
         print(f"sdp-vs-penalty: {message}", file=sys.stderr)
-    finally:
-        protect([])
     sys.exit(code if isinstance(code, int) else 0)
-
-
-def _inputs(given: Sequence[str]) -> list[str]:
-    """The files among the arguments that are not named as outputs."""
-    outputs = {"--out", "--json", "--fix"}
-    return [
-        word
-        for before, word in zip(["", *given], given, strict=False)
-        if before not in outputs and not word.startswith("-")
-    ]

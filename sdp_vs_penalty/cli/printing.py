@@ -41,16 +41,21 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     )
     fitted = "" if fit is None else f", relative error {number(fit.relative_error_percent)} %"
     say(
-        f"{result.problem} by {result.method} from {data}: {len(result.theta)} parameters{fitted}, "
+        f"{result.problem.name} by {result.method} from {data}: {len(result.theta)} parameters{fitted}, "
         f"{seconds:.1f} s",
         style="bold",
     )
+    certificate(result)
+    if fit is not None:
+        comparison([fit], result.robot.torque_units, "RMSE on these measurements")
+
+
+def certificate(result: Estimate) -> None:
+    """What the certificate says, a line each, and which bounds the estimate lies on."""
     lines = result.certificate.summary()
     if bounds := result.details.get("on_bounds"):
         lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
     details(*zip(*lines, strict=True))
-    if fit is not None:
-        comparison([fit], result.robot.torque_units, "RMSE on these measurements")
 
 
 def comparison(results: Sequence[Comparison], units: Sequence[str], title: str = "RMSE") -> None:

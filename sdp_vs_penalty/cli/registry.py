@@ -50,7 +50,7 @@ def _effects() -> Listing:
 
     rows: Rows = []
     for name, kind in effect_types().items():
-        shape = ", ".join(f"{key}={value:g}" for key, value in kind.shape_defaults.items())
+        shape = ", ".join(f"{key}={s.default:g}" for key, s in kind.shapes.items())
         acts = "whole robot" if kind.whole_robot else "joint by joint"
         if kind.frozen_only:
             acts += "; seen with --frozen only"

@@ -12,6 +12,7 @@ from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import opened
 
 
 def load_measurements(
@@ -64,6 +65,7 @@ def read_run(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file.")
+    opened(path)
     home = format_of(path) or csv
     if topic is not None and home is not bag:
         raise InputError(f"{path}: only ROS bags and MCAP files have topics.")

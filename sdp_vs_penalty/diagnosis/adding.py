@@ -12,22 +12,20 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.diagnosis.library import SEVERAL
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate, certify, covariance, versions
+from sdp_vs_penalty.estimation.certify import certify, certify_beside, covariance, on_bounds, versions
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
-from sdp_vs_penalty.problem.load import as_problem, load_problem, problem_names
-from sdp_vs_penalty.problem.nominal import plausible_links
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 
 Array = NDArray[np.float64]
@@ -35,23 +33,22 @@ Array = NDArray[np.float64]
 
 def add(
     estimate: Estimate | str | Path,
-    effect: str,
+    effects: str | Diagnosis | Sequence[Finding | str],
     measurements: Source,
     *,
-    problem: str | Path | Problem | None = None,
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Estimate:
-    """The model with an effect more, identified again by its own method under all constraints.
+    """The model with effects more, identified again by its own method under its problem's constraints.
 
     estimate : the model to extend, or its model.json; measurements : the runs to identify it from
     again, whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes.
-    effect : ``name[:joints][@shape=value]``, several separated by commas; a shape constant that is
-    not given is estimated, joint by joint. problem : whose bounds hold (default: the estimate's, or
-    the stated defaults for a robot that came as a URDF). frozen : keep all other parameters, which
-    is the only way for a payload and its default. seed : of the method; progress : called with a short
-    text of where the work stands.
+    effects : ``name[:joints][@shape=value]``, several separated by commas, or what :func:`diagnose`
+    found: all of it or some of its findings. A shape constant that is not given is estimated, joint by
+    joint. frozen : keep all other parameters; so it is also done with what a frozen model was diagnosed
+    to miss, and wherever a payload is among the effects, new or there already: refitted links would
+    absorb it. seed : of the method; progress : called with a short text of where the work stands.
     Raises InputError for an effect that the model already has, or that cannot act.
     """
     estimate = as_estimate(estimate, "add(estimate=...)")
@@ -59,21 +56,21 @@ def add(
         measurements, names=estimate.robot.joint_names, what="add(measurements=...)"
     )
     estimate.require_joints(measurements)
-    if problem is None:
-        problem = _problem_of(estimate)
-    else:
-        problem = replace(as_problem(problem, "add(problem=...)"), robot=estimate.robot)
-    wanted = parse_effects(effect, estimate.robot)
+    if isinstance(effects, Diagnosis):
+        frozen, effects = frozen or effects.frozen, effects.effects
+    texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
+    wanted = parse_effects(texts, estimate.robot)
     if not wanted:
         raise InputError("No effect to add: name one, such as presliding_hysteresis:7.")
     _refuse_twice(estimate, wanted)
+    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *wanted))
     progress("estimating shape constants")
-    new = with_shapes(estimate, wanted, _given_shapes(effect), measurements, frozen, seed)
+    new = with_shapes(estimate, wanted, _given_shapes(texts), measurements, frozen, seed)
     Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
-    if frozen or any(e.frozen_only for e in new):
-        return _add_frozen(estimate, problem, new, measurements, seed, progress)
+    if frozen:
+        return _add_frozen(estimate, new, measurements, seed, progress)
     return identify(
-        problem,
+        estimate.problem,
         measurements,
         estimator_of(estimate),
         effects=[*estimate.model.effects, *new],
@@ -84,9 +81,13 @@ def add(
     )
 
 
+def _text(effect: Finding | str) -> str:
+    return effect if isinstance(effect, str) else effect.text
+
+
 def _refuse_twice(estimate: Estimate, wanted: Sequence[Effect]) -> None:
     for effect in wanted:
-        if effect.name in SEVERAL:
+        if effect.several:
             continue
         there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
         twice = sorted(there & set(effect.joints))
@@ -110,16 +111,6 @@ def estimator_of(estimate: Estimate) -> Estimator:
     return replace(estimator, **{k: v for k, v in estimate.settings.items() if k in known})  # type: ignore[type-var]
 
 
-def _problem_of(estimate: Estimate) -> Problem:
-    if estimate.problem in problem_names():
-        return replace(load_problem(estimate.problem), robot=estimate.robot)
-    box = np.full((estimate.robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.0
-    given = estimate.links if len(estimate.links) else np.zeros((estimate.robot.n, 10))
-    nominal = plausible_links(estimate.robot, given)
-    return Problem(estimate.problem, estimate.problem, estimate.robot, box, nominal)
-
-
 def _given_shapes(text: str) -> list[frozenset[str]]:
     """Per effect of the text the shape constants that it names."""
     words = [word for word in text.split(",") if word.strip()]
@@ -138,49 +129,44 @@ def with_shapes(
     out: list[Effect] = []
     stage: Stage | None = None
     for effect, fixed in zip(wanted, given, strict=True):
-        if fixed >= set(effect.shape_defaults) - {"t0", "v_s"} or not next(
-            iter(type(effect).shapes(effect.robot, effect.joints[0]))
-        ):
+        clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
+        if fixed >= clock.union(effect.searched):
             out.append(effect)
             continue
         if stage is None:
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             stage = prepare(rows, estimate, frozen, seed)
-        out += [_shaped(stage, effect, joint, fixed) for joint in effect.joints]
+        joints = [None] if effect.whole_robot else effect.joints
+        out += [_shaped(stage, effect, joint, fixed) for joint in joints]
     return out
 
 
-def _shaped(stage: Stage, effect: Effect, joint: int, fixed: frozenset[str]) -> Effect:
+def _shaped(stage: Stage, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
     """One joint's effect with the shape that explains most of the residual; given ones stay."""
     search = stage.search
     fit = search.fit()
-    kind, keep = type(effect), {k: effect.shape[k] for k in fixed}
     start = min(float(s.motion.t[0]) for s in stage.rows.segments)
-    if "t0" in kind.shape_defaults:
-        keep = {"t0": start, **keep}
-    trials = []
-    for shape in kind.shapes(effect.robot, joint):
-        one = kind(effect.robot, [joint], **{**shape, **keep})
-        trials.append(
-            search.candidates.hypothesis(
-                fit, (effect.name, joint), one, search.candidates.white_columns(one)
-            )
+    given = {key: effect.shape[key] for key in fixed}
+    trials = [
+        search.candidates.hypothesis(
+            fit, (effect.name, joint), one, search.candidates.white_columns(one)
         )
+        for one in effect.candidates(effect.robot, joint, start, **given)
+    ]
     best = max(trials, key=lambda h: h.chi2)
     return search.candidates.tuned(fit, best, fixed).effect
 
 
 def _add_frozen(
     estimate: Estimate,
-    problem: Problem,
     new: Sequence[Effect],
     measurements: Measurements,
     seed: int,
     progress: Progress,
 ) -> Estimate:
     """Fit only the new effects, under their own constraints, to what the model leaves."""
-    old = len(estimate.theta)
+    problem, old = estimate.problem, len(estimate.theta)
     own = Model(estimate.robot, tuple(new))
     reference = np.concatenate([estimate.theta, np.zeros(len(own.parameters))])
     model = Model(estimate.robot, (*estimate.model.effects, *new))
@@ -214,16 +200,14 @@ def _add_frozen(
         estimator = make_estimator(DEFAULT_METHOD)
     fit = estimator.fit(task)
     part, certificate = certify(task, fit)
-    wide = np.full((old + len(part),) * 2, np.nan)
-    wide[:old, :old] = estimate.covariance
-    wide[old:, old:] = covariance(data, regression.oversampling)
+    theta = np.concatenate([estimate.theta, part])
     return replace(
         estimate,
         model=model,
-        theta=np.concatenate([estimate.theta, part]),
-        covariance=wide,
-        certificate=certificate,
-        details={"frozen": [e.text for e in estimate.model.effects]},
+        theta=theta,
+        covariance=_side_by_side(estimate.covariance, covariance(data, regression.oversampling)),
+        certificate=certify_beside(estimate, model, theta, certificate),
+        details={"on_bounds": on_bounds(problem.constraints(model), theta)},
         provenance={
             **estimate.provenance,
             "seed": seed,
@@ -233,6 +217,16 @@ def _add_frozen(
             "versions": versions(),
         },
     )
+
+
+def _side_by_side(old: Array, new: Array) -> Array:
+    """The covariance of independent parts: NaN for what either does not determine, zero between them."""
+    k = len(old)
+    wide = np.zeros((k + len(new),) * 2)
+    wide[:k, :k], wide[k:, k:] = old, new
+    unseen = np.isnan(np.diagonal(wide))
+    wide[unseen] = wide[:, unseen] = np.nan
+    return wide
 
 
 def _reduced(data: LeastSquares, fixed: Array) -> LeastSquares:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from sdp_vs_penalty.diagnosis.fit import Fit
-from sdp_vs_penalty.diagnosis.library import SEVERAL, Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.library import Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, score_library, solve_group
 from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
@@ -59,7 +59,7 @@ class Candidates:
         shapes refined, best first."""
         plausible = self._coarse(fit, scaled)
         taken = {h.effect.text for h in picked}
-        keys = {h.key for h in picked if h.key[0] not in SEVERAL}
+        keys = {h.key for h in picked if not h.effect.several}
         present = {h.key for h in picked} | known
         coarse: list[tuple[float, Key, int]] = []
         for key, members in self.by_key.items():
@@ -110,19 +110,16 @@ class Candidates:
     def tuned(self, fit: Fit, start: Hypothesis, fixed: frozenset[str] = frozenset()) -> Hypothesis:
         """The hypothesis with every continuous shape constant refined in turn, but the fixed ones."""
         best = start
-        for name in start.effect.shape_bounds:
-            if (
-                name not in fixed
-                and name in start.effect.shape
-                and not (name == "T" and start.effect.shape["form"] % 2)
-            ):
+        for name in start.effect.searched:
+            if name not in fixed and start.effect.shapes[name].bounds is not None:
                 best = self._refine_one(fit, best, name)
         return self.hypothesis(fit, best.key, best.effect, best.columns)
 
     def _refine_one(self, fit: Fit, start: Hypothesis, name: str) -> Hypothesis:
-        low, high = start.effect.shape_bounds[name]
-        value = start.effect.shape[name]
-        linear = name == "k"  # waves: neighbours are a fixed distance apart, whatever their order
+        constant, value = start.effect.shapes[name], start.effect.shape[name]
+        assert constant.bounds is not None
+        low, high = constant.bounds
+        linear = constant.scale == "linear"
         a, b = (value - 0.6, value + 0.6) if linear else (value / 2.2, value * 2.2)
         a, b = max(a, low), min(b, high)
         best = (start.chi2, start.effect)
@@ -179,7 +176,7 @@ class Candidates:
                 if self.white.groups[g].k == len(hypothesis.beta)
             ]
         # What follows the clock differs from run to run: it is judged between, not after, its data.
-        by_time = "t0" in hypothesis.effect.shape
+        by_time = hypothesis.effect.follows_clock
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
         return cross_validate(fit, shapes, hypothesis.signed, fold)
 

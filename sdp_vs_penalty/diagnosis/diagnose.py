@@ -95,11 +95,10 @@ def _diagnosis(
     held_out: HeldOut,
 ) -> Diagnosis:
     findings = tuple(_finding(stage, picks, k, held_out) for k in range(len(picks)))
-    unknown_function = explanations.unrelated_ripples(findings)
-    if left.remains or unknown_function:
+    doubted = explanations.doubts(findings)
+    verdict = EFFECT_MISSING if findings else NOTHING_MISSING
+    if left.remains or doubted:
         verdict = UNKNOWN
-    else:
-        verdict = EFFECT_MISSING if findings else NOTHING_MISSING
     return Diagnosis(
         verdict,
         findings,
@@ -110,7 +109,10 @@ def _diagnosis(
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(stage.noise.source, unknown_function, held_out.source),
+        explanations.remarks(stage.noise.source, doubted, held_out.source),
+        held_out.ladder[0],
+        held_out.source,
+        stage.frozen,
     )
 
 
@@ -126,22 +128,25 @@ def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> 
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
     rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in pick.rivals))
-    sure = held_out.holds[k] and not rivals and abs(size) > 5.0 * std and pick.gain > 2.0 * MIN_GAIN
+    uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
+    weak = explanations.weaknesses(held_out.holds[k], bool(rivals), uncertain, small)
     return Finding(
         h.effect.name,
         joints,
         dict(h.effect.shape),
         size,
-        parameters[0].unit,
+        parameters[h.effect.sized_by][0].unit,
         std,
         {p.name: float(b) for p, b in zip(parameters, beta, strict=True)},
-        "confident" if sure else "weak",
+        "weak" if weak else "confident",
         rivals,
         held_out.ladder[k],
         held_out.ladder[k + 1],
         explanations.sentence(h.effect, size, std, rivals),
         h.effect.text,
         pick.gain,
+        weak,
+        h.effect.constants,
     )
 
 

@@ -7,8 +7,9 @@ of a periodogram the power of whitened noise is exponential.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +39,19 @@ class Event:
     what: str = "local"
     frequency: float | None = None
 
-    def to_dict(self) -> dict[str, float | int]:
-        return {"joint": self.joint + 1, "t_start": self.t_start, "t_end": self.t_end}
+    def to_dict(self) -> dict[str, Any]:
+        return {**vars(self), "joint": self.joint + 1}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Event:
+        frequency = data["frequency"]
+        return cls(
+            int(data["joint"]) - 1,
+            float(data["t_start"]),
+            float(data["t_end"]),
+            str(data["what"]),
+            None if frequency is None else float(frequency),
+        )
 
 
 def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float) -> Mask:

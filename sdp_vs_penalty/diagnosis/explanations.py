@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -16,13 +17,11 @@ Array = NDArray[np.float64]
 def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
     """One number for the size of an effect, and its standard deviation.
 
-    The parameter itself; the amplitude of a ripple and of a tilt; the force of a wrench; the mass
-    of a payload.
+    The parameter that the effect is sized by, with its sign; the norm where it is several.
     """
-    if len(beta) == 1 or effect.name == "payload":
-        return float(beta[0]), float(max(covariance[0, 0], 0.0) ** 0.5)
-    part = slice(0, 3) if effect.name == "external_wrench" else slice(0, len(beta))
-    b, c = beta[part], covariance[part, part]
+    b, c = beta[effect.sized_by], covariance[effect.sized_by, effect.sized_by]
+    if len(b) == 1:
+        return float(b[0]), float(max(c[0, 0], 0.0) ** 0.5)
     size = float(np.linalg.norm(b))
     if size == 0.0:
         return 0.0, float(np.sqrt(np.trace(c)))
@@ -32,42 +31,43 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
 
 def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
     """What was found, in one or two sentences."""
-    unit = effect.parameters[0].unit
+    unit = effect.parameters[effect.sized_by][0].unit
     where = (
         "the whole robot"
         if effect.whole_robot
         else "joint " + "+".join(str(j + 1) for j in effect.joints)
     )
     amount = f"{size:.4g} ± {std:.1g}" + ("" if unit == "-" else f" {unit}")
-    constants = ", ".join(
-        f"{key} = {value:.4g}" for key, value in effect.shape.items() if key not in ("t0", "v_s")
-    )
-    head = f"{effect.name} on {where}: {amount}" + (f" ({constants})" if constants else "")
-    text = f"{head}. {effect.explanation}"
-    if effect.name == "base_tilt":
-        text += f" Here: {np.degrees(size / 9.81):.2g} degrees."
+    head = f"{effect.name} on {where}: {amount}"
+    head += f" ({effect.constants})" if effect.constants else ""
+    text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
     if rivals:
         text += f" Indistinguishable in these data from {', '.join(rivals)}."
     return text
 
 
-def unrelated_ripples(findings: Sequence[Finding]) -> tuple[int, ...]:
-    """Joints (from 1) on which ripples were found whose orders are no multiples of the lowest, or three
-    and more: that is an unknown function of the position, written as a sum of waves."""
-    orders: dict[int, list[float]] = {}
+def weaknesses(holds: bool, rivals: bool, uncertain: bool, small: bool) -> tuple[str, ...]:
+    """Why a finding is weak, a phrase each; nothing for a confident one."""
+    reasons = {
+        "another effect fits as well": rivals,
+        "its size is uncertain by more than a fifth": uncertain,
+        "its gain is small": small,
+        "the error on held-out data does not fall": not holds,
+    }
+    return tuple(text for text, true in reasons.items() if true)
+
+
+def doubts(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """What speaks against the findings of one kind on one joint being physical causes at all."""
+    found: dict[tuple[str, int], list[Mapping[str, float]]] = {}
     for f in findings:
-        if f.effect == "torque_ripple":
-            orders.setdefault(f.joints[0], []).append(f.shape["k"])
-    out = []
-    for joint, found in orders.items():
-        lowest = min(found)
-        unrelated = [k for k in found if abs(k / lowest - round(k / lowest)) > 0.02]
-        if len(found) >= 3 or unrelated:
-            out.append(joint)
-    return tuple(out)
+        if f.joints:
+            found.setdefault((f.effect, f.joints[0]), []).append(f.shape)
+    said = (effect_types()[name].doubt(joint, shapes) for (name, joint), shapes in found.items())
+    return tuple(text for text in said if text)
 
 
-def remarks(noise_source: str, unknown_functions: Sequence[int], held_out: str) -> tuple[str, ...]:
+def remarks(noise_source: str, doubted: Sequence[str], held_out: str) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
     out = []
     if noise_source == "residual":
@@ -75,11 +75,7 @@ def remarks(noise_source: str, unknown_functions: Sequence[int], held_out: str) 
             'No motion repeats, so noise and model error cannot be separated; "nothing missing" '
             "is weaker evidence. Record a run with more than one period."
         )
-    for joint in unknown_functions:
-        out.append(
-            f"Several unrelated ripples on joint {joint}: read them as one unknown function of its "
-            "position, not as ripples."
-        )
+    out += doubted
     if held_out == "folds":
         out.append(
             "Held-out errors come from outer folds: the search was repeated without each of them; "

@@ -1,9 +1,10 @@
-"""What a diagnosis says: findings, verdict, and the JSON of it."""
+"""What a diagnosis says: findings, verdict, and the JSON of both, there and back."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.show import Shown, Summary, Table
 
 Array = NDArray[np.float64]
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
+_VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,8 @@ class Finding:
 
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
     there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
-    held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how to write the effect.
+    held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how :func:`add` takes the
+    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units.
     """
 
     effect: str
@@ -41,20 +46,49 @@ class Finding:
     explanation: str
     text: str
     gain: float
+    remarks: tuple[str, ...] = ()
+    constants: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         return {
+            "text": self.text,
             "effect": self.effect,
             "joints": list(self.joints),
             "shape": dict(self.shape),
             "size": self.size,
+            "std": self.std,
             "unit": self.unit,
+            "parameters": dict(self.parameters),
             "confidence": self.confidence,
             "indistinguishable_from": list(self.indistinguishable_from),
+            "remarks": list(self.remarks),
+            "constants": self.constants,
+            "gain": self.gain,
             "held_out_rmse_before": self.held_out_rmse_before.tolist(),
             "held_out_rmse_after": self.held_out_rmse_after.tolist(),
             "explanation": self.explanation,
         }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Finding:
+        return cls(
+            str(data["effect"]),
+            tuple(int(j) for j in data["joints"]),
+            {str(k): float(v) for k, v in data["shape"].items()},
+            float(data["size"]),
+            str(data["unit"]),
+            float(data["std"]),
+            {str(k): float(v) for k, v in data["parameters"].items()},
+            str(data["confidence"]),
+            _texts(data["indistinguishable_from"]),
+            np.array(data["held_out_rmse_before"], float),
+            np.array(data["held_out_rmse_after"], float),
+            str(data["explanation"]),
+            str(data["text"]),
+            float(data["gain"]),
+            _texts(data["remarks"]),
+            str(data["constants"]),
+        )
 
 
 @dataclass(frozen=True)
@@ -72,6 +106,11 @@ class Invisible:
             "absorbed_share": self.absorbed_share,
         }
 
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Invisible:
+        joints = tuple(int(j) for j in data["joints"])
+        return cls(str(data["effect"]), joints, float(data["absorbed_share"]))
+
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
@@ -79,7 +118,10 @@ class Diagnosis(Shown):
     adding; noise_floor (n,) of the filtered torque; events : what happened once.
 
     noise_source : "repetition", or "residual" where nothing repeats and abstention is weaker;
-    unexplained (n,) : repeatable error left, as a share of the noise's variance; remarks : sentences.
+    unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
+    held_out_rmse (n,) : before the first effect and after the last, on the source that
+    held_out_source names: "test" (a test run) or "folds"; band_hz : below which all errors are meant;
+    remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`.
     """
 
     verdict: str
@@ -91,7 +133,28 @@ class Diagnosis(Shown):
     unexplained: Array
     held_out_rmse: Array
     band_hz: float
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...]
+    held_out_rmse_before: Array
+    held_out_source: str
+    frozen: bool
+
+    def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
+        """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
+
+        Raises InputError for a number that is not there, and where no finding is left.
+        """
+        for number in numbers or ():
+            if not 1 <= number <= len(self.effects):
+                raise InputError(f"finding {number} does not exist, there are {len(self.effects)}.")
+        chosen = tuple(
+            f
+            for k, f in enumerate(self.effects, start=1)
+            if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
+        )
+        if not chosen:
+            kind = "confident finding" if confident and self.effects else "finding"
+            raise InputError(f"there is no {kind} to add.")
+        return replace(self, effects=chosen)
 
     @property
     def headline(self) -> str:
@@ -129,11 +192,54 @@ class Diagnosis(Shown):
         return ("effect", "size", "confidence", "indistinguishable from"), rows
 
     def to_dict(self) -> dict[str, Any]:
-        """findings.json."""
+        """findings.json; :meth:`from_dict` restores the same diagnosis."""
         return {
             "verdict": self.verdict,
-            "effects": [f.to_dict() for f in self.effects],
+            "frozen": self.frozen,
+            "effects": [{"number": k, **f.to_dict()} for k, f in enumerate(self.effects, start=1)],
             "noise_floor": self.noise_floor.tolist(),
+            "noise_source": self.noise_source,
+            "unexplained": self.unexplained.tolist(),
+            "held_out_source": self.held_out_source,
+            "held_out_rmse_before": self.held_out_rmse_before.tolist(),
+            "held_out_rmse": self.held_out_rmse.tolist(),
+            "band_hz": self.band_hz,
             "invisible": [i.to_dict() for i in self.invisible],
             "events": [e.to_dict() for e in self.events],
+            "remarks": list(self.remarks),
         }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Diagnosis:
+        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
+        if data["verdict"] not in _VERDICTS:
+            raise ValueError(f"verdict {data['verdict']!r}; there are: {', '.join(_VERDICTS)}")
+        return cls(
+            data["verdict"],
+            tuple(map(Finding.from_dict, data["effects"])),
+            np.array(data["noise_floor"], float),
+            tuple(map(Invisible.from_dict, data["invisible"])),
+            tuple(map(Event.from_dict, data["events"])),
+            str(data["noise_source"]),
+            np.array(data["unexplained"], float),
+            np.array(data["held_out_rmse"], float),
+            float(data["band_hz"]),
+            _texts(data["remarks"]),
+            np.array(data["held_out_rmse_before"], float),
+            str(data["held_out_source"]),
+            bool(data["frozen"]),
+        )
+
+
+def load_diagnosis(path: str | Path) -> Diagnosis:
+    """The diagnosis of a findings.json, as `diagnose --json` writes it.
+
+    Raises InputError for a file that is not one or lacks a field.
+    """
+    return read_json(path, "findings.json", "verdict", Diagnosis.from_dict)
+
+
+def _texts(values: Sequence[Any]) -> tuple[str, ...]:
+    if isinstance(values, str) or not all(isinstance(v, str) for v in values):
+        raise TypeError(f"{values!r} is no list of texts")
+    return tuple(values)

@@ -22,10 +22,6 @@ Array = NDArray[np.float64]
 
 #: (effect name, joint from 0; None: the whole robot).
 Key = tuple[str, int | None]
-#: Effects of which a joint can have several, with different constants.
-SEVERAL = frozenset({"torque_ripple", "joint_coupling"})
-#: Never a candidate: a model without it has no torque to begin with.
-_NEVER = frozenset({"rigid_body"})
 
 
 @dataclass(frozen=True)
@@ -97,29 +93,21 @@ def build_library(
     taken = set()
     if not frozen:
         for effect in model.effects:
-            if effect.name not in SEVERAL:
+            if not effect.several:
                 joints: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
                 taken |= {(effect.name, j) for j in joints}
     start = min(float(s.motion.t[0]) for s in rows.segments)
     own: list[list[tuple[Key, Effect]]] = [[] for _ in range(n)]
     several: list[tuple[Key, Effect]] = []
     for name, kind in effect_types().items():
-        if (
-            name in _NEVER
-            or (only is not None and name not in only)
-            or (kind.frozen_only and not frozen)
-        ):
+        if (only is not None and name not in only) or (kind.frozen_only and not frozen):
             continue
         for joint in (None,) if kind.whole_robot else range(n):
             key = (name, joint)
-            if key in taken or (kind.whole_robot and n == 1 and name == "global_delay"):
+            if key in taken:
                 continue
-            for shape in kind.shapes(robot, 0 if joint is None else joint):
-                if "t0" in kind.shape_defaults:
-                    shape = {**shape, "t0": start}
-                effect = kind(robot, None if joint is None else [joint], **shape)
-                spread = joint is None or kind.needs_links
-                (several if spread or joint is None else own[joint]).append((key, effect))
+            spread = several if joint is None or kind.needs_links else own[joint]
+            spread += [(key, effect) for effect in kind.candidates(robot, joint, start)]
     groups: list[Group] = []
     matrices = []
     for j in range(n):

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.hidden import Hidden, World
 
 
 class BaseTilt(Effect):
@@ -42,3 +43,22 @@ class BaseTilt(Effect):
             Block(j, np.arange(2), np.column_stack([c[:, j] for c in columns]))
             for j in range(self.robot.n)
         ]
+
+    def remark(self, size: float) -> str:
+        return f"Here: {np.degrees(size / 9.81):.2g} degrees."
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    g = world.robot.gravity
+    along = int(np.argmax(np.abs(g)))
+    across = [axis for axis in range(3) if axis != along]
+
+    def torque(w: World, m: Motion, a: float) -> Array:
+        tilted = np.array(g)
+        tilted[across] += 0.01 * a * np.array([np.cos(angle), np.sin(angle)])
+        robot = replace(w.robot, gravity=(tilted[0], tilted[1], tilted[2]))
+        return replace(w, robot=robot).rigid(m) - w.rigid(m)
+
+    theta = (0.01 * float(np.cos(angle)), 0.01 * float(np.sin(angle)))
+    return Hidden("base_tilt", (), torque, unit=0.01, theta=theta)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from sdp_vs_penalty.effects.effect import (
-    SIGN_WIDTH,
-    Array,
-    JointEffect,
-    Motion,
-    smooth_sign,
-    velocity_unit,
-)
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion, smooth_sign
+from sdp_vs_penalty.effects.hidden import Hidden, World, one_joint
+from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 
 
 class CoulombFriction(JointEffect):
@@ -24,10 +21,12 @@ class CoulombFriction(JointEffect):
     symbol = "f_c"
     units = ("N*m", "N")
     lower = 0.0
-    shape_defaults = {"v_s": SIGN_WIDTH}
+    dissipates = True
+    shapes = {"v_s": Shape(SIGN_WIDTH, VELOCITY, role="convention")}
 
     def column(self, motion: Motion, joint: int) -> Array:
         return smooth_sign(motion.dq[:, joint], self.shape["v_s"])
 
-    def shape_unit(self, key: str, joint: int) -> str:
-        return velocity_unit(self.robot, joint)
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return one_joint("coulomb_friction", joint, lambda w, m: np.sign(m.dq[:, joint]))

@@ -2,40 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, log_uniform, one_joint
+from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
 
 class Drift(JointEffect):
-    """t0 is the clock's reading from which time counts: the measurements' first instant."""
+    """Odd forms are linear in time, even ones settle with the time constant T; t0 is the clock's reading
+    from which time counts: the measurements' first instant."""
 
-    shape_defaults = {"form": 1.0, "T": 300.0, "t0": 0.0}
-    #: How many forms there are; even ones are exponential.
-    forms = 2
+    follows_clock = True
+    one_number = False  # per second in linear forms
+    time_constant = Shape(300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0))
+    clock = Shape(0.0, "s", signed=True, role="clock")
+    shapes = {"form": Shape(1.0, choices=(1.0, 2.0)), "T": time_constant, "t0": clock}
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
-        super().__init__(robot, joints, **shape)
-        if self.shape["form"] not in range(1, self.forms + 1):
-            raise InputError(
-                f"effect {self.name}: form is a whole number from 1 to {self.forms}, not "
-                f"{self.shape['form']:g}."
-            )
-        if self.shape["T"] <= 0.0:
-            raise InputError(f"effect {self.name}: T is a time constant above 0 s.")
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        forms = cls.shapes["form"].choices
+        linear = [{"form": form} for form in forms if form % 2]
+        return linear + [
+            {"form": form, "T": T} for form in forms if not form % 2 for T in cls.shapes["T"].grid
+        ]
 
     @property
     def exponential(self) -> bool:
-        return int(self.shape["form"]) % 2 == 0
+        return self.shape["form"] % 2 == 0
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        return ("form", "T") if self.exponential else ("form",)
 
     def course(self, motion: Motion) -> Array:
         """How the effect follows time: minutes-long trends, linear [s] or saturating [-]."""
         t = motion.t - self.shape["t0"]
         return np.exp(-t / self.shape["T"]) if self.exponential else t
 
-    def shape_unit(self, key: str, joint: int) -> str:
-        return "-" if key == "form" else "s"
+
+def hidden_drift(effect: str, joint: int, rng: np.random.Generator, friction: bool) -> Hidden:
+    """An offset or a friction that settles with T, or goes on by one per 100 s, from time zero on."""
+    settles, viscous = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
+    T, sign = log_uniform(rng, 20.0, 120.0), either_sign(rng)
+
+    def law(w: World, m: Motion) -> Array:
+        course = np.expm1(-m.t / T) if settles else m.t / 100.0
+        if not friction:
+            return course
+        return course * (m.dq[:, joint] if viscous else np.sign(m.dq[:, joint]))
+
+    form = 1 + settles + (2 * viscous if friction else 0)
+    made = one_joint(effect, joint, law, sign, {"form": form, "T": T})
+    return replace(made, theta=(sign if settles else sign / 100.0,))

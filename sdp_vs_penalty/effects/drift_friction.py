@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import numpy as np
 
-from sdp_vs_penalty.effects.drift import Drift
-from sdp_vs_penalty.effects.effect import Array, Motion, Parameter
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.effects.drift import Drift, hidden_drift
+from sdp_vs_penalty.effects.effect import Array, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.shape import Shape
 
 
 class DriftFriction(Drift):
@@ -22,29 +23,21 @@ class DriftFriction(Drift):
     symbol = "f_df"
     units = ("N*m", "N")
     refines = ("coulomb_friction", "viscous_friction")
-    forms = 4
-    shape_bounds = {"T": (3.0, 3000.0)}
-
-    @classmethod
-    def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        settling = [{"form": f, "T": T} for f in (2.0, 4.0) for T in (10.0, 30.0, 100.0)]
-        return [{"form": 1.0}, {"form": 3.0}, *settling]
+    shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 
     @property
     def viscous(self) -> bool:
         return self.shape["form"] > 2.0
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"{self.symbol}{j + 1}", self._unit(j), self.name, j + 1) for j in self.joints
-        )
-
-    def _unit(self, joint: int) -> str:
-        torque, position = self.robot.torque_units[joint], self.robot.position_units[joint]
+    def unit_on(self, joint: int) -> str:
+        torque, position = super().unit_on(joint), self.robot.position_units[joint]
         unit = f"{torque}*s/{position}" if self.viscous else torque
         return unit if self.exponential else f"{unit}/s"
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
         return self.course(motion) * (dq if self.viscous else motion.sign(joint))
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return hidden_drift("drift_friction", joint, rng, friction=True)

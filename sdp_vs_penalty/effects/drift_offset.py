@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import numpy as np
 
-from sdp_vs_penalty.effects.drift import Drift
-from sdp_vs_penalty.effects.effect import Array, Motion, Parameter
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.effects.drift import Drift, hidden_drift
+from sdp_vs_penalty.effects.effect import Array, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World
 
 
 class DriftOffset(Drift):
@@ -21,21 +21,12 @@ class DriftOffset(Drift):
     units = ("N*m", "N")
     refines = ("torque_offset",)
 
-    @classmethod
-    def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        return [{"form": 1.0}, *({"form": 2.0, "T": T} for T in (10.0, 30.0, 100.0))]
-
-    shape_bounds = {"T": (3.0, 3000.0)}
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(
-                f"{self.symbol}{j + 1}", unit + ("" if self.exponential else "/s"), self.name, j + 1
-            )
-            for j in self.joints
-            for unit in (self.robot.torque_units[j],)
-        )
+    def unit_on(self, joint: int) -> str:
+        return super().unit_on(joint) + ("" if self.exponential else "/s")
 
     def column(self, motion: Motion, joint: int) -> Array:
         return self.course(motion)
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return hidden_drift("drift_offset", joint, rng, friction=False)

@@ -19,6 +19,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -118,39 +121,49 @@ class Block:
     columns: Array
 
 
-#: Shape constants that are no width, exponent or period: they may be zero or negative.
-_SIGNED_SHAPES = ("form", "i", "t0")
+#: Friction, offsets and other parameters that are no link's: |theta| below this, in SI units.
+PARAMETER_RANGE = 1e4
 
 
 class Effect(ABC):
     """One effect on the joints it is given (from 0), with its shape constants fixed.
 
     Subclasses set the class attributes, which the command line and the README show, and define
-    :attr:`parameters` and :meth:`blocks`.
+    :attr:`parameters` and :meth:`blocks`. Everything that anyone asks of an effect is declared here:
+    nothing outside this folder knows an effect or a shape constant by its name.
     """
 
     name: ClassVar[str]
     equation: ClassVar[str]
     explanation: ClassVar[str]
     reference: ClassVar[str]
-    #: Non-linear shape constants and their defaults, in SI units.
-    shape_defaults: ClassVar[Mapping[str, float]] = {}
+    #: Non-linear shape constants by name.
+    shapes: ClassVar[Mapping[str, Shape]] = {}
+
     #: True where a column depends on earlier motion: it is then computed over whole runs.
     has_memory: ClassVar[bool] = False
+    #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
+    follows_clock: ClassVar[bool] = False
     #: True where the columns need Motion.torque.
     needs_torque: ClassVar[bool] = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
+
     #: True where one parameter acts on the whole robot: there is nothing to choose joints from.
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.
     frozen_only: ClassVar[bool] = False
+    #: True where a joint can have it more than once, with other shape constants.
+    several: ClassVar[bool] = False
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: ClassVar[tuple[str, ...]] = ()
-    #: Values of each shape constant that a search starts from, and the range that it may refine in
-    #: (constants without a range stay on their values).
-    shape_grid: ClassVar[Mapping[str, Sequence[float]]] = {}
-    shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
+
+    #: Which parameters say how large the effect is: their norm, or the value of a single one.
+    sized_by: ClassVar[slice] = slice(None)
+    #: False where sizes cannot be compared, because no one number says how large the effect is.
+    one_number: ClassVar[bool] = True
+    #: True where torque times velocity is never negative for a positive parameter.
+    dissipates: ClassVar[bool] = False
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot
@@ -165,16 +178,13 @@ class Effect(ABC):
                     f"effect {self.name}: joint {j + 1} does not exist, the robot has {robot.n}."
                 )
         for key, value in shape.items():
-            if key not in self.shape_defaults:
-                known = ", ".join(self.shape_defaults) or "none"
+            if key not in self.shapes:
+                known = ", ".join(self.shapes) or "none"
                 raise InputError(f"effect {self.name}: no shape constant {key!r} (it has: {known}).")
-            if not np.isfinite(value):
-                raise InputError(f"effect {self.name}: shape constant {key} must be finite.")
-            if key not in _SIGNED_SHAPES and not value > 0.0:
-                raise InputError(
-                    f"effect {self.name}: shape constant {key} must be above 0, not {value:g}."
-                )
-        self.shape: dict[str, float] = {**self.shape_defaults, **shape}
+            complaint = self.shapes[key].complaint(value)
+            if complaint is not None:
+                raise InputError(f"effect {self.name}: shape constant {key} {complaint}.")
+        self.shape: dict[str, float] = {k: s.default for k, s in self.shapes.items()} | shape
 
     @property
     @abstractmethod
@@ -185,15 +195,66 @@ class Effect(ABC):
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
 
-    @classmethod
-    def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """The shape constants with which a search begins on one joint; none where it cannot act."""
-        names = list(cls.shape_grid)
-        return [dict(zip(names, v, strict=True)) for v in product(*(cls.shape_grid[k] for k in names))]
+    # What is known of the parameters before anything is measured.
 
-    def shape_unit(self, key: str, joint: int) -> str:
-        """Unit of a shape constant on a joint; "-" for a number."""
-        return "-"
+    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
+        """Demands on the parameters, which sit at ``indices`` of theta: sign and range of each."""
+        out = []
+        for index, parameter in zip(indices, self.parameters, strict=True):
+            name = f"{self.name} {parameter.name}"
+            if np.isfinite(parameter.lower):
+                out.append(build.linear("sign", name, [index], [[1.0]], [-parameter.lower]))
+            both = [PARAMETER_RANGE, PARAMETER_RANGE]
+            out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
+        return out
+
+    @property
+    def nominal(self) -> Array:
+        """(k,) plausible parameters, strictly inside the constraints that are no mere bounds."""
+        return np.zeros(len(self.parameters))
+
+    # What a search asks.
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        """The shape constants with which a search begins on one joint; none where it cannot act."""
+        grids = {key: shape.grid for key, shape in cls.shapes.items() if shape.grid}
+        return [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
+
+    @classmethod
+    def candidates(
+        cls, robot: Robot, joint: int | None, start: float = 0.0, **given: float
+    ) -> list[Effect]:
+        """The effect on one joint (None: the whole robot), with each set of shape constants that a
+        search begins with; ``given`` ones stay. start : the first instant of the measurements [s]."""
+        clock = {key: start for key, shape in cls.shapes.items() if shape.role == "clock"}
+        joints = None if joint is None else [joint]
+        return [
+            cls(robot, joints, **{**clock, **shape, **given}) for shape in cls.starts(robot, joint or 0)
+        ]
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        """The shape constants that measurements can tell, on which the columns truly depend."""
+        return tuple(key for key, shape in self.shapes.items() if shape.role == "searched")
+
+    # What a reader is told.
+
+    @property
+    def constants(self) -> str:
+        """The shape constants that measurements can tell, with their units: "vs = 0.1 rad/s"."""
+        kind = self.robot.joints[self.joints[0]].kind
+        return ", ".join(f"{k} = {self.shapes[k].said(self.shape[k], kind)}" for k in self.searched)
+
+    def remark(self, size: float) -> str:
+        """A sentence about an effect of this size, if there is something to say."""
+        return ""
+
+    @classmethod
+    def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:
+        """Why effects of this kind with the ``found`` shape constants are no physical cause on one
+        joint (from 1), if they are not."""
+        return ""
 
     @property
     def text(self) -> str:
@@ -201,6 +262,10 @@ class Effect(ABC):
         joints = "" if self.asked_joints is None else ":" + "+".join(str(j + 1) for j in self.joints)
         shape = "".join(f"@{k}={v:.6g}" for k, v in self.shape.items())
         return f"{self.name}{joints}{shape}"
+
+    def shape_unit(self, key: str, joint: int) -> str:
+        """Unit of a shape constant on a joint; "-" for a number."""
+        return self.shapes[key].unit_on(self.robot.joints[joint].kind)
 
     def to_dict(self) -> dict[str, object]:
         joints = None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
@@ -221,14 +286,21 @@ class OneAJoint(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(
-                f"{self.symbol}{j + 1}",
-                self.units[self.robot.joints[j].kind == "prismatic"],
+                self.parameter_name(j),
+                self.unit_on(j),
                 self.name,
                 j + 1,
                 self.lower,
             )
             for j in self.joints
         )
+
+    def parameter_name(self, joint: int) -> str:
+        return f"{self.symbol}{joint + 1}"
+
+    def unit_on(self, joint: int) -> str:
+        """The parameter's unit on a joint, with these shape constants."""
+        return self.units[self.robot.joints[joint].kind == "prismatic"]
 
 
 class JointEffect(OneAJoint):
@@ -251,11 +323,3 @@ SIGN_WIDTH = 0.01
 def smooth_sign(velocity: Array, width: float = SIGN_WIDTH) -> Array:
     """tanh(dq / width): the sign of a velocity whose value near zero is noise [-]."""
     return np.tanh(velocity / width)
-
-
-def velocity_unit(robot: Robot, joint: int) -> str:
-    return f"{robot.position_units[joint]}/s"
-
-
-def position_unit(robot: Robot, joint: int) -> str:
-    return robot.position_units[joint]

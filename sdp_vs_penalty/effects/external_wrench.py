@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.robot._pinocchio import pin
 
 
 class ExternalWrench(Effect):
@@ -16,6 +18,8 @@ class ExternalWrench(Effect):
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 7.1"
     whole_robot = True
+    sized_by = slice(0, 3)  # the force
+    one_number = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -28,3 +32,27 @@ class ExternalWrench(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         jacobian = self.robot.jacobians(motion.q, self.robot.n - 1)
         return [Block(j, np.arange(6), -jacobian[:, :, j]) for j in range(self.robot.n)]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    force, moment = rng.normal(size=3), 0.2 * rng.normal(size=3)
+    theta = (*force.tolist(), *moment.tolist())
+    return Hidden(
+        "external_wrench", (), lambda w, m, a: a * wrench_torque(w, m, force, moment), theta=theta
+    )
+
+
+def wrench_torque(world: World, motion: Motion, force: Array, moment: Array) -> Array:
+    """Joint torque (N, n) against a wrench on the last link, by recursive Newton-Euler."""
+    robot = world.robot
+    model = robot._with_inertias(world.links.ravel())
+    data = model.createData()
+    external = pin.StdVec_Force([pin.Force.Zero() for _ in range(robot.n + 1)])
+    out = np.empty_like(motion.q)
+    for k, (q, dq, ddq) in enumerate(zip(motion.q, motion.dq, motion.ddq, strict=True)):
+        plain = pin.rnea(model, data, q, dq, ddq).copy()
+        pin.forwardKinematics(model, data, q)
+        turn = data.oMi[robot.n].rotation
+        external[robot.n] = pin.Force(turn.T @ force, turn.T @ moment)
+        out[k] = pin.rnea(model, data, q, dq, ddq, external) - plain
+    return out

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.robot.robot import Robot
 
 
 class GlobalDelay(Effect):
@@ -23,5 +27,13 @@ class GlobalDelay(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter("T_g", "s", self.name, 0),)
 
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        return [{}] if robot.n > 1 else []  # on a single joint it is that joint's own delay
+
     def blocks(self, motion: Motion) -> list[Block]:
         return [Block(j, np.array([0]), -motion.torque_rate[:, [j]]) for j in range(self.robot.n)]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return Hidden("global_delay", (), late=np.full(world.robot.n, 1e-3), unit=1e-3, theta=(1e-3,))

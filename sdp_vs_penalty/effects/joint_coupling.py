@@ -6,7 +6,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Parameter, smooth_sign
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
+from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
+from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -23,13 +25,13 @@ class JointCoupling(JointEffect):
     )
     reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
     symbol = "f_c"
-    shape_defaults = {"i": 0.0, "form": 1.0}
+    units = ("N*m", "N")
+    several = True
+    shapes = {"i": Shape(0.0, signed=True), "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         super().__init__(robot, joints, **shape)
-        i, form = self.shape["i"], self.shape["form"]
-        if form not in (1.0, 2.0, 3.0, 4.0):
-            raise InputError(f"effect {self.name}: form is 1, 2, 3 or 4, not {form:g}.")
+        i = self.shape["i"]
         if i != int(i) or not 0 <= i <= robot.n:
             raise InputError(f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}.")
         if joints is None:
@@ -44,20 +46,16 @@ class JointCoupling(JointEffect):
         return joint - 1 if joint > 0 else 1
 
     @classmethod
-    def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < robot.n]
-        return [{"i": float(i + 1), "form": form} for i in neighbours for form in (1.0, 2.0, 3.0, 4.0)]
+        forms = cls.shapes["form"].choices
+        return [{"i": float(i + 1), "form": form} for i in neighbours for form in forms]
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        form = int(self.shape["form"])
-        return tuple(
-            Parameter(f"f_c{j + 1}_{self.partner(j) + 1}_{form}", self._unit(j), self.name, j + 1)
-            for j in self.joints
-        )
+    def parameter_name(self, joint: int) -> str:
+        return f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}_{self.shape['form']:g}"
 
-    def _unit(self, joint: int) -> str:
-        torque = self.robot.torque_units[joint]
+    def unit_on(self, joint: int) -> str:
+        torque = super().unit_on(joint)
         if self.shape["form"] != 1.0:
             return torque
         return f"{torque}*s/{self.robot.position_units[self.partner(joint)]}"
@@ -68,3 +66,16 @@ class JointCoupling(JointEffect):
         if form == 1:
             return np.array(other)
         return smooth_sign({2: other, 3: own + other, 4: own - other}[form], motion.sign_width)
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < world.robot.n]
+    if not neighbours:
+        raise InputError("effect joint_coupling needs a robot with two joints or more.")
+    i, form = int(rng.choice(neighbours)), int(rng.integers(1, 5))
+
+    def law(w: World, m: Motion) -> Array:
+        own, other = m.dq[:, joint], m.dq[:, i]
+        return other if form == 1 else np.sign({2: other, 3: own + other, 4: own - other}[form])
+
+    return one_joint("joint_coupling", joint, law, either_sign(rng), {"i": i + 1, "form": form})

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
 
 
 class JointSpring(JointEffect):
@@ -18,3 +21,7 @@ class JointSpring(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.q[:, joint]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return one_joint("joint_spring", joint, lambda w, m: m.q[:, joint], either_sign(rng))

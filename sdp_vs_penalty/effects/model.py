@@ -65,26 +65,20 @@ class Model:
     @cached_property
     def independent_indices(self) -> NDArray[np.intp]:
         """Where the parameters of :attr:`independent` sit in theta."""
-        parts = [
-            np.arange(offset, offset + len(effect.parameters))
-            for offset, effect in zip(self.offsets, self.effects, strict=True)
-            if not _depends(effect)
-        ]
-        return np.concatenate([np.arange(0), *parts])
+        own = zip(self.effects, self.indices, strict=True)
+        return np.concatenate([np.arange(0), *(k for effect, k in own if not _depends(effect))])
 
-    @property
-    def offsets(self) -> list[int]:
-        """Where each effect's parameters start in theta."""
-        sizes = [len(effect.parameters) for effect in self.effects]
-        return [0, *np.cumsum(sizes)[:-1].tolist()]
+    @cached_property
+    def indices(self) -> tuple[NDArray[np.intp], ...]:
+        """Where each effect's parameters sit in theta."""
+        ends = np.cumsum([len(effect.parameters) for effect in self.effects])
+        return tuple(np.split(np.arange(ends[-1]), ends[:-1]))
 
     @cached_property
     def rigid_indices(self) -> NDArray[np.intp]:
         """(10 n,) where the links' standard parameters sit in theta; empty without a rigid body."""
-        for offset, effect in zip(self.offsets, self.effects, strict=True):
-            if effect.name == "rigid_body":
-                return np.arange(offset, offset + 10 * self.robot.n)
-        return np.arange(0)
+        own = zip(self.effects, self.indices, strict=True)
+        return next((k for effect, k in own if effect.name == "rigid_body"), np.arange(0))
 
     @cached_property
     def joint_indices(self) -> tuple[NDArray[np.intp], ...]:
@@ -109,9 +103,9 @@ class Model:
         blocks = {k: e.blocks(motion) for k, e in enumerate(self.effects) if not _depends(e)}
         if self.needs_reference and motion.current is None:
             motion = self._with_current(motion, blocks)
-        for k, (offset, effect) in enumerate(zip(self.offsets, self.effects, strict=True)):
+        for k, (own, effect) in enumerate(zip(self.indices, self.effects, strict=True)):
             for block in blocks[k] if k in blocks else effect.blocks(motion):
-                indices[block.joint].append(block.parameters + offset)
+                indices[block.joint].append(own[block.parameters])
                 columns[block.joint].append(block.columns)
         empty = np.zeros((len(motion.t), 0))
         return [
@@ -130,10 +124,10 @@ class Model:
                 "without it first, then add it."
             )
         torque = np.zeros_like(motion.q)
-        offsets = self.offsets
         for k, parts in blocks.items():
+            theta = self.reference[self.indices[k]]
             for block in parts:
-                torque[:, block.joint] += block.columns @ self.reference[offsets[k] + block.parameters]
+                torque[:, block.joint] += block.columns @ theta[block.parameters]
         links = self.reference[self.rigid_indices].reshape(-1, 10)
         if not len(links):
             links = np.zeros((self.robot.n, 10))

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.hidden import Hidden, World
 from sdp_vs_penalty.robot import inertia
 
 
@@ -20,6 +26,7 @@ class Payload(Effect):
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     whole_robot = True
     frozen_only = True
+    sized_by = slice(0, 1)  # its mass
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -29,6 +36,15 @@ class Payload(Effect):
             for name, unit in zip(names, inertia.UNITS, strict=True)
         )
 
+    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
+        """It is a body."""
+        return [build.pseudo_inertia(self.name, indices), *super().constraints(indices)]
+
+    @property
+    def nominal(self) -> Array:
+        """A solid ball of 0.5 kg and 5 cm radius."""
+        return 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
+
     def blocks(self, motion: Motion) -> list[Block]:
         last = self.robot.n - 1
         columns = self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, 10 * last :]
@@ -37,3 +53,17 @@ class Payload(Effect):
             for j, links in enumerate(self.robot.subtree)
             if last in links
         ]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    com = rng.uniform(-0.05, 0.05, 3) + np.array([0.0, 0.0, 0.05])
+    gyration = rng.uniform(0.02, 0.06, 3) ** 2
+    moments = gyration.sum() - gyration
+    load = inertia.standard_from_barycentric([1.0, *com, moments[0], 0, moments[1], 0, 0, moments[2]])
+
+    def torque(w: World, m: Motion, a: float) -> Array:
+        links = w.links.copy()
+        links[-1] += a * load
+        return replace(w, links=links).rigid(m) - w.rigid(m)
+
+    return Hidden("payload", (), torque, details={"com": com.tolist()}, theta=tuple(load.tolist()))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, position_unit
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
+from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
 class PreslidingHysteresis(JointEffect):
@@ -21,16 +23,18 @@ class PreslidingHysteresis(JointEffect):
     lower = 0.0
     refines = ("coulomb_friction",)
     has_memory = True
-    shape_defaults = {"d": 0.003}
-    shape_grid = {"d": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}
-    shape_bounds = {"d": (0.0002, 0.05)}
+    shapes = {
+        "d": Shape(
+            0.003,
+            POSITION,
+            grid=(0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
+            bounds=(0.0002, 0.05),
+        )
+    }
 
     def column(self, motion: Motion, joint: int) -> Array:
         sign = motion.sign(joint)
         return dahl(motion.q[:, joint], self.shape["d"], float(sign[0])) - sign
-
-    def shape_unit(self, key: str, joint: int) -> str:
-        return position_unit(self.robot, joint)
 
 
 def dahl(q: Array, d: float, start: float = 0.0) -> Array:
@@ -55,3 +59,30 @@ def dahl(q: Array, d: float, start: float = 0.0) -> Array:
         travel = np.abs(q[first + 1 : stop + 1] - q[first])
         z[first + 1 : stop + 1] = s + (z[first] - s) * np.exp(-travel / d)
     return z
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    d = log_uniform(rng, 0.001, 0.02)
+
+    def law(w: World, m: Motion) -> Array:
+        return bristle(m.t, m.dq[:, joint], d) - w.dry(m.dq[:, joint])
+
+    return one_joint("presliding_hysteresis", joint, law, shape={"d": d})
+
+
+def bristle(t: Array, v: Array, d: float, stribeck: float = 0.0, vs: float = 1.0) -> Array:
+    """Mean bristle torque (N,) over Coulomb's: d z' = v - |v| z / g(v), g = 1 + stribeck exp(-(v/vs)^2).
+
+    Integrated sample by sample with v held between samples (exponential Euler). The start is the
+    sliding state, as if the run had begun before the record. For the hidden world alone.
+    """
+    dt = np.diff(t)
+    g = 1.0 + stribeck * np.exp(-((v / vs) ** 2))
+    decay = np.exp(-np.abs(v[:-1]) * dt / (d * g[:-1])).tolist()
+    target = (np.sign(v[:-1]) * g[:-1]).tolist()
+    z = float(np.sign(v[0]) * g[0])
+    out = [z]
+    for a, goal in zip(decay, target, strict=True):
+        z = goal + (z - goal) * a
+        out.append(z)
+    return np.array(out)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Robot
 
 
 class RigidBody(Effect):
@@ -24,6 +29,14 @@ class RigidBody(Effect):
             for link in range(1, self.robot.n + 1)
             for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
         )
+
+    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
+        """None of its own: the links' bounds are the problem's."""
+        return []
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        return []  # a model without it has no torque to begin with
 
     def blocks(self, motion: Motion) -> list[Block]:
         regressor = self.robot.regressor(motion.q, motion.dq, motion.ddq)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, one_joint
 
 
 class RotorInertia(JointEffect):
@@ -19,3 +22,7 @@ class RotorInertia(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.ddq[:, joint]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return one_joint("rotor_inertia", joint, lambda w, m: m.ddq[:, joint])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, velocity_unit
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
+from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 
 
 class SigmoidFriction(JointEffect):
@@ -20,13 +22,18 @@ class SigmoidFriction(JointEffect):
     units = ("N*m", "N")
     lower = 0.0
     refines = ("coulomb_friction",)
-    shape_defaults = {"v0": 0.1}
-    shape_grid = {"v0": (0.02, 0.04, 0.08, 0.16, 0.32)}
-    shape_bounds = {"v0": (0.012, 2.0)}
+    shapes = {"v0": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0))}
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
         return np.tanh(dq / self.shape["v0"]) - motion.sign(joint)
 
-    def shape_unit(self, key: str, joint: int) -> str:
-        return velocity_unit(self.robot, joint)
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    v0 = log_uniform(rng, 0.03, 0.25)
+
+    def law(w: World, m: Motion) -> Array:  # the paper's logistic form, 2 / (1 + exp(-phi_2 v)) - 1
+        v = m.dq[:, joint]
+        return 2.0 / (1.0 + np.exp(np.clip(-2.0 * v / v0, -500, 500))) - 1.0 - w.dry(v)
+
+    return one_joint("sigmoid_friction", joint, law, shape={"v0": v0})

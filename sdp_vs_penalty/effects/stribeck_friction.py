@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, velocity_unit
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
+from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 
 
 class StribeckFriction(JointEffect):
@@ -18,14 +20,23 @@ class StribeckFriction(JointEffect):
     symbol = "f_st"
     units = ("N*m", "N")
     lower = 0.0
+    dissipates = True
     refines = ("coulomb_friction",)
-    shape_defaults = {"vs": 0.1, "delta": 2.0}
-    shape_grid = {"vs": (0.02, 0.04, 0.08, 0.16, 0.32), "delta": (1.0, 2.0)}
-    shape_bounds = {"vs": (0.012, 1.0)}
+    shapes = {
+        "vs": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)),
+        "delta": Shape(2.0, grid=(1.0, 2.0)),
+    }
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
         return motion.sign(joint) * np.exp(-((np.abs(dq) / self.shape["vs"]) ** self.shape["delta"]))
 
-    def shape_unit(self, key: str, joint: int) -> str:
-        return velocity_unit(self.robot, joint) if key == "vs" else "-"
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    vs, delta = log_uniform(rng, 0.03, 0.25), float(rng.choice([1.0, 2.0]))
+
+    def law(w: World, m: Motion) -> Array:  # F_c + (F_s - F_c) exp(..), the classical curve, less F_c
+        v = m.dq[:, joint]
+        return np.sign(v) * np.exp(-((np.abs(v) / vs) ** delta))
+
+    return one_joint("stribeck_friction", joint, law, shape={"vs": vs, "delta": delta})

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World
 
 
 class TorqueDelay(JointEffect):
@@ -20,3 +23,9 @@ class TorqueDelay(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return -motion.torque_rate[:, joint]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    late = np.zeros(world.robot.n)
+    late[joint] = 1e-3
+    return Hidden("torque_delay", (joint,), late=late, unit=1e-3, theta=(1e-3,))

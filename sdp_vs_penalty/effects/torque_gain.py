@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
 
 
 class TorqueGain(JointEffect):
@@ -19,3 +22,7 @@ class TorqueGain(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.model_torque[:, joint]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return one_joint("torque_gain", joint, lambda w, m: w.torque(m)[:, joint], either_sign(rng))

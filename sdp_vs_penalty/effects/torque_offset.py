@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
 
 
 class TorqueOffset(JointEffect):
@@ -17,3 +18,7 @@ class TorqueOffset(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.ones(len(motion.t))
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    return one_joint("torque_offset", joint, lambda w, m: np.ones_like(m.t), either_sign(rng))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.effects.hidden import Hidden, World, on_joint
+from sdp_vs_penalty.effects.shape import Shape
 
 
 class TorqueRipple(Effect):
@@ -18,14 +19,18 @@ class TorqueRipple(Effect):
         "poles, gear teeth, an eccentric gear or a strain wave generator, which turns twice its ratio."
     )
     reference = "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
-    shape_defaults = {"k": 2.0}
-    shape_bounds = {"k": (0.95, 1e4)}
-    #: Orders a search looks at; higher ones are visible at full rate only (the order spectrum).
-    searched = tuple(float(k) for k in range(1, 41))
-
-    @classmethod
-    def shapes(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        return [{"k": k} for k in cls.searched]
+    several = True
+    shapes = {
+        "k": Shape(
+            2.0,
+            ("1/turn", "rad/m"),
+            # Higher orders are visible at full rate only (the order spectrum).
+            grid=tuple(float(k) for k in range(1, 41)),
+            bounds=(0.95, 1e4),
+            # Waves: neighbours are a fixed distance apart, whatever their order.
+            scale="linear",
+        )
+    }
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -51,5 +56,26 @@ class TorqueRipple(Effect):
         phase = self.shape["k"] * motion.q[:, joint]
         return np.column_stack([np.cos(phase), np.sin(phase)])
 
-    def shape_unit(self, key: str, joint: int) -> str:
-        return "1/turn" if self.robot.joints[joint].kind == "revolute" else "rad/m"
+    @classmethod
+    def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:
+        """Orders that are no multiples of the lowest, or three and more: an unknown function of the
+        position, written as a sum of waves."""
+        orders = [shape["k"] for shape in found]
+        related = all(abs(k / min(orders) - round(k / min(orders))) <= 0.02 for k in orders)
+        if related and len(orders) < 3:
+            return ""
+        return (
+            f"Several unrelated ripples on joint {joint}: read them as one unknown function of its "
+            "position, not as ripples."
+        )
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    k, phase = float(rng.integers(2, 31)), float(rng.uniform(0.0, 2.0 * np.pi))
+    return Hidden(
+        "torque_ripple",
+        (joint,),
+        lambda w, m, a: a * on_joint(joint, w.robot.n, np.sin(k * m.q[:, joint] + phase)),
+        details={"shape": {"k": k}},
+        theta=(float(np.sin(phase)), float(np.cos(phase))),
+    )

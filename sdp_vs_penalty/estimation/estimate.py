@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
-import platform
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,42 +18,34 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
-from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.files import read_json, write_text
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
-from sdp_vs_penalty.version import __version__
+from sdp_vs_penalty.solvers.certificate import Certificate
 
 if TYPE_CHECKING:
     import pandas
 
-    from sdp_vs_penalty.constraints.constraint import ConstraintSet
-    from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
-    from sdp_vs_penalty.problem.problem import Problem
-    from sdp_vs_penalty.regression.black_box import BlackBox
-    from sdp_vs_penalty.regression.regression import LeastSquares, Regression
-
 Array = NDArray[np.float64]
 
-#: Of model.json; a file with a larger number was written by a newer version of this package.
-FORMAT = 1
-
-#: Random poses at which M(q) must be positive definite.
-_POSES = 10_000
+#: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
+#: did not keep the bounds under which a model was identified, and nothing can bring them back.
+FORMAT = 2
 
 
 @dataclass(frozen=True, repr=False)
 class Estimate(Shown):
     """theta (p,) of a model, with how it came about.
 
-    covariance (p, p) : of the identifiable part of theta, NaN rows for what the data do not see.
-    settings : those of the method; preprocessing : the resolved filters; provenance : versions,
-    data hash, seed, problem.
+    problem : the bounds and the prior that it was identified under, which travel with it; covariance
+    (p, p) : of the identifiable part of theta, NaN rows for what the data do not see; settings : those
+    of the method; preprocessing : the resolved filters; provenance : versions, data hash, seed.
     """
 
-    problem: str
+    problem: Problem
     model: Model
     theta: Array
     covariance: Array
@@ -117,7 +107,7 @@ class Estimate(Shown):
         return plot_parameters(self.model.parameters, self.theta, self.standard_deviations, axes)
 
     def _summary(self) -> Summary:
-        title = f"Estimate: {self.problem}, {self.method}, {len(self.theta)} parameters"
+        title = f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)} parameters"
         return title, [
             ("effects", ", ".join(e.name for e in self.model.effects)),
             ("data", f"{self.provenance['samples']} samples of {', '.join(self.provenance['runs'])}"),
@@ -152,7 +142,7 @@ class Estimate(Shown):
         seen = np.flatnonzero(~np.isnan(np.diagonal(self.covariance)))
         return {
             "format": FORMAT,
-            "problem": self.problem,
+            "problem": problem_to_dict(self.problem),
             "method": self.method,
             "settings": self.settings,
             "parameters": parameters,
@@ -185,33 +175,23 @@ class Estimate(Shown):
 def load_estimate(path: str | Path) -> Estimate:
     """Read the model.json at ``path``; the estimate predicts the same torques to the last bit.
 
-    Raises InputError for a file that is not one, is incomplete, or comes from a newer version.
+    Raises InputError for a file that is not one, is incomplete, or comes from a newer version, or from
+    an earlier one, which did not keep the problem.
     """
-    path = Path(path)
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a JSON file ({error}).") from error
-    if not isinstance(data, dict) or "format" not in data:
-        raise InputError(f"{path}: not a model.json of this program (no field 'format').")
-    if not isinstance(data["format"], int) or data["format"] > FORMAT:
-        raise InputError(
-            f"{path}: written by a newer version (format {data['format']}, this one reads up to "
-            f"{FORMAT}): upgrade sdp-vs-penalty."
-        )
-    try:
-        return _from_dict(data)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    except KeyError as error:
-        raise InputError(f"{path}: the field {error.args[0]!r} is missing.") from error
-    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(f"{path}: a field has the wrong content ({error}).") from error
+    return read_json(path, "model.json", "format", _from_dict)
 
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
+    if not isinstance(data["format"], int) or data["format"] > FORMAT:
+        raise InputError(
+            f"written by a newer version (format {data['format']}, this one reads up to {FORMAT}): "
+            "upgrade sdp-vs-penalty."
+        )
+    if data["format"] < FORMAT:
+        raise InputError(
+            f"written by an earlier version (format {data['format']}), which did not keep the bounds of "
+            "the model's problem: identify again."
+        )
     robot = Robot.from_dict(data["robot"])
     reference = data.get("reference")
     model = Model(
@@ -235,7 +215,7 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         len(seen), len(seen)
     )
     return Estimate(
-        data["problem"],
+        problem_from_dict(data["problem"], robot),
         model,
         np.array([given[name] for name in names]),
         covariance,
@@ -246,124 +226,3 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         data["details"],
         data["provenance"],
     )
-
-
-def build_estimate(
-    problem: Problem,
-    task: Task,
-    estimator: Estimator,
-    fit: Fit,
-    regression: Regression,
-    preprocessing: Preprocessing,
-    measurements: Measurements | BlackBox,
-    weighting: str,
-) -> Estimate:
-    """Certify a fit and put everything that made it into an Estimate."""
-    theta, certificate = certify(task, fit)
-    bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
-    settings = {
-        **dataclasses.asdict(estimator),  # type: ignore[call-overload]
-        "weighting": weighting,
-    }
-    provenance = {
-        "seed": task.seed,
-        "data_hash": measurements.data_hash,
-        "runs": list(measurements.names),
-        "samples": measurements.samples,
-        "versions": versions(),
-    }
-    return Estimate(
-        problem.name,
-        task.model,
-        theta,
-        covariance(task.data, regression.oversampling),
-        estimator.name,
-        certificate,
-        preprocessing,
-        settings,
-        {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
-        provenance,
-    )
-
-
-def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
-    """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
-    found = []
-    for c in constraints.convex:
-        if c.family in ("mass", "bounding ellipsoid", "range"):
-            size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
-            if np.any(c.value(theta) <= 1e-6 * size):
-                found.append(f"{c.family} of {c.name}")
-    return found
-
-
-def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
-    """The estimate, moved into the feasible set where the method promises that, and its certificate."""
-    theta = fit.theta
-    upper = lower = gap = None
-    if fit.multipliers is not None and fit.interior is not None:
-        theta = repair(fit.constraints, theta, fit.interior)
-        upper = fit.objective.value(theta)
-        lower = lower_bound(
-            fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
-        )
-        scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
-        gap = (upper - lower) / scale if scale > 0.0 else 0.0
-    links = theta[task.links]
-    return theta, Certificate(
-        violations=fit.constraints.worst(theta),
-        loss=task.data.loss(theta),
-        upper=upper,
-        lower=lower,
-        gap=gap,
-        positive_mass_matrices=positive_mass_matrices(task.model.robot, links) if len(links) else None,
-        smallest_thickness=float(inertia.thickness(links).min()) if len(links) else None,
-    )
-
-
-def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:
-    """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
-    matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
-    with contextlib.suppress(np.linalg.LinAlgError):  # ten times faster, where it is so everywhere
-        np.linalg.cholesky(matrices)
-        return 1.0
-    return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
-
-
-def covariance(data: LeastSquares, oversampling: float) -> Array:
-    """sigma^2 (R^T R)^-1 on what the data determine, NaN for every parameter that they do not.
-
-    sigma^2 is the residual variance of unconstrained least squares; filtered rows repeat each
-    other ``oversampling`` times.
-    """
-    p = data.R.shape[1]
-    out = np.full((p, p), np.nan)
-    norms = data.column_norms
-    visible = np.flatnonzero(norms > 0.0)
-    if not len(visible):
-        return out
-    u, s, vt = np.linalg.svd(data.R[:, visible] / norms[visible], full_matrices=False)
-    good = s > 1e-9 * s[0]
-    residual = data.rho - u[:, good] @ (u[:, good].T @ data.rho)
-    loss = float(residual @ residual) + data.floor**2
-    variance = loss / max(data.rows - oversampling * int(good.sum()), 1.0) * oversampling
-    # A parameter is determined if its unit vector lies in the row space of R.
-    inside = np.sum(vt[good] ** 2, axis=0) > 1.0 - 1e-9
-    half = (vt[good] / s[good, None]) / norms[visible]
-    full = variance * half.T @ half
-    keep = visible[inside]
-    out[np.ix_(keep, keep)] = full[np.ix_(inside, inside)]
-    return out
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that a figure may depend on."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "pin", "clarabel", "cvxpy"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found

@@ -15,7 +15,8 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate, build_estimate
+from sdp_vs_penalty.estimation.certify import build_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task

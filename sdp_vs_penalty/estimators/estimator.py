@@ -118,6 +118,9 @@ class Estimator(ABC):
     description: ClassVar[str]
     #: True where the method is defined on a black box's answers only.
     needs_black_box: ClassVar[bool] = False
+    #: Place among the columns of Tables III, VII, VIII, IX and the rows of IV; None: not one of them.
+    #: Every method has its rows in the table of methods.
+    table_place: ClassVar[int | None] = None
 
     @abstractmethod
     def fit(self, task: Task) -> Fit:

@@ -52,6 +52,7 @@ class LmiSdp(Estimator):
     """
 
     name = "lmi-sdp"
+    table_place: ClassVar[int | None] = 4
     description = "one-step torque SDP with minimum thickness (the default)"
 
     thickness: float = DEFAULT_THICKNESS
@@ -87,6 +88,7 @@ def _sample_variance(task: Task) -> float:
 @dataclass(frozen=True)
 class LmiSdpPlain(LmiSdp):
     name = "lmi-sdp-plain"
+    table_place: ClassVar[int | None] = 5
     description = "one-step torque SDP without minimum thickness: links degenerate to rods"
     thickness: float = 0.0
     joint_prior: float = 0.0
@@ -95,6 +97,7 @@ class LmiSdpPlain(LmiSdp):
 @dataclass(frozen=True)
 class LmiSdpEntropic(LmiSdp):
     name = "lmi-sdp-entropic"
+    table_place: ClassVar[int | None] = 6
     description = (
         "one-step torque SDP with an entropic pull towards the problem's nominal robot and no friction"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class Ols(Estimator):
     """
 
     name = "ols"
+    table_place: ClassVar[int | None] = 1
     description = "classical least squares, no constraints (the paper's CLS)"
 
     def fit(self, task: Task) -> Fit:

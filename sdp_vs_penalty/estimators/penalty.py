@@ -8,7 +8,7 @@ certificate computes a lower bound on the optimum as it does for the SDP.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class Penalty(Estimator):
     """
 
     name = "penalty"
+    table_place: ClassVar[int | None] = 2
     description = "one-step torque loss with an exact penalty, multi-start (the strongest)"
 
     thickness: float = DEFAULT_THICKNESS
@@ -67,6 +68,7 @@ class PenaltyTwoStep(Penalty):
     """
 
     name = "penalty-two-step"
+    table_place: ClassVar[int | None] = None
     description = "exact penalty on the distance to the OLS base parameters, multi-start"
 
     def fit(self, task: Task) -> Fit:

@@ -15,7 +15,7 @@ multiplier, in (N m)^2 per kg m^2. At 40 the answer is in general not physically
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,7 @@ class PenaltyPaper(Estimator):
     """
 
     name = "penalty-paper"
+    table_place: ClassVar[int | None] = 3
     description = "simulated annealing with penalty weights 0..40, as published (one-step)"
 
     runs: int = 10
@@ -63,6 +64,7 @@ class PenaltyPaperTwoStep(PenaltyPaper):
     """loss = |pi(p) - pi_hat|^2 over the links' parameters; friction stays as first estimated."""
 
     name = "penalty-paper-two-step"
+    table_place: ClassVar[int | None] = None
     description = "simulated annealing on the distance to the OLS base parameters, as published"
 
     def fit(self, task: Task) -> Fit:

@@ -40,7 +40,7 @@ class Content:
         model, robot = estimate.model, estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
-                f"model {estimate.problem}: the model has no rigid_body effect, so there are no "
+                f"model {estimate.problem.name}: the model has no rigid_body effect, so there are no "
                 "inertias to export: write .json or .py instead."
             )
         links = np.stack(

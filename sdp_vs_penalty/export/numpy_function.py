@@ -26,6 +26,11 @@ from sdp_vs_penalty.export.content import number
 from sdp_vs_penalty.robot.robot import Robot
 
 _PACKAGE = "sdp_vs_penalty"
+#: Of an effect's class: what identification, search and reader ask, and a torque does not need.
+_NOT_FOR_TORQUE = frozenset(
+    {"constraints", "nominal", "starts", "candidates", "searched", "constants", "remark", "doubt"}
+    | {"shape_unit", "text", "to_dict"}
+)
 _TEMPLATE = '''\
 """Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
 
@@ -167,7 +172,7 @@ class _Bundle:
                 f"{name} is the name of two things: the model cannot be written as one file."
             )
         self._done.add(name)
-        source = textwrap.dedent(inspect.getsource(thing))
+        source = _for_torque(textwrap.dedent(inspect.getsource(thing)))
         home = vars(sys.modules[thing.__module__])
         for used in _names(ast.parse(source)):
             if used in home and used != name:
@@ -238,6 +243,18 @@ class _Bundle:
             if self._known.setdefault(name, hash(text)) != hash(text):
                 raise InputError(f"{name} means two things: the model cannot be written as one file.")
             self.sources.append(line)
+
+
+def _for_torque(source: str) -> str:
+    """Source of a class or function without the methods in _NOT_FOR_TORQUE."""
+    (thing,) = ast.parse(source).body
+    dropped: set[int] = set()
+    for part in thing.body if isinstance(thing, ast.ClassDef) else ():
+        if isinstance(part, ast.FunctionDef) and part.name in _NOT_FOR_TORQUE:
+            first = min([part.lineno, *(d.lineno for d in part.decorator_list)])
+            dropped |= {*range(first, (part.end_lineno or first) + 2)}  # and the empty line behind it
+    lines = source.splitlines()
+    return "\n".join(line for number, line in enumerate(lines, 1) if number not in dropped)
 
 
 def _names(tree: ast.AST) -> list[str]:

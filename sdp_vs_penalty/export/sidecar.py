@@ -50,8 +50,7 @@ def make_sidecar(estimate: Estimate) -> bytes:
 
 def _effect(estimate: Estimate, index: int) -> dict[str, Any]:
     model = estimate.model
-    effect, start = model.effects[index], model.offsets[index]
-    values = estimate.theta[start : start + len(effect.parameters)]
+    effect, values = model.effects[index], estimate.theta[model.indices[index]]
     return {
         **effect.to_dict(),
         "equation": effect.equation,

@@ -17,6 +17,7 @@ from xml.sax.saxutils import escape
 from lxml import etree
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import opened
 
 _ATTRIBUTE = re.compile(rb"""\s([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
@@ -36,6 +37,7 @@ class Document:
     def read(cls, path: str | Path) -> Document:
         """Raises InputError for a file that is no XML, has a document type, or is not ASCII-like."""
         path = Path(path)
+        opened(path)
         try:
             source = path.read_bytes()
         except OSError as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +109,7 @@ def read(request: Request, progress: Progress) -> Answer:
                 raise InputError(f"{path}: holds the same samples as {twin}: name each run once.")
             progress(f"checking {file['name']}")
             run = _keep(problem, part, Path(request["folder"]), file["name"])
+            run["given"] = file.get("given", file["name"])
         except InputError as error:
             refused.append(str(error).replace(str(path), file["name"]))
             continue
@@ -120,7 +121,7 @@ def read(request: Request, progress: Progress) -> Answer:
 def real(request: Request, progress: Progress) -> Answer:
     """The real runs of a robot that are on this computer."""
     (name,) = [d.name for d in DATASETS.values() if d.problem == request["robot"]["source"]]
-    files = [{"path": str(path), "name": path.stem} for path in _real_files(name)]
+    files = [{"path": str(p), "name": p.stem, "given": str(p)} for p in _real_files(name)]
     return read({**request, "files": files}, progress)
 
 
@@ -153,7 +154,7 @@ def fit(request: Request, progress: Progress) -> Answer:
         progress=progress,
     )
     seconds = time.perf_counter() - begin
-    return summary(estimate, runs, Path(request["out"]), seconds, progress)
+    return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
 
 
 def open_model(request: Request, progress: Progress) -> Answer:
@@ -165,7 +166,7 @@ def open_model(request: Request, progress: Progress) -> Answer:
             f"{request['model']}: is of a robot with {show.count(estimate.robot.n, 'joint')}, the "
             f"runs have {runs.train.n}: choose the model that belongs to them."
         )
-    return summary(estimate, runs, Path(request["out"]), 0.0, progress)
+    return asdict(summary(estimate, runs, Path(request["out"]), 0.0, progress))
 
 
 def extend(request: Request, progress: Progress) -> Answer:
@@ -176,13 +177,12 @@ def extend(request: Request, progress: Progress) -> Answer:
         load_estimate(request["model"]),
         request["effect"],
         runs.train,
-        problem=_problem(request),
         frozen=bool(request["frozen"]),
         seed=int(request["seed"]),
         progress=progress,
     )
     seconds = time.perf_counter() - begin
-    return summary(estimate, runs, Path(request["out"]), seconds, progress)
+    return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
 
 
 def find(request: Request, progress: Progress) -> Answer:
@@ -197,33 +197,23 @@ def find(request: Request, progress: Progress) -> Answer:
         seed=int(request["seed"]),
         progress=progress,
     )
-    return {
-        **result.to_dict(),
-        "texts": [f.text for f in result.effects],
-        "std": [f.std for f in result.effects],
-        "remarks": list(result.remarks),
-        "noise_source": result.noise_source,
-        "unexplained": result.unexplained.tolist(),
-        "band_hz": result.band_hz,
-        "seconds": time.perf_counter() - begin,
-    }
+    return {"diagnosis": result.to_dict(), "seconds": time.perf_counter() - begin}
 
 
 def methods(request: Request, progress: Progress) -> Answer:
     """The same effects by other methods, judged alike."""
     from sdp_vs_penalty.diagnosis.comparison import compare
 
-    problem, runs = _problem(request), _runs(request)
-    effects = load_estimate(request["model"]).model.effects
+    runs, current = _runs(request), load_estimate(request["model"])
     rows = []
     for name in request["methods"]:
         begin = time.perf_counter()
         try:
             made = identify(
-                problem,
+                current.problem,
                 runs.train,
                 name,
-                effects=effects,
+                effects=current.model.effects,
                 seed=int(request["seed"]),
                 progress=lambda text, name=name: progress(f"{name}: {text}"),  # type: ignore[misc]
             )
@@ -262,7 +252,6 @@ def report(request: Request, progress: Progress) -> Answer:
     made = make_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},
         _runs(request).judge,
-        problem=_problem(request),
         commands=request["commands"],
         progress=progress,
     )
@@ -290,7 +279,7 @@ def _runs(request: Request) -> Runs:
     train, test = [], []
     for run, part in zip(chosen, loaded.runs(), strict=True):
         if run["use"] == "split":
-            cut = SPLIT * float(part.t[-1] - part.t[0])
+            cut = run["split_at"]
             train.append(replace(part.window(0.0, cut), names=(f"{run['name']}, first part",)))
             rest = part.window(cut + _PAUSE, float("inf"))
             test.append(replace(rest, names=(f"{run['name']}, rest",)))
@@ -302,7 +291,10 @@ def _runs(request: Request) -> Runs:
 
 
 def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[str, Any]:
-    """Write a run into the session's folder; what the page shows of it."""
+    """Write a run into the session's folder; what the page shows of it.
+
+    given : how the command line names it; split_at : the second at which the use "split" cuts it.
+    """
     part = replace(concatenate([part]), names=(name,))
     (found,) = check(problem, part, thorough=False)
     file = f"run-{part.data_hash[:16]}.npz"
@@ -311,10 +303,12 @@ def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict
     return {
         "file": file,
         "name": name,
+        "given": name,
         "use": "train",
         "hash": part.data_hash,
         "samples": part.samples,
         "seconds": seconds,
+        "split_at": SPLIT * seconds,
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
         "findings": [
             {"severity": f.severity, "kind": f.kind, "what": f.what, "remedy": f.remedy}

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.state import METHOD, Notice, State, Working
+from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Cancelled
 
 _OTHER_RUNS = "The runs have changed: identify again."
@@ -62,8 +64,8 @@ class Session(State):
         async def do() -> None:
             await self._take_runs("simulate", **details)
             at = ":" + "+".join(map(str, joints)) if joints else ""
-            if effect != "none":
-                self.made_by = f"--hide {effect}{at} --level {level} --seed {seed} --out ."
+            hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
+            self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
 
         self._start("Simulating", do())
 
@@ -100,7 +102,7 @@ class Session(State):
                 "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
             )
             self.forget_models()
-            self.ladder = [{**answer, "label": "identified", "added": []}]
+            self.ladder = [Rung(**{**answer, "label": "identified"})]
 
         self._start(f"Identifying by {self.method}", do())
 
@@ -110,7 +112,7 @@ class Session(State):
         async def do() -> None:
             answer = await self._job("open_model", model=path, out=self._next_file())
             self.forget_models()
-            self.ladder = [{**answer, "label": name, "added": [], "opened": name}]
+            self.ladder = [Rung(**{**answer, "label": name, "opened": name})]
 
         self._start(f"Opening {name}", do(), {path: name})
 
@@ -118,10 +120,9 @@ class Session(State):
         """What the current model misses."""
 
         async def do() -> None:
-            frozen = self.frozen
-            answer = await self._job("find", model=self._current(), frozen=frozen)
-            self.findings = {**answer, "frozen": frozen}
-            self.found_for = len(self.ladder)
+            answer = await self._job("find", model=self._current(), frozen=self.frozen)
+            self.findings = Diagnosis.from_dict(answer["diagnosis"])
+            self.found_for, self.found_in = len(self.ladder), answer["seconds"]
 
         self._start("Looking for what is missing", do())
 
@@ -129,7 +130,7 @@ class Session(State):
         """Add effects to the current model."""
 
         async def do() -> None:
-            frozen = self.findings is not None and self.findings["frozen"]
+            frozen = self.findings is not None and self.findings.frozen
             answer = await self._job(
                 "extend",
                 model=self._current(),
@@ -138,7 +139,8 @@ class Session(State):
                 out=self._next_file(),
             )
             label = " ".join(f"+ {text.partition('@')[0]}" for text in texts)
-            self.ladder.append({**answer, "label": label, "added": list(texts), "frozen": frozen})
+            new = {"label": label, "added": tuple(texts), "frozen": frozen}
+            self.ladder.append(Rung(**{**answer, **new}))
             self.methods = None
 
         self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
@@ -173,7 +175,7 @@ class Session(State):
                 out.write_bytes(Path(self._current()).read_bytes())
             elif name == "report.html":
                 models = [
-                    {"label": f"{k}: {m['label']}", "file": m["file"]}
+                    {"label": f"{k}: {m.label}", "file": m.file}
                     for k, m in enumerate(self.ladder, start=1)
                 ]
                 self._current()
@@ -184,8 +186,8 @@ class Session(State):
                 if answer["left_out"]:
                     self.notice = Notice(
                         (
-                            f"{out.suffix} files cannot hold {', '.join(answer['left_out'])}; "
-                            "model.json and the NumPy function can.",
+                            f"{out.suffix} has no place for {', '.join(answer['left_out'])}: model.json "
+                            "and the NumPy function have them.",
                         ),
                         error=False,
                     )
@@ -285,7 +287,7 @@ class Session(State):
     def _current(self) -> str:
         if self.model is None:
             raise InputError("No model yet: identify one first.")
-        return str(self.model["file"])
+        return self.model.file
 
     def _next_file(self) -> str:
         self._count += 1

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import shlex
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Work, Workshop
 from sdp_vs_penalty.report.plots import Curves
 
@@ -53,8 +54,8 @@ class State:
     """The state of a tab; it is kept while the server runs, also when the tab is closed.
 
     robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; ladder :
-    summaries of models, each with a ``label``, the last one current; findings : of the model number
-    ``found_for`` of the ladder.
+    models, the last one current; findings : of the model number ``found_for`` of the ladder, found in
+    ``found_in`` seconds.
     """
 
     token: str
@@ -68,16 +69,18 @@ class State:
     frozen: bool = False
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
-    ladder: list[dict[str, Any]] = field(default_factory=list)
-    findings: dict[str, Any] | None = None
+    ladder: list[Rung] = field(default_factory=list)
+    findings: Diagnosis | None = None
     found_for: int = 0
+    found_in: float = 0.0
     methods: list[dict[str, Any]] | None = None
     notice: Notice | None = None
     working: Working | None = None
     task: asyncio.Task[None] | None = None
     watchers: list[Watcher] = field(default_factory=list)
     arrived: dict[str, Path] = field(default_factory=dict)
-    made_by: str | None = None
+    #: The arguments of the command that makes the simulated runs.
+    made_by: list[str] | None = None
     left_at: float = field(default_factory=time.monotonic)
     #: How often a control was moved in vain: it has to be drawn anew as it is.
     refusals: int = 0
@@ -86,7 +89,7 @@ class State:
     _curves: dict[str, list[Curves]] = field(default_factory=dict)
 
     @property
-    def model(self) -> dict[str, Any] | None:
+    def model(self) -> Rung | None:
         return self.ladder[-1] if self.ladder else None
 
     @property
@@ -103,16 +106,16 @@ class State:
     @property
     def added(self) -> set[str]:
         """Texts of the findings that are part of the current model."""
-        return {text for model in self.ladder[self.found_for :] for text in model["added"]}
+        return {text for model in self.ladder[self.found_for :] for text in model.added}
 
-    def curves(self, model: Mapping[str, Any]) -> list[Curves]:
+    def curves(self, model: Rung) -> list[Curves]:
         """Measured and modelled torque of every run, once read kept."""
-        path = str(model["curves"])
+        path = model.curves
         if path not in self._curves:
             with np.load(path, allow_pickle=False) as file:
                 self._curves[path] = [
-                    Curves(file[f"t{k}"], file[f"torque{k}"], {model["label"]: file[f"modelled{k}"]})
-                    for k in range(len(model["runs"]))
+                    Curves(file[f"t{k}"], file[f"torque{k}"], {model.label: file[f"modelled{k}"]})
+                    for k in range(len(model.runs))
                 ]
         return self._curves[path]
 
@@ -125,30 +128,25 @@ class State:
         self.changed()
 
     def commands(self) -> list[str]:
-        """The same on the command line."""
+        """The same on the command line, in the folder where the files of the shown names are."""
         if self.robot is None or not self.ladder:
             return []
-        robot = shlex.quote(self.robot["file"] or self.robot["source"])
-        data = " ".join(shlex.quote(r["name"]) for r in self.runs if r["use"] != "test")
+        robot = self.robot["file"] or self.robot["source"]
+        data = ["--data", *(r["given"] for r in self.runs if r["use"] != "test")]
         if len(self.runs) == 1 and self.runs[0]["use"] == "split":
-            data += f" --window 0:{0.7 * self.runs[0]['seconds']:.4g}"
-        first = self.ladder[0]
-        out = [f"sdp-vs-penalty simulate {robot} {self.made_by}"] if self.made_by else []
-        names = [first.get("opened", "model1.json")]
-        if "opened" not in first:
-            check = " --no-check" if self.meaningless else ""
-            out.append(
-                f"sdp-vs-penalty identify {robot} --data {data} --method {first['method']} "
-                f"--effects {','.join(first['effects'])} --seed {self.seed}{check} --out {names[0]}"
-            )
+            data += ["--window", f"0:{self.runs[0]['split_at']!r}"]
+        first, seed = self.ladder[0], ["--seed", str(self.seed)]
+        out = [["simulate", robot, *self.made_by]] if self.made_by else []
+        names = [first.opened or "model1.json"]
+        if not first.opened:
+            how = ["--method", first.method, "--effects", ",".join(first.effects), *seed]
+            how += ["--no-check"] if self.meaningless else []
+            out.append(["identify", robot, *data, *how, "--out", names[0]])
         for k, model in enumerate(self.ladder[1:], start=2):
             names.append(f"model{k}.json")
-            frozen = " --frozen" if model["frozen"] else ""
-            out.append(
-                f"sdp-vs-penalty add {shlex.quote(names[-2])} {','.join(model['added'])}{frozen} "
-                f"--data {data} --out {names[-1]}"
-            )
-        return out
+            how = [*seed, *(["--frozen"] if model.frozen else [])]
+            out.append(["add", names[-2], ",".join(model.added), *data, *how, "--out", names[-1]])
+        return [shlex.join(["sdp-vs-penalty", *words]) for words in out]
 
     def without_paths(self, text: str) -> str:
         """A sentence with shown names instead of where the files are."""

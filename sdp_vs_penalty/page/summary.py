@@ -34,6 +34,36 @@ class Runs:
         return self.train if self.test is None else self.test
 
 
+@dataclass(frozen=True)
+class Rung:
+    """One model of a session's ladder, judged; plain JSON apart from being a class.
+
+    file, curves : its model.json and the .npz of its torques; runs : names of those, training runs
+    first; judged_on : the runs behind comparison and failures (as `compare --json` writes them);
+    violation : see :func:`violation`; label, added : what it is called and the effects added to the
+    rung below, with the others held where frozen; opened : the file that a person brought, if any.
+    """
+
+    file: str
+    curves: str
+    runs: list[str]
+    judged_on: list[str]
+    method: str
+    effects: list[str]
+    parameters: int
+    comparison: dict[str, Any]
+    failures: list[dict[str, Any]]
+    violation: dict[str, float]
+    gap: float | None
+    thickness: float | None
+    on_bounds: list[str]
+    seconds: float
+    label: str = ""
+    added: tuple[str, ...] = ()
+    frozen: bool = False
+    opened: str = ""
+
+
 def violation(estimate: Estimate) -> dict[str, float]:
     """The worst violation of the convex constraints, and of those that no convex method can impose."""
     found = estimate.certificate.violations
@@ -44,9 +74,7 @@ def violation(estimate: Estimate) -> dict[str, float]:
     }
 
 
-def summary(
-    estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress
-) -> dict[str, Any]:
+def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress) -> Rung:
     """Save a model at ``out`` and its curves beside it; judge it.
 
     Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz.
@@ -75,19 +103,19 @@ def summary(
     write_bytes(out.with_suffix(".npz"), buffer.getvalue())
     estimate.save(out)
     certificate = estimate.certificate
-    return {
-        "file": str(out),
-        "curves": str(out.with_suffix(".npz")),
-        "runs": [run.names[0] for run in runs],
-        "judged_on": list(judge.names),
-        "method": estimate.method,
-        "effects": [effect.text for effect in estimate.model.effects],
-        "parameters": len(estimate.theta),
-        "comparison": comparison.to_dict(),
-        "failures": failures,
-        "violation": violation(estimate),
-        "gap": certificate.gap,
-        "thickness": certificate.smallest_thickness,
-        "on_bounds": estimate.details.get("on_bounds") or [],
-        "seconds": seconds,
-    }
+    return Rung(
+        file=str(out),
+        curves=str(out.with_suffix(".npz")),
+        runs=[run.names[0] for run in runs],
+        judged_on=list(judge.names),
+        method=estimate.method,
+        effects=[effect.text for effect in estimate.model.effects],
+        parameters=len(estimate.theta),
+        comparison=comparison.to_dict(),
+        failures=failures,
+        violation=violation(estimate),
+        gap=certificate.gap,
+        thickness=certificate.smallest_thickness,
+        on_bounds=estimate.details.get("on_bounds") or [],
+        seconds=seconds,
+    )

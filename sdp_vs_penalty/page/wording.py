@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+
+from sdp_vs_penalty.diagnosis.findings import Finding
 
 
 def figure(value: float | None, digits: int = 3) -> str:
@@ -34,27 +35,7 @@ def plain_name(effect: str) -> str:
     return effect.replace("_", " ").capitalize()
 
 
-#: Of shape constants, of a revolute and of a prismatic joint.
-_SHAPE_UNITS = {
-    "d": ("rad", "m"),
-    "v0": ("rad/s", "m/s"),
-    "vs": ("rad/s", "m/s"),
-    "k": ("per rad", "per m"),
-    "T": ("s", "s"),
-}
-
-
-def constants(shape: Mapping[str, float], prismatic: bool) -> str:
-    """The shape constants that say something, with their units."""
-    said = []
-    for key, value in shape.items():
-        if key not in ("t0", "v_s"):
-            unit = _SHAPE_UNITS.get(key, ("", ""))[prismatic]
-            said.append(f"{key} = {value:.3g} {unit}".strip())
-    return ", ".join(said)
-
-
-def where(joints: list[int]) -> str:
+def where(joints: Sequence[int]) -> str:
     if not joints:
         return "whole robot"
     word = "joint" if len(joints) == 1 else "joints"
@@ -76,7 +57,7 @@ def held(violation: Mapping[str, float]) -> str:
     return "all hold" if violation["other"] == 0.0 else "all convex constraints hold"
 
 
-def physics(finding: dict[str, Any]) -> str:
+def physics(finding: Finding) -> str:
     """The sentences of a finding that say what it is, without its size and its rivals."""
-    text = str(finding["explanation"]).partition(". ")[2]
+    text = finding.explanation.partition(". ")[2]
     return text.partition(" Indistinguishable in these data from")[0]

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.problem.fields import check_fields
+from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.problem.tables import read_table
@@ -22,11 +24,10 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 
-_AXES = "xyz"
-
 
 def load_folder(folder: Path) -> Problem:
     file = folder / "problem.toml"
+    opened(file)
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
@@ -73,23 +74,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
-    if not low <= high:
-        raise InputError(f"total_mass has its lower bound {low:g} above its upper {high:g}.")
-    for c in data.get("centre_of_mass_cone", ()):
-        if c["axis"] not in tuple(_AXES):
-            raise InputError(f"centre_of_mass_cone axis {c['axis']!r} is unknown; there are: x, y, z.")
-    cones = tuple(
-        CentreOfMassCone(
-            int(c["link"]) - 1, _AXES.index(c["axis"]), float(c["radius"]), float(c["slope"])
-        )
-        for c in data.get("centre_of_mass_cone", ())
-    )
-    for cone in cones:
-        if not 0 <= cone.link < robot.n:
-            raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {robot.n}.")
-    side = data.get("torque_side", "link")
-    if side not in ("link", "motor"):
-        raise InputError(f"torque_side {side!r} is unknown; there are: link, motor.")
+    cones = tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ())))
     base = data.get("base_parameters", {}).get("independent")
     settings = data.get("preprocessing", {})
     problem = Problem(
@@ -100,7 +85,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         np.zeros((robot.n, 10)),
         (low, high),
         cones,
-        side,
+        data.get("torque_side", "link"),
         Preprocessing(**settings),
         None if base is None else tuple(base),
         folder,
@@ -113,24 +98,13 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
 
 def _fill_box(box: Array, path: Path) -> None:
     """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
-    entries = dict(zip(("xx", "xy", "yy", "xz", "yz", "zz"), range(4, 10), strict=True))
+    places = entries(len(box))
     for number, row in enumerate(read_table(path), start=2):
         name = row.get("parameter")
         try:
-            if not name:
-                raise ValueError
-            if name[0] == "m":
-                link, entry = int(name[1:]) - 1, 0
-            elif name[0] == "c":
-                link, entry = int(name[1:-1]) - 1, 1 + _AXES.index(name[-1])
-            elif name[0] == "I":
-                link, entry = int(name[1:-2]) - 1, entries[name[-2:]]
-            else:
-                raise ValueError
+            place = places[name or ""]
             lower, upper = float(row["lower"]), float(row["upper"])
-            if not 0 <= link < len(box):
-                raise ValueError
-        except (ValueError, KeyError, IndexError, TypeError):
+        except (ValueError, KeyError, TypeError):
             raise InputError(
                 f"{path}: row {number}: parameter {name!r} is not m1, c1x or I1xx of a link of this "
                 "robot with numbers as lower and upper."
@@ -139,4 +113,4 @@ def _fill_box(box: Array, path: Path) -> None:
             raise InputError(
                 f"{path}: row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}."
             )
-        box[link, entry] = lower, upper
+        box[place] = lower, upper

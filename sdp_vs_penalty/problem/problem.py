@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary
@@ -33,8 +34,6 @@ DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not o
 #: A link's mass lies in a ball around its frame: this times the link's reach, at least the radius.
 DEFAULT_REACH_FACTOR = 1.5
 DEFAULT_RADIUS = 1.0  # m: what a last link bears beyond its frame, the kinematics do not say
-#: Friction, offsets and other joint parameters: |theta| below this, in SI units.
-PARAMETER_RANGE = 1e4
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,21 @@ class CentreOfMassCone:
     radius: float
     slope: float
 
+    def __post_init__(self) -> None:
+        if self.axis not in (0, 1, 2) or not np.all(np.isfinite([self.radius, self.slope])):
+            raise InputError(f"the centre_of_mass_cone of link {self.link + 1}: correct its numbers.")
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**vars(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> CentreOfMassCone:
+        """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
+        axis, link = data["axis"], int(data["link"]) - 1
+        if axis not in ("x", "y", "z"):
+            raise InputError(f"centre_of_mass_cone axis {axis!r} is unknown; there are: x, y, z.")
+        return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
+
 
 @dataclass(frozen=True, repr=False)
 class Problem(Shown):
@@ -54,6 +68,10 @@ class Problem(Shown):
     box : (n, 10, 2) lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about
         the centre of mass, infinite where there is none.
     nominal_links : (n, 10) standard parameters of a plausible, strictly consistent robot.
+    defaults : (n, 2) what bounds a link where box and cones do not: its largest mass [kg] and the radius
+        [m] of the ball about its frame in which its mass lies. None: :attr:`link_defaults` states them.
+    effects : texts of the effects that a model has by default; independent : the base parameters' names.
+    Raises InputError where bounds contradict themselves or do not belong to the robot.
     """
 
     name: str
@@ -68,6 +86,35 @@ class Problem(Shown):
     independent: tuple[str, ...] | None = None
     folder: Path | None = None
     effects: tuple[str, ...] | None = None
+    defaults: Array | None = None
+
+    def __post_init__(self) -> None:
+        n, (low, high) = self.robot.n, self.total_mass
+        for name, value, shape in (
+            ("bounds", self.box, (n, 10, 2)),
+            ("nominal links", self.nominal_links, (n, 10)),
+            ("default bounds", self.defaults, (n, 2)),
+        ):
+            if value is not None and value.shape != shape:
+                raise InputError(f"the {name} are of another robot than {self.robot.name} ({n} links).")
+        if not np.all(self.box[..., 0] <= self.box[..., 1]):
+            raise InputError("a bound has its lower end above its upper.")
+        if not low <= high:
+            raise InputError(f"total_mass has its lower bound {low:g} above its upper {high:g}.")
+        for cone in self.cones:
+            if not 0 <= cone.link < n:
+                raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {n}.")
+        if self.torque_side not in ("link", "motor"):
+            raise InputError(f"torque_side {self.torque_side!r} is unknown; there are: link, motor.")
+
+    @cached_property
+    def link_defaults(self) -> Array:
+        """(n, 2) largest mass [kg] and radius [m] of each link where nothing narrower is known."""
+        if self.defaults is not None:
+            return self.defaults
+        return np.array(
+            [(default_mass(m), self._radius(k)) for k, m in enumerate(self.nominal_links[:, 0])]
+        )
 
     @property
     def default_effects(self) -> tuple[str, ...]:
@@ -121,7 +168,8 @@ class Problem(Shown):
                         bounds[1],
                     )
                 )
-        convex += _effect_constraints(model)
+        for effect, indices in zip(model.effects, model.indices, strict=True):
+            convex += effect.constraints(indices)
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 
     def parameter_bound(self, model: Model) -> Array:
@@ -140,13 +188,10 @@ class Problem(Shown):
         return bound
 
     def nominal(self, model: Model) -> Array:
-        """(p,) the nominal links and zero for everything else."""
-        theta = np.zeros(len(model.parameters))
+        """(p,) the nominal links, and of every other effect its own nominal parameters."""
+        theta = np.concatenate([effect.nominal for effect in model.effects])
         if len(model.rigid_indices):
             theta[model.rigid_indices] = self.nominal_links.ravel()
-        load = _payload_indices(model)
-        if load:  # a solid ball of 5 cm radius and 0.5 kg
-            theta[load] = 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
         return theta
 
     @cached_property
@@ -191,14 +236,15 @@ class Problem(Shown):
     def link_size(self, link: int) -> tuple[float, Array, Array]:
         """Bounds that hold for every feasible link: mass, |c| (3,), moments about the frame (3,)."""
         box = self.box[link]
-        mass = box[0, 1] if np.isfinite(box[0, 1]) else default_mass(self.nominal_links[link, 0])
+        mass, radius = self.link_defaults[link]
+        if np.isfinite(box[0, 1]):
+            mass = box[0, 1]
         if np.isfinite(self.total_mass[1]):
             mass = min(mass, self.total_mass[1])
         com = self._centre_of_mass(link)
         if self._has_full_box(link):
             square = com**2
             return mass, com, box[[4, 6, 9], 1] + mass * (square.sum() - square)
-        radius = self._radius(link)
         return mass, np.minimum(com, radius), np.full(3, mass * radius**2)
 
     def _link_constraints(self, link: int, indices: NDArray[np.intp]) -> list[Constraint]:
@@ -243,7 +289,7 @@ class Problem(Shown):
             upper = box[[4, 6, 9], 1]
             out.append(build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper))
         else:
-            ball = np.full(3, self._radius(link))
+            ball = np.full(3, self.link_defaults[link, 1])
             out.append(build.density_in_ellipsoid(name, indices, np.zeros(3), ball))
         return out
 
@@ -266,26 +312,3 @@ def _interval(lower: float, upper: float) -> tuple[Array, Array]:
     pairs += [(-1.0, upper)] if np.isfinite(upper) else []
     signs, constants = zip(*pairs, strict=True)
     return np.array(signs), np.array(constants)
-
-
-def _effect_constraints(model: Model) -> list[Constraint]:
-    """Sign and range of every parameter that is not a link's; the payload's pseudo-inertia."""
-    out: list[Constraint] = []
-    rigid = set(model.rigid_indices.tolist())
-    load = _payload_indices(model)
-    if load:
-        out.append(build.pseudo_inertia("payload", load))
-    for index, parameter in enumerate(model.parameters):
-        if index in rigid:
-            continue
-        name = f"{parameter.effect} {parameter.name}"
-        if np.isfinite(parameter.lower):
-            out.append(build.linear("sign", name, [index], [[1.0]], [-parameter.lower]))
-        out.append(
-            build.linear("range", name, [index], [[1.0, -1.0]], [PARAMETER_RANGE, PARAMETER_RANGE])
-        )
-    return out
-
-
-def _payload_indices(model: Model) -> list[int]:
-    return [k for k, p in enumerate(model.parameters) if p.effect == "payload"]

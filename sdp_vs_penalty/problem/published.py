@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.names import barycentric_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
 Array = NDArray[np.float64]
-
-#: Table VIII's and IX's names of a link's ten barycentric parameters, in our order.
-_BARYCENTRIC = ("m{}", "c{}x", "c{}y", "c{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
 
 
 @dataclass(frozen=True)
@@ -98,16 +96,11 @@ def published_links(problem: Problem, column: str, corrected: bool = True) -> Ar
         raise InputError(f"problem {problem.name}: no published parameters {column!r}.")
     rows = []
     for link in range(problem.robot.n):
-        entries = np.array([values[name.format(link + 1)] for name in _BARYCENTRIC])
+        entries = np.array([values[name] for name in barycentric_names(link + 1)])
         empty = np.isnan(entries)
         entries[empty] = problem.box[link][empty].mean(axis=1)
         rows.append(entries)
     return inertia.standard_from_barycentric(rows)
-
-
-def barycentric_names(link: int) -> tuple[str, ...]:
-    """The paper's names of link's (from 1) mass, centre of mass and inertia, in our order."""
-    return tuple(name.format(link) for name in _BARYCENTRIC)
 
 
 def published_friction(problem: Problem, table: str) -> Array:

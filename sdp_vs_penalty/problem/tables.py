@@ -6,9 +6,11 @@ import csv
 from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import opened
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
+    opened(path)
     try:
         with path.open(newline="", encoding="utf-8") as file:
             return [dict(row) for row in csv.DictReader(file)]

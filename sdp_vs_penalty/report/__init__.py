@@ -8,7 +8,6 @@ from pathlib import Path
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.diagnosis.adding import _problem_of
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -17,8 +16,6 @@ from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, uncertainty
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.problem.load import as_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import evidence, parameters, sections
 from sdp_vs_penalty.report.document import page
 from sdp_vs_penalty.report.section import Material
@@ -42,7 +39,6 @@ def report(
     measurements: Source,
     out: str | Path,
     *,
-    problem: str | Path | Problem | None = None,
     commands: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> None:
@@ -51,7 +47,6 @@ def report(
     models : an Estimate or a model.json, a sequence of them in the order in which effects were added,
         or a mapping from names to them; measurements : the runs to judge them on, whatever
         :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; out : the .html file to write.
-    problem : supplies the bounds that the intervals refer to (default: the last model's own);
     commands : how it was made, for its last section; progress : called with a short text.
     Raises InputError where models and measurements do not belong together, or plotly is missing.
     """
@@ -59,8 +54,7 @@ def report(
     named = as_estimates(models, "report(models=...)")
     names = next(iter(named.values())).robot.joint_names
     runs = as_measurements(measurements, names=names, what="report(measurements=...)")
-    bounds = None if problem is None else as_problem(problem, "report(problem=...)")
-    made = make_report(named, runs, problem=bounds, commands=commands, progress=progress)
+    made = make_report(named, runs, commands=commands, progress=progress)
     write_text(out, made)
 
 
@@ -74,13 +68,11 @@ def make_report(
     models: Mapping[str, Estimate],
     measurements: Measurements,
     *,
-    problem: Problem | None = None,
     commands: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> str:
     """The HTML of a report: models by name, in the order in which effects were added.
 
-    problem : whose bounds the intervals refer to (default: the last model's own).
     Raises InputError where a model and the measurements do not belong together, or plotly is missing.
     """
     try:
@@ -95,19 +87,17 @@ def make_report(
         name: [filtered_torque(run, e.model, settings) for run in measurements.runs()]
         for name, e in models.items()
     }
-    own = _problem_of(last) if problem is None else problem
     progress("looking where it fails")
     failures = where_it_fails(last, measurements)
     progress("bootstrapping")
     material = Material(
         models,
         measurements,
-        own,
         comparisons,
         rows,
         failures,
-        _known(own, last, measurements),
-        check(own, measurements),
+        _known(last, measurements),
+        check(last.problem, measurements),
         commands,
     )
     progress("drawing")
@@ -115,8 +105,8 @@ def make_report(
     return page(f"{last.robot.name}: identified dynamics", made, get_plotlyjs())
 
 
-def _known(problem: Problem, estimate: Estimate, measurements: Measurements) -> Uncertainty | None:
+def _known(estimate: Estimate, measurements: Measurements) -> Uncertainty | None:
     try:
-        return uncertainty(problem, estimate, measurements)
+        return uncertainty(estimate.problem, estimate, measurements)
     except InputError:  # too few time blocks: the section says so
         return None

@@ -49,7 +49,12 @@ def certificate(material: Material) -> Section:
         "The lower bound is computed here from dual multipliers, independently of what a solver "
         "claims."
     )
-    return Section("certificate", "Certificate", body + table(["", *material.models], rows))
+    body += table(["", *material.models], rows)
+    for name, e in material.models.items():
+        if e.certificate.held:
+            held = ", ".join(e.certificate.held)
+            body += text(f"{name}: objective and gap are of the added effects, with {held} held fixed.")
+    return Section("certificate", "Certificate", body)
 
 
 def _all(material: Material) -> list:  # type: ignore[type-arg]

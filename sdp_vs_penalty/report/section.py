@@ -16,7 +16,6 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
 
@@ -29,12 +28,11 @@ class Material:
 
     models : by name, in the order in which effects were added; the last one is looked at closely.
     rows : of each model the filtered rows of each run; uncertainty : of the last, None where the data
-    are too short; problem : the last model's bounds; commands : that made this report.
+    are too short; commands : that made this report.
     """
 
     models: Mapping[str, Estimate]
     measurements: Measurements
-    problem: Problem
     comparisons: Sequence[Comparison]
     rows: Mapping[str, list[Rows]]
     failures: Sequence[JointFailure]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Joint, Robot
 
@@ -187,6 +188,7 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
 
 def _parse(reader: _Reader) -> Any:
     """The <robot> element; entities are never expanded, nothing is loaded from elsewhere."""
+    opened(reader.path)
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
     )

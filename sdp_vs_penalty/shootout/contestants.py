@@ -16,7 +16,7 @@ from sdp_vs_penalty.estimators.penalty import fit_penalty
 from sdp_vs_penalty.shootout import log_cholesky
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
-from sdp_vs_penalty.solvers import absent, solver_modules, version
+from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
 from sdp_vs_penalty.version import __version__
@@ -31,6 +31,10 @@ Solve = Callable[[Instance, float], Answer]
 Applies = Callable[[Instance], str | None]
 
 
+def _nothing() -> None:
+    pass
+
+
 @dataclass(frozen=True)
 class Contestant:
     """absent : why it is not here, or None; tunable : whether an accuracy can be asked for."""
@@ -43,6 +47,9 @@ class Contestant:
     absent: str | None = None
     tunable: bool = True
     promise: float = DEFAULT_ACCURACY  # what is promised where no accuracy can be asked for
+    #: What a first call pays for once (imports, compilation); it must not start a thread, because a
+    #: forked child would wait for it for ever.
+    warm_up: Callable[[], None] = _nothing
 
     def settings(self, accuracy: float) -> str:
         """How a run is set up, in one word: the key in runs.csv."""
@@ -95,7 +102,15 @@ def _conic(name: str, module: ModuleType) -> Contestant:
         return None
 
     lines = (module.__doc__ or "").strip().splitlines()
-    return Contestant(name, lines[0], solve, applies, lambda: version(module), absent(module))
+    return Contestant(
+        name,
+        lines[0],
+        solve,
+        applies,
+        lambda: version(module),
+        absent(module),
+        warm_up=lambda: warm_up(module),
+    )
 
 
 def _default_path() -> Contestant:
@@ -185,7 +200,17 @@ def _cvxpy_default() -> Contestant:
         return str(cvxpy.__version__)
 
     words = "CVXPY as a user meets it: the formulas, prob.solve(), no options"
-    return Contestant("cvxpy", words, solve, lambda _: None, package, None, False, CVXPY_ACCURACY)
+    return Contestant(
+        "cvxpy",
+        words,
+        solve,
+        lambda _: None,
+        package,
+        None,
+        False,
+        CVXPY_ACCURACY,
+        through_cvxpy.warm_up,
+    )
 
 
 def _penalty() -> Contestant:

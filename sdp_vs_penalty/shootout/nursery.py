@@ -11,8 +11,6 @@ judges the numbers, and answers. Whoever holds the other end of the pipe may die
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import io
 import json
 import math
@@ -33,12 +31,9 @@ from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
 from sdp_vs_penalty.shootout.judge import Answer, Verdict, judge
 from sdp_vs_penalty.shootout.reference import Reference, reference
-from sdp_vs_penalty.solvers import solver_modules
 
 #: Seconds that the proof of a reference may take.
 REFERENCE_LIMIT = 900.0
-#: Small instances with every cone: QICS compiles its code for each on first use.
-_COMPILES = ("two_link one-step plain", "two_link one-step regulariser")
 _PREPARED: set[str] = set()
 #: Exit codes of a child that ended by itself without an answer.
 _OUT_OF_MEMORY, _RAISED, _OUT_OF_TIME = 3, 4, 6
@@ -67,28 +62,11 @@ def main() -> None:
         answers.flush()
 
 
-def _prepare_for(name: str) -> None:
-    """Import what a contestant imports, and compile what it compiles on first use, once.
-
-    Nothing here may start a thread: a forked child would wait for it for ever.
-    """
-    if name in _PREPARED:
-        return
-    _PREPARED.add(name)
-    module = {"sdpa": "sdpap", "log-cholesky": "scipy.optimize"}.get(name, name)
-    if name.startswith("cvxpy") or name in ("copt", "mosek"):
-        import cvxpy as cp
-
-        x = cp.Variable(2)
-        square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
-        cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
-        cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
-    elif "-" not in module and importlib.util.find_spec(module.split(".")[0]) is not None:
-        importlib.import_module(module)
-    if name == "qics":
-        qics = solver_modules()["qics"]
-        for small in _COMPILES:
-            qics.solve(instance(small).sdp.conic, 1e-4)
+def _prepare_for(contestant: Contestant) -> None:
+    """What a contestant pays for on first use only, once, before its children are forked."""
+    if contestant.name not in _PREPARED:
+        _PREPARED.add(contestant.name)
+        contestant.warm_up()
 
 
 def _lines(handle: int) -> Any:
@@ -136,7 +114,7 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
     _ = made.sdp if made.sent is not None else None
-    _prepare_for(contestant.name)
+    _prepare_for(contestant)
     known = Reference(**request["reference"])
     asked = float(request["accuracy"])
     kind, payload, seconds = in_child(

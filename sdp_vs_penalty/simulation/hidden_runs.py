@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, interp1d
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
-from sdp_vs_penalty.simulation.hidden_effects import LEVELS, Hidden, World, make_hidden
+from sdp_vs_penalty.simulation.hidden_effects import LEVELS, make_hidden
 from sdp_vs_penalty.simulation.simulate import _quantise
 
 Array = NDArray[np.float64]
@@ -59,14 +61,8 @@ def make_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
         size * rng.uniform(0.2, 0.8, n),
         0.2 * size * rng.uniform(-1.0, 1.0, n),
     )
-    return World(
-        problem.robot,
-        setup.links,
-        0.0 * viscous if "viscous_friction" in without else viscous,
-        0.0 * coulomb if "coulomb_friction" in without else coulomb,
-        0.0 * offset if "torque_offset" in without else offset,
-        problem.model().sign_width,
-    )
+    width = problem.model().sign_width
+    return World(problem.robot, setup.links, viscous, coulomb, offset, width).without(without)
 
 
 def hidden_runs(
@@ -126,8 +122,6 @@ def hidden_runs(
 
 
 def _all_joints(problem: Problem, name: str) -> Sequence[int]:
-    from sdp_vs_penalty.effects import effect_types
-
     kind = effect_types().get(name)
     if kind is None or kind.whole_robot:
         return [0]
@@ -183,31 +177,32 @@ def encoder_error(world: World, hidden: Sequence[Hidden], motion: Motion) -> Arr
 
 def link_deviation(made: HiddenRuns, hidden: Hidden) -> float:
     """By how much [rad, m] the links stand elsewhere than the model believes, root mean square."""
-    if hidden.effect == "backlash":
-        return hidden.amplitude
     if hidden.encoder is None:
-        return 0.0
+        return hidden.size * hidden.deviation
     run = made.ideal[0]
     error = hidden.encoder(made.world, Motion(run.t, run.q, 0.0 * run.q, 0.0 * run.q), hidden.size)
     return float(np.sqrt(np.mean(error**2, axis=0)).max())
 
 
-def _effect_torque(world: World, hidden: Hidden, trajectory: FourierTrajectory, start: float) -> Array:
-    """(N, n) the torque that a model without the effect gets wrong, at _SIZING."""
-    local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / _SIZING)
+def hidden_torque(
+    world: World, hidden: Hidden, trajectory: FourierTrajectory, start: float, rate: float = _SIZING
+) -> tuple[Motion, Array]:
+    """The motion as the encoders show it, and (N, n) the torque that a model without the effect gets
+    wrong on it, sampled at ``rate`` [Hz]."""
+    local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / rate)
     if hidden.encoder is None:
         torque, plain = true_torque(world, [hidden], trajectory, local, start)
-        return torque - plain
+        return _motion(trajectory, local, start), torque - plain
     motion = _motion(trajectory, local, start)
     error = encoder_error(world, [hidden], motion)
-    rate = np.gradient(error, local, axis=0)
+    speed = np.gradient(error, local, axis=0)
     shown = Motion(
         motion.t,
         motion.q + error,
-        motion.dq + rate,
-        motion.ddq + np.gradient(rate, local, axis=0),
+        motion.dq + speed,
+        motion.ddq + np.gradient(speed, local, axis=0),
     )
-    return world.rigid(motion) - world.rigid(shown)
+    return shown, world.rigid(motion) - world.rigid(shown)
 
 
 def _sized(
@@ -221,7 +216,7 @@ def _sized(
     if it makes none."""
     for _ in range(2):
         change = np.concatenate(
-            [_effect_torque(world, hidden, x, starts(k)) for k, x in enumerate(trajectories)]
+            [hidden_torque(world, hidden, x, starts(k))[1] for k, x in enumerate(trajectories)]
         )
         ratio = float((np.sqrt(np.mean(change**2, axis=0)) / setup.sensor.torque_std).max())
         if ratio < 1e-9:

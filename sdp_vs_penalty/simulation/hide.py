@@ -61,15 +61,15 @@ def refuse_foreign(folder: Path) -> None:
 
 def simulate(
     problem: str | Path | Problem,
-    hide: str | Sequence[str],
+    hide: str | Sequence[str] = (),
     level: str | float = "strong",
     seed: int = 0,
 ) -> SimulatedRuns:
     """Simulate three runs to identify from and one to test on, with effects hidden in them.
 
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
-    hide : ``effect[:joints]``, several separated by commas or in a sequence. level : strong, medium,
-        weak, or the hidden torque's RMS over the raw noise; seed : of everything random.
+    hide : ``effect[:joints]``, several separated by commas or in a sequence, or none. level :
+        strong, medium, weak, or the hidden torque's RMS over the raw noise; seed : of everything random.
     Raises InputError for an effect that does not exist or makes no torque there, or another level.
     """
     robot = as_problem(problem, "simulate(problem=...)")

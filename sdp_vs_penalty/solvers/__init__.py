@@ -2,7 +2,9 @@
 
 NAME : on the command line; EXTRA : what installs it (None: the core installation); REQUIRES : the
 ("package", module) or ("program", command) without which it is absent; CONES : what it takes, after
-rewriting where it lacks quadratic objectives, equalities or second-order cones.
+rewriting where it lacks quadratic objectives, equalities or second-order cones. Where they are needed:
+options(accuracy), what the solver is told; warm_up(), what a first call pays for; licence(), why it
+must not run; SYSTEM_PACKAGE, Debian's name of a program's package.
 """
 
 from __future__ import annotations
@@ -51,6 +53,16 @@ def absent(module: ModuleType) -> str | None:
     return None
 
 
+def warm_up(module: ModuleType) -> None:
+    """Pay for what a solver's first call costs once; nothing where it is absent."""
+    if absent(module) is not None:
+        return
+    if hasattr(module, "warm_up"):
+        module.warm_up()
+    elif module.REQUIRES[0] == "package":
+        importlib.import_module(module.REQUIRES[1])
+
+
 def installed_by(module: ModuleType) -> str:
     """The extra, or the words, that say where a solver comes from."""
     if module.EXTRA is None:
@@ -64,7 +76,7 @@ def version(module: ModuleType) -> str:
     if kind == "package":
         homes = metadata.packages_distributions().get(what, [what])
         return metadata.version(homes[0])
-    package = {"csdp": "coinor-csdp", "dsdp5": "dsdp", "sdpa": "sdpa"}.get(what, what)
+    package = getattr(module, "SYSTEM_PACKAGE", what)
     try:
         done = subprocess.run(
             ["dpkg-query", "-W", "-f", "${Version}", package],

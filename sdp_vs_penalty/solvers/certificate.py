@@ -14,7 +14,7 @@ give a tight one. Nothing a solver says about itself enters.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -41,6 +41,8 @@ class Certificate(Shown):
     the nearest feasible point towards the interior; lower : a lower bound on the optimum of the
     convex problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : the
     share of random poses at which M(q) is positive definite. None where it does not apply.
+    held : the effects that were not optimised but held as they were: violations are of the whole model
+    all the same, upper, lower and gap of the other effects alone.
     """
 
     violations: dict[str, float]
@@ -50,6 +52,7 @@ class Certificate(Shown):
     gap: float | None = None
     positive_mass_matrices: float | None = None
     smallest_thickness: float | None = None
+    held: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -99,7 +102,26 @@ class Certificate(Shown):
     def _gap_text(self) -> str:
         if self.gap is None:
             return "no lower bound: this method is not convex, or has no constraints"
-        return f"{self.gap:.1e} of the loss (certified lower bound)"
+        names = ", ".join(dict.fromkeys(text.partition("@")[0] for text in self.held))
+        held = f", with {names} held fixed" if self.held else ""
+        return f"{self.gap:.1e} of the loss (certified lower bound){held}"
+
+
+@dataclass(frozen=True)
+class DualEvidence:
+    """What a lower bound follows from, whoever adds it up: the numbers may be off, the bound holds.
+
+    constraints : balanced, T F T; multipliers : near their cones; scales : the diagonal of each T,
+    powers of two (None for a cone that is no matrix); y : near the residual at the optimum; push
+    (r, p) : from a leftover slope times its limit to the shift of y that removes it.
+    """
+
+    constraints: tuple[Constraint, ...]
+    multipliers: tuple[Array, ...]
+    scales: tuple[Array | None, ...]
+    y: Array
+    entropy_slopes: tuple[Array, ...]
+    push: Array
 
 
 def lower_bound(
@@ -112,17 +134,33 @@ def lower_bound(
 ) -> float:
     """A rigorous lower bound on min objective over the constraints, from any multipliers.
 
-    Found in plain floating point, then proved with outward rounding (:mod:`verified`); tight where
-    the multipliers are near the dual optimum.
+    Found in plain floating point (:func:`dual_evidence`), then proved with outward rounding
+    (:mod:`verified`); tight where the multipliers are near the dual optimum.
+    """
+    e = dual_evidence(objective, constraints, multipliers, theta, bound, entropy_slopes)
+    return verified.lower_bound(
+        objective, e.constraints, e.multipliers, e.y, bound, e.entropy_slopes, e.push
+    )
+
+
+def dual_evidence(
+    objective: Objective,
+    constraints: ConstraintSet,
+    multipliers: Sequence[Array],
+    theta: Array,
+    bound: Array,
+    entropy_slopes: Array | None = None,
+) -> DualEvidence:
+    """Multipliers, polished so that little of the slope is left, and the tangent that they go with.
 
     theta : where the objective is linearised (the closer to the optimum, the tighter the bound);
     bound : (p,) |theta_k| <= bound_k for every feasible theta;
     entropy_slopes : (links, 4, 4) positive definite S with which -log det P >= log det S + 4 -
         tr(S P) is used; P(theta)^-1 by default, the dual's own S where a solver gives it.
     """
-    pairs = [_balanced(c, m, bound) for c, m in zip(constraints.convex, multipliers, strict=True)]
-    constraints = ConstraintSet(tuple(c for c, _ in pairs))
-    dual = [project(c.cone, multiplier) for c, multiplier in pairs]
+    balanced = [_balanced(c, m, bound) for c, m in zip(constraints.convex, multipliers, strict=True)]
+    constraints = ConstraintSet(tuple(c for c, _, _ in balanced))
+    dual = [project(c.cone, multiplier) for c, multiplier, _ in balanced]
     spread = _spread(constraints)
     rows = _Rows.of(constraints, len(bound))
     tangents = _Tangent.candidates(objective, theta, bound, entropy_slopes)
@@ -141,24 +179,21 @@ def lower_bound(
             c = constraints.convex[k]
             correction = np.tensordot(leftover[c.indices], inverse, axes=(0, 0))
             dual[k] = project(c.cone, dual[k] + correction)
-    return verified.lower_bound(
-        objective,
-        constraints.convex,
-        kept,
-        tangent.y,
-        bound,
-        tangent.entropy_slopes,
-        tangent.push,
+    scales = tuple(t for _, _, t in balanced)
+    return DualEvidence(
+        constraints.convex, tuple(kept), scales, tangent.y, tangent.entropy_slopes, tangent.push
     )
 
 
-def _balanced(constraint: Constraint, multiplier: Array, bound: Array) -> tuple[Constraint, Array]:
-    """T F T and T^-1 S T^-1 with diagonals of size one: otherwise what is near depends on units.
+def _balanced(
+    constraint: Constraint, multiplier: Array, bound: Array
+) -> tuple[Constraint, Array, Array | None]:
+    """T F T, T^-1 S T^-1 and the diagonal of T: F with a diagonal of size one.
 
-    T holds powers of two, so that no rounding changes the constraint.
+    Otherwise what is near depends on units. T holds powers of two: no rounding changes the constraint.
     """
     if constraint.cone != "psd":
-        return constraint, multiplier
+        return constraint, multiplier, None
     terms = np.abs(np.diagonal(constraint.coefficients, axis1=1, axis2=2))
     size = bound[constraint.indices] @ terms + np.abs(np.diagonal(constraint.constant))
     t = 2.0 ** -np.round(0.5 * np.log2(np.where(size > 0.0, size, 1.0)))
@@ -168,7 +203,7 @@ def _balanced(constraint: Constraint, multiplier: Array, bound: Array) -> tuple[
         constant=constraint.constant * both,
         coefficients=constraint.coefficients * both,
     )
-    return balanced, multiplier / both
+    return balanced, multiplier / both, t
 
 
 #: Most rounds of pushing the dual's residual into the multipliers; each gives a valid bound, and one

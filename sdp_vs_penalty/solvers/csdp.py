@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.options import options
 from sdp_vs_penalty.solvers.programs import read_solution, run_program
 
 NAME = "csdp"
 EXTRA = "a system package: coinor-csdp"
 REQUIRES = ("program", "csdp")
+SYSTEM_PACKAGE = "coinor-csdp"
 CONES = frozenset({"nonnegative", "psd"})
 
 #: Its exit codes. Our problem is the one that CSDP calls the dual.
@@ -35,9 +36,14 @@ fastmode=0
 """
 
 
+def options(accuracy: float) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility."""
+    return {"axtol": accuracy, "atytol": accuracy, "objtol": accuracy, "maxiter": 200}
+
+
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (feasibility and gap)."""
-    files = {"param.csdp": _PARAMETERS.format(**options(NAME, accuracy))}
+    files = {"param.csdp": _PARAMETERS.format(**options(accuracy))}
     return run_program(
         problem,
         ["csdp", "problem.dat-s", "solution"],

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.full_matrices import full_matrices
-from sdp_vs_penalty.solvers.options import options
 from sdp_vs_penalty.solvers.rewrite import linear_objective, reject, reorder
 
 NAME = "cvxopt"
@@ -24,6 +23,11 @@ _CLAIMS = {
     "dual infeasible": "unbounded",
     "unknown": "failed",
 }
+
+
+def options(accuracy: float) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility."""
+    return {"abstol": accuracy, "reltol": accuracy, "feastol": accuracy, "maxiters": 200}
 
 
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
@@ -42,7 +46,7 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     sparse_matrix = _to_cvxopt(made.A)
     right = cvxopt.matrix(made.b)
     ready = time.perf_counter()
-    settings = {**options(NAME, accuracy), "show_progress": False}
+    settings = {**options(accuracy), "show_progress": False}
     try:
         result = solvers.conelp(
             cvxopt.matrix(made.q),

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.options import options
 from sdp_vs_penalty.solvers.programs import read_solution, run_program
 
 NAME = "dsdp"
 EXTRA = "a system package: dsdp"
 REQUIRES = ("program", "dsdp5")
+SYSTEM_PACKAGE = "dsdp"
 CONES = frozenset({"nonnegative", "psd"})
+
+
+def options(accuracy: float) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility."""
+    return {"gaptol": accuracy, "maxit": 1000}
 
 
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (relative gap)."""
-    chosen = [word for key, value in options(NAME, accuracy).items() for word in (f"-{key}", str(value))]
+    chosen = [word for key, value in options(accuracy).items() for word in (f"-{key}", str(value))]
     return run_program(
         problem,
         ["dsdp5", "problem.dat-s", "-save", "solution", *chosen],

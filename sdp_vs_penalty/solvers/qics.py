@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.full_matrices import full_matrices
-from sdp_vs_penalty.solvers.options import options
 from sdp_vs_penalty.solvers.rewrite import linear_objective, reorder
 
 NAME = "qics"
@@ -25,6 +25,11 @@ _CLAIMS = {
     "dinfeas": "unbounded",
     "near_dinfeas": "unbounded",
 }
+
+
+def options(accuracy: float) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility."""
+    return {"tol_gap": accuracy, "tol_feas": accuracy, "max_iter": 200}
 
 
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
@@ -64,7 +69,7 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
         h=right[equal:, None],
         cones=cones,
     )
-    solver = qics.Solver(model, verbose=0, **options(NAME, accuracy))
+    solver = qics.Solver(model, verbose=0, **options(accuracy))
     ready = time.perf_counter()
     info = solver.solve()
     end = time.perf_counter()
@@ -80,3 +85,14 @@ def _stacked(point: object) -> np.ndarray:
     """All cones' entries in one vector, whatever container this version of QICS returns."""
     vector = getattr(point, "vec", point)
     return np.asarray(vector, float).ravel()
+
+
+def warm_up() -> None:
+    """QICS compiles its code for each cone on first use: a tiny problem that has them all."""
+    rows = np.eye(2)
+    square = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
+    A = sparse.csc_matrix(-np.vstack([rows, [[0, 0], [1, 0], [0, 1]], square, [[1, 0], [0, 0], [0, 1]]]))
+    b = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 9.0])
+    empty = sparse.csc_matrix((2, 2))
+    solve(ConicProblem(empty, np.ones(2), A, b, cones), 1e-4)

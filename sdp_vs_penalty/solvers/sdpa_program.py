@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.options import options
 from sdp_vs_penalty.solvers.programs import run_program
 
 NAME = "sdpa-program"
@@ -46,9 +46,14 @@ _PARAMETERS = """{maxIteration} unsigned int maxIteration;
 """
 
 
+def options(accuracy: float) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility."""
+    return {"epsilonStar": accuracy, "epsilonDash": accuracy, "maxIteration": 200}
+
+
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
-    files = {"param.sdpa": _PARAMETERS.format(**options(NAME, accuracy))}
+    files = {"param.sdpa": _PARAMETERS.format(**options(accuracy))}
     command = ["sdpa", "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa", "-numThreads", "1"]
     return run_program(problem, command, files, _judge, _read)
 

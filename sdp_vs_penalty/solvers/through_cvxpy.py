@@ -24,6 +24,16 @@ CLAIMS = {
 }
 
 
+def warm_up() -> None:
+    """Import CVXPY and let it build every kind of cone once; starts no thread and runs no solver."""
+    import cvxpy as cp
+
+    x = cp.Variable(2)
+    square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
+    cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
+    cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
+
+
 def solve(problem: ConicProblem, solver: str, settings: dict[str, Any]) -> Solution:
     """Build the CVXPY problem, solve it by CVXPY's solver of that name, read x and z back."""
     import cvxpy as cp

@@ -16,7 +16,7 @@ factorised exactly: feasible is then a fact.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Array = NDArray[np.float64]
@@ -211,22 +211,75 @@ def proves_infeasible(
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
     """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    exact = [Fraction(float(x)) for x in theta]
-    return all(_inside(c.cone, _exact_value(c, exact)) for c in constraints)
+    return all(_certainly_inside(c, theta, _as_it_is) for c in constraints)
+
+
+def feasible_as_written(constraints: Sequence[Constraint], theta: Array) -> bool:
+    """The same, and of the shortest decimal text of each number too, which is what a file holds."""
+    return all(
+        _certainly_inside(c, theta, _as_it_is) and _certainly_inside(c, theta, _as_written)
+        for c in constraints
+    )
+
+
+def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
+    """Worst violation of each family; one that only rounding in its evaluation sees is none."""
+    out = constraints.worst(theta)
+    for family in [family for family, violation in out.items() if violation > 0.0]:
+        convex = [c for c in constraints.convex if c.family == family]
+        if convex and all(_certainly_inside(c, theta) for c in convex):
+            out[family] = 0.0
+    return out
+
+
+def _as_it_is(x: float) -> Fraction:
+    return Fraction(x)
+
+
+def _as_written(x: float) -> Fraction:
+    return Fraction(repr(x))
+
+
+#: A margin above this share of the constraint's terms is no matter of rounding, of either kind.
+_WELL_INSIDE = 1e-9
+
+
+def _certainly_inside(
+    constraint: Constraint, theta: Array, read: Callable[[float], Fraction] = _as_it_is
+) -> bool:
+    terms = np.abs(constraint.constant) + np.tensordot(
+        np.abs(theta[constraint.indices]), np.abs(constraint.coefficients), axes=(0, 0)
+    )
+    if constraint.margin(theta) > _WELL_INSIDE * float(terms.max(initial=0.0)):
+        return True
+    exact = {int(k): read(float(theta[k])) for k in constraint.indices}
+    return _inside(constraint.cone, _exact_value(constraint, exact))
 
 
 def feasible_point(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array | None:
     """The first point on the way from theta to an interior point that is certainly feasible."""
-    for step in _steps():
-        point = theta + step * (interior - theta)
+    for point in way_inside(theta, interior):
         if certainly_feasible(constraints, point):
             return point
     return None
 
 
-def _steps() -> Iterator[float]:
-    yield 0.0
-    yield from (10.0 ** (0.5 * k) for k in range(-32, 1))
+def repaired_as_written(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array:
+    """The first point on the way to an interior one that is feasible as it will be written.
+
+    theta itself, nearly always: where it sits on a boundary, rounding may put its last digit outside.
+    """
+    for point in way_inside(theta, interior):
+        if feasible_as_written(constraints, point):
+            return point
+    return theta
+
+
+def way_inside(theta: Array, interior: Array) -> Iterator[Array]:
+    """theta, then points ever farther on the way to an interior one: steps of 1e-16 to 1."""
+    yield theta
+    for k in range(-32, 1):
+        yield theta + 10.0 ** (0.5 * k) * (interior - theta)
 
 
 def upper_bound(objective: Objective, theta: Array) -> float:
@@ -268,13 +321,13 @@ def _log(x: Fraction) -> float:
     return math.log(float(x / Fraction(2) ** shift)) + shift * math.log(2.0)
 
 
-def _exact_value(constraint: Constraint, theta: Sequence[Fraction]) -> Any:
+def _exact_value(constraint: Constraint, theta: Mapping[int, Fraction] | Sequence[Fraction]) -> Any:
     """F(theta) in rational numbers: nested lists of the shape of the constraint's arrays."""
     out = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
         flat = coefficient.ravel()
         for entry in np.flatnonzero(flat):
-            out[entry] += theta[k] * Fraction(float(flat[entry]))
+            out[entry] += theta[int(k)] * Fraction(float(flat[entry]))
     if constraint.constant.ndim == 1:
         return out
     d = len(constraint.constant)

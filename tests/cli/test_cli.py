@@ -155,7 +155,7 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
         assert code == 0
         kind = effect_types()[name]
         shown = " ".join(out.split())
-        for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shape_defaults):
+        for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shapes):
             assert " ".join(text.split()) in shown
     code, _, err = run("list", "effects", "ether")
     assert code == 2
@@ -236,7 +236,7 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
         (["identify", "two_link", "--window", "4:1"], ["--window", "START:STOP"]),
         (["identify", "two_link", "--window", "100:200"], ["run1.csv", "100 s"]),
         (["identify", "two_link", "--seed", "-1"], ["--seed"]),
-        (["identify", "panda"], ["run1.csv", "2 joint(s)", "7"]),
+        (["identify", "panda"], ["run1.csv", "2 joints", "7"]),
     ],
 )
 def test_identify_refuses_in_one_sentence(
@@ -281,7 +281,7 @@ def test_a_wrong_window_is_said_of_the_option_that_has_it(
 def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
     run: Run, runs: list[Path], model: Path, panda: Problem, tmp_path: Path
 ) -> None:
-    """Another robot's bounds or test run, degrees, a window of no run, a report that is no HTML."""
+    """Another robot's test run, degrees, a window of no run, a report that is no HTML."""
     other = write_run(tmp_path / "panda.csv", panda, seed=1)
     rows = np.loadtxt(runs[0], delimiter=",", skiprows=1)
     rows[:, 1:3] = np.degrees(rows[:, 1:3])
@@ -293,14 +293,12 @@ def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
     findings = ("--json", tmp_path / "findings.json")
     report = ("report", model, "--data", runs[0], "--out")
     for arguments, words in (
-        ((*add, runs[0], "--problem", "panda"), ["--problem panda", "7", "2"]),
-        ((*add, runs[0], "--test", other), ["panda.csv", "7 joint(s)", "2"]),
+        ((*add, runs[0], "--test", other), ["panda.csv", "7 joints", "2"]),
         ((*add, degrees), ["degrees.csv", "degrees"]),
         ((*add, runs[0], "--test-window", "0:1"), ["--test-window", "--test"]),
         (("diagnose", model, "--data", degrees, *findings), ["degrees.csv", "degrees"]),
         (("diagnose", model, "--data", runs[0], "--test", other, *findings), ["panda.csv", "model"]),
         (("diagnose", model, "--data", runs[0], "--test-window", "0:1", *findings), ["--test"]),
-        ((*report, tmp_path / "report.html", "--problem", "panda"), ["--problem panda"]),
         ((*report, tmp_path / "report.pdf"), ["report.pdf", ".html"]),
     ):
         code, _, err = run(*arguments)

@@ -23,8 +23,8 @@ RUN = (
     *("identify", "compare", "check", "list", "export", "check-urdf", "convert", "add", "report"),
     *("diagnose", "simulate", "export-sdp"),
 )
-#: Minutes, the network or a window: their own tests run them.
-NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "page"}
+#: Minutes, the network, a window or a proof: their own tests run them.
+NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "page", "verify"}
 
 
 def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ from random_robots import sines
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Task

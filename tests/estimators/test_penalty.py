@@ -12,7 +12,7 @@ from random_robots import link_parameters, sines, tree
 from sdp_vs_penalty.constraints.cones import project, projection_curvature
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.barycentric import STEINER_FORMS, barycentric_box

@@ -82,7 +82,7 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     p = len(theta)
     certificate = Certificate({}, 0.0, None, None, None, None, None)
     return Estimate(
-        robot.name,
+        random_robots.bare(robot),
         model,
         theta,
         np.full((p, p), np.nan),

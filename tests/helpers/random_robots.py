@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
@@ -135,6 +136,14 @@ def uicker_torques(robot: Robot, theta: Array, q: Array, dq: Array, ddq: Array) 
         for j in range(n):
             tau[j] += np.trace(partial[i][j] @ joint.link_frame @ pseudo @ force.T)
     return tau
+
+
+def bare(robot: Robot) -> Problem:
+    """A robot of which nothing but the kinematics is known."""
+    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.01
+    nominal = plausible_links(robot, np.zeros((robot.n, 10)))
+    return Problem(robot.name, "by hand", robot, box, nominal)
 
 
 def task_of(problem: Problem) -> Task:

@@ -168,7 +168,7 @@ def test_a_model_can_be_brought(
     page.click(key("diagnose"))
     page.wait_for_selector(".verdict")
     assert "Nothing is missing that these measurements could show." in page.inner_text(".verdict")
-    text = (story["folder"] / "model.json").read_text().replace('"format": 1', '"format": 99')
+    text = (story["folder"] / "model.json").read_text().replace('"format": 2', '"format": 99')
     idle(page)
     page.set_input_files(
         key("drop-model"), {"name": "new.json", "mimeType": "text/json", "buffer": text.encode()}

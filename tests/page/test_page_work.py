@@ -83,22 +83,24 @@ def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp
         await finish(s, s.identify)
         await finish(s, s.diagnose)
         assert s.findings is not None
-        assert s.findings["effects"][0]["effect"] == "presliding_hysteresis"
-        await finish(s, lambda: s.add(s.findings["texts"][:1]))  # type: ignore[index]
+        found = s.findings.effects[0]
+        assert found.effect == "presliding_hysteresis"
+        await finish(s, lambda: s.add([found.text]))
         return s
 
     s = asyncio.run(story())
-    before, after = (m["comparison"]["rmse"] for m in s.ladder)
+    before, after = (m.comparison["rmse"] for m in s.ladder)
     assert after[0] < 0.6 * before[0]
-    assert s.ladder[1]["judged_on"] == ["my test.csv"]
-    assert s.added == set(s.findings["texts"][:1])  # type: ignore[index]
-    estimate = load_estimate(s.ladder[1]["file"])
+    assert s.ladder[1].judged_on == ["my test.csv"]
+    assert s.findings is not None
+    assert s.added == {s.findings.effects[0].text}
+    estimate = load_estimate(s.ladder[1].file)
     from sdp_vs_penalty.diagnosis.comparison import compare
 
     assert compare(estimate, hidden.runs[3])[0].rmse.tolist() == pytest.approx(after, rel=1e-12)
     curves = s.curves(s.ladder[1])
     assert len(curves) == 4
-    left = curves[3].torque - curves[3].modelled[s.ladder[1]["label"]]
+    left = curves[3].torque - curves[3].modelled[s.ladder[1].label]
     np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), after, rtol=1e-4)
     assert "--data a.csv b.csv c.csv" in s.commands()[0]
     s.undo()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, sines, task_of, tree
+from random_robots import bare, link_parameters, sines, task_of, tree
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.identify import identify
@@ -22,14 +22,6 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Joint, Robot
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-def bare(robot: Robot, given: np.ndarray | None = None) -> Problem:
-    """A robot of which nothing but the kinematics is known."""
-    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0, 0] = 0.01
-    links = np.zeros((robot.n, 10)) if given is None else given
-    return Problem("odd", "odd", robot, box, plausible_links(robot, links))
 
 
 def odd_robots() -> dict[str, Robot]:

@@ -12,7 +12,7 @@ from random_robots import link_parameters, task_of, tree
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import certify, positive_mass_matrices
+from sdp_vs_penalty.estimation.certify import certify, positive_mass_matrices
 from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, interior_point, solve_sdp
 from sdp_vs_penalty.problem.problem import Problem

@@ -29,7 +29,6 @@ from sdp_vs_penalty.solvers.cbf_file import cbf_text
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.identification import SdpProblem, largest_margin, least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-from sdp_vs_penalty.solvers.options import options
 from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
 
 SOLVERS = solver_modules()
@@ -248,6 +247,6 @@ def test_every_solver_states_its_contract(name: str) -> None:
     module = SOLVERS[name]
     assert (module.__doc__ or "").strip()
     assert {"quadratic", "zero", "nonnegative", "soc", "psd", "exp"} >= module.CONES
-    assert options(name, 1e-5) != options(name, 1e-7)
+    assert module.options(1e-5) != module.options(1e-7)
     if absent(module) is None and module.REQUIRES[0] == "package":
         assert version(module)[0].isdigit()

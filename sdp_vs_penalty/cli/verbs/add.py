@@ -1,38 +1,46 @@
-"""The verb add: an effect joins the model."""
+"""The verb add: effects join the model."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import bounds_for
 from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Model, Seed, Test, TestWindow, Window
 from sdp_vs_penalty.cli.runs import runs_for
+from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis import Diagnosis
 
 
 def verb(
     model: Model,
-    effect: Annotated[
-        str,
-        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Effects, separated by commas."),
-    ],
     data: Data,
     out: Annotated[Path, typer.Option(metavar="model2.json", help="File to write the model to.")],
+    effect: Annotated[
+        str | None,
+        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Effects, separated by commas."),
+    ] = None,
+    findings: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="findings.json", help="Effects found by `diagnose --json`."),
+    ] = None,
+    confident: Annotated[bool, typer.Option("--confident", help="Confident findings only.")] = False,
+    only: Annotated[
+        str | None, typer.Option(metavar="1,3", help="Numbers of the findings to add.")
+    ] = None,
     test: Test = None,
     frozen: Frozen = False,
-    problem: Annotated[
-        str | None,
-        typer.Option(help="Problem that supplies the bounds; default: the model's own."),
-    ] = None,
     window: Window = None,
     test_window: TestWindow = None,
     seed: Seed = 0,
     debug: Debug = False,
 ) -> None:
-    """Add an effect to a model and identify it again, under all constraints.
+    """Add effects to a model and identify it again, under all constraints.
 
+    The effects are named, or come from a diagnosis: --from findings.json.
     Example: sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json
     """
     from sdp_vs_penalty.cli import console, printing
@@ -40,19 +48,11 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.estimation.estimate import load_estimate
 
+    effects = _effects(effect, findings, confident, only)
     estimate = load_estimate(model)
-    bounds = bounds_for(estimate.robot, problem)
     with console.progress("reading the measurements") as progress:
         measurements, held_out = runs_for(estimate, data, window, test, test_window)
-        bigger = run(
-            estimate,
-            effect,
-            measurements,
-            problem=bounds,
-            frozen=frozen,
-            seed=seed,
-            progress=progress,
-        )
+        bigger = run(estimate, effects, measurements, frozen=frozen, seed=seed, progress=progress)
         judge = measurements if held_out is None else held_out
         before, after = compare({"before": estimate, "after": bigger}, judge)
         bigger.save(out)
@@ -60,4 +60,32 @@ def verb(
     printing.before_after(before, after, estimate.robot.torque_units, what)
     for e in bigger.model.effects[len(estimate.model.effects) :]:
         console.say(f"added: {e.text}")
+    printing.certificate(bigger)
     console.written(out)
+
+
+def _effects(
+    effect: str | None, findings: Path | None, confident: bool, only: str | None
+) -> str | Diagnosis:
+    """What to add: the text, or what a findings.json holds, all or some of it."""
+    from sdp_vs_penalty.diagnosis.findings import load_diagnosis
+
+    if (effect is None) == (findings is None):
+        raise InputError("Nothing to add: name either EFFECT or --from findings.json.")
+    if findings is None:
+        if confident or only is not None:
+            raise InputError("--confident and --only select findings of a file: name it with --from.")
+        return effect or ""
+    if confident and only is not None:
+        raise InputError("--confident and --only exclude each other: leave one out.")
+    found = load_diagnosis(findings)
+    try:
+        numbers = None if only is None else [int(word) for word in only.split(",")]
+    except ValueError:
+        raise InputError(
+            f"--only {only!r}: write the findings' numbers separated by commas, like 1,3."
+        ) from None
+    try:
+        return found.selected(numbers, confident)
+    except InputError as error:
+        raise InputError(f"{findings}: {error}") from error

@@ -58,9 +58,6 @@ def verb(
     if fix is None and any(f.repair for report in reports for f in report.problems):
         to = _beside(data)
         console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
-    elif fix is None and not any(report.meaningless for report in reports):
-        words = ["identify", problem, "--data", *data, *mounting]
-        console.next_step([*words, "--out", "model.json"])
     if fix is not None:
         for path, report in zip(data, reports, strict=True):
             target = fix if len(data) == 1 else fix / f"{path.stem}.csv"

@@ -1,4 +1,4 @@
-"""The verb diagnose: which effects a model misses."""
+"""The verb diagnose: which effects a model is missing."""
 
 from __future__ import annotations
 
@@ -53,11 +53,17 @@ def verb(
     options += ["--frozen"] if frozen else []
     add: list[str] = []
     if result.effects:
-        effects = ",".join(f.text for f in printing.worth_showing(result.effects))
-        add = ["add", str(model), effects, *options, "--out", str(_next_to(model))]
-    printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
+        shown = printing.worth_showing(result.effects)
+        what = [",".join(f.text for f in shown)]
+        if json_file is not None:
+            what = ["--from", str(json_file)]
+            if len(shown) < len(result.effects):
+                what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
+        add = ["add", str(model), *what, *options, "--out", str(_next_to(model))]
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
+    printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
+    if json_file is not None:
         console.written(json_file)
 
 

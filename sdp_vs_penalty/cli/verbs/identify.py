@@ -78,9 +78,6 @@ def verb(
         if isinstance(given, Measurements):
             fit = compare_models({estimate.method: estimate}, given)[0]
     printing.estimate(estimate, fit, seconds)
-    if fit is not None:
-        part = [] if window is None else ["--window", window]
-        console.next_step(["diagnose", out, "--data", *data, *part])
     console.written(out)
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import bounds_for, time_window
+from sdp_vs_penalty.cli.arguments import time_window
 from sdp_vs_penalty.cli.options import Debug, Window
 
 
@@ -23,10 +23,6 @@ def verb(
         typer.Option("--data", metavar="RUN.csv ...", help="Measured runs to judge the models on."),
     ],
     out: Annotated[Path, typer.Option(metavar="report.html", help="File to write.")],
-    problem: Annotated[
-        str | None,
-        typer.Option(help="Problem that supplies the bounds; default: the model's own."),
-    ] = None,
     window: Window = None,
     debug: Debug = False,
 ) -> None:
@@ -43,9 +39,8 @@ def verb(
     estimates = {str(path): load_estimate(path) for path in models}
     start, stop = time_window(window)
     robot = next(iter(estimates.values())).robot
-    bounds = bounds_for(robot, problem)
     with console.progress("reading the measurements") as progress:
         runs = load_measurements(*data, start=start, stop=stop, names=robot.joint_names)
         command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
-        report(estimates, runs, out, problem=bounds, commands=[command], progress=progress)
+        report(estimates, runs, out, commands=[command], progress=progress)
     console.written(out)

@@ -12,13 +12,15 @@ from sdp_vs_penalty.cli.options import Debug, Problem, Seed
 
 def verb(
     problem: Problem,
-    hide: Annotated[
-        list[str],
-        typer.Option("--hide", metavar="EFFECT[:joints]", help="Effect to hide; repeatable."),
-    ],
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for run1..3.csv, test.csv, truth.json.")
     ],
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--hide", metavar="EFFECT[:joints]", help="Effect to hide; repeatable. Default: none."
+        ),
+    ] = None,
     level: Annotated[
         str,
         typer.Option(help="Size: strong, medium, weak, or the hidden torque's RMS over the raw noise."),
@@ -34,7 +36,7 @@ def verb(
     from sdp_vs_penalty.simulation.hide import RUN_FILES, refuse_foreign, simulate
 
     refuse_foreign(out)  # before the minutes that a simulation may take
-    made = simulate(problem, hide, level, seed)
+    made = simulate(problem, hide or (), level, seed)
     made.save(out)
     effects = ",".join(made.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]

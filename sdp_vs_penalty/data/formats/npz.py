@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.formats.columns import Choice, check_size, columns_of, from_columns, joints_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.files import opened, write_bytes
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,7 @@ def _read_npz(path: Path) -> Measurements:
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """The arrays of an .npz file as floats; InputError for anything but real numbers."""
+    opened(path)
     arrays: dict[str, Array] = {}
     try:
         with zipfile.ZipFile(path) as archive:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.page.controls import button, check, details, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
 from sdp_vs_penalty.page.wording import (
     change,
-    constants,
     figure,
     physics,
     plain_name,
@@ -31,7 +31,8 @@ _VERDICTS = {
 
 
 def _depends(session: Session) -> Any:
-    return [m["file"] for m in session.ladder], session.findings, session.found_for, session.frozen
+    found = None if session.findings is None else session.findings.to_dict()
+    return [m.file for m in session.ladder], found, session.found_for, session.frozen
 
 
 def _draw(view: View) -> None:
@@ -57,56 +58,54 @@ def _draw(view: View) -> None:
             "soft",
         )
         return
-    tag("p", _VERDICTS[found["verdict"]], f"verdict {found['verdict']}")
+    tag("p", _VERDICTS[found.verdict], f"verdict {found.verdict}")
     added = session.added
-    open_texts = [text for text in found["texts"] if text not in added]
+    open_texts = [f.text for f in found.effects if f.text not in added]
     with tag("ol", style="findings"):
-        for k, text in enumerate(found["texts"]):
-            _card(view, k, text, text in added)
+        for k, finding in enumerate(found.effects):
+            _card(view, found, k, finding.text in added)
     if len(open_texts) > 1:
         button(f"Add all {len(open_texts)}", lambda: session.add(open_texts), "add-all")
     _rest(found)
+    tag("p", f"Found in {session.found_in:.2g} s.", "soft")
 
 
-def _card(view: View, k: int, text: str, added: bool) -> None:
-    session = view.session
-    assert session.findings is not None
+def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
+    session, finding = view.session, found.effects[k]
     assert session.robot is not None
-    finding, std = session.findings["effects"][k], session.findings["std"][k]
     units = session.robot["units"]
     with tag("li", style="card finding-card" + (" done" if added else "")):
         with tag("div", style="head"):
-            tag("h3", f"{plain_name(finding['effect'])} · {where(finding['joints'])}")
-            tag("span", finding["confidence"], f"badge {finding['confidence']}")
-        unit = plain_unit(finding["unit"])
-        size = f"{finding['size']:.4g} ± {std:.1g} {unit}".strip()
-        prismatic = bool(finding["joints"]) and units[finding["joints"][0] - 1] == "N"
-        said = constants(finding["shape"], prismatic)
+            tag("h3", f"{plain_name(finding.effect)} · {where(finding.joints)}")
+            tag("span", finding.confidence, f"badge {finding.confidence}")
+        unit = plain_unit(finding.unit)
+        size = f"{finding.size:.4g} ± {finding.std:.1g} {unit}".strip()
+        said = finding.constants
         tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")
-        before_this = [f["effect"] for f in session.findings["effects"][:k]]
-        if finding["effect"] in before_this:
+        if finding.effect in [f.effect for f in found.effects[:k]]:
             with details("What it is", f"physics-{k}"):
                 tag("p", physics(finding))
         else:
             tag("p", physics(finding))
-        rivals = finding["indistinguishable_from"]
+        rivals = finding.indistinguishable_from
         if rivals:
             tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
-        before, after = finding["held_out_rmse_before"], finding["held_out_rmse_after"]
+        if finding.remarks:
+            tag("p", f"Weak: {'; '.join(finding.remarks)}.", "soft")
+        before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
         joint = (
-            finding["joints"][0] - 1
-            if finding["joints"]
+            finding.joints[0] - 1
+            if finding.joints
             else min(range(len(before)), key=lambda j: after[j] / before[j] if before[j] else 1.0)
         )
-        floor = session.findings["noise_floor"][joint]
-        known = session.findings["noise_source"] == "repetition"
-        _fall(before[joint], after[joint], floor, known, joint, units[joint])
+        known = found.noise_source == "repetition"
+        _fall(before[joint], after[joint], found.noise_floor[joint], known, joint, units[joint])
         if added:
             tag("p", "Added to the model.", "chosen")
         else:
-            label = f"Add {plain_name(finding['effect'])} on {where(finding['joints'])}"
+            label = f"Add {plain_name(finding.effect)} on {where(finding.joints)}"
             button(
-                "Add", lambda: session.add([text]), f"add-{k}", "primary" if k == 0 else "",
+                "Add", lambda: session.add([finding.text]), f"add-{k}", "primary" if k == 0 else "",
                 aria_label=label,
             )  # fmt: skip
 
@@ -127,22 +126,21 @@ def _fall(before: float, after: float, floor: float, known: bool, joint: int, un
         tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
 
 
-def _rest(found: dict[str, Any]) -> None:
+def _rest(found: Diagnosis) -> None:
     """Events, what is left, what can never be seen, and remarks."""
-    for event in found["events"]:
-        start, end = figure(event["t_start"], 4), figure(event["t_end"], 4)
-        tag("p", f"One-off event on joint {event['joint']}: {start} s to {end} s.", "finding")
-    for remark in found["remarks"]:
+    for event in found.events:
+        start, end = figure(event.t_start, 4), figure(event.t_end, 4)
+        tag("p", f"One-off event on joint {event.joint + 1}: {start} s to {end} s.", "finding")
+    for remark in found.remarks:
         tag("p", remark, "soft")
-    share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found["unexplained"], 1))
+    share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))
     tag("p", f"Unexplained variance / noise variance, per joint: {share}.", "soft")
-    if found["invisible"]:
+    if found.invisible:
         with details("Not identifiable from these runs", "invisible"):
             tag("p", "The model's existing parameters absorb the torque of:", "soft")
             with tag("ul"):
-                for item in found["invisible"]:
-                    tag("li", f"{plain_name(item['effect'])}, {where(item['joints'])}")
-    tag("p", f"Found in {found['seconds']:.2g} s.", "soft")
+                for item in found.invisible:
+                    tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")
 
 
 FINDINGS = Step(

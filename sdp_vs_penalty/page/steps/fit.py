@@ -8,6 +8,7 @@ from sdp_vs_penalty.page.charts import asked_span, merged, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.wording import figure, held, with_unit
 
 if TYPE_CHECKING:
@@ -15,25 +16,25 @@ if TYPE_CHECKING:
 
 
 def _depends(session: Session) -> Any:
-    return [model["file"] for model in session.ladder]
+    return [model.file for model in session.ladder]
 
 
 def _draw(view: View) -> None:
     session, model, robot = view.session, view.session.model, view.session.robot
     assert model is not None
     assert robot is not None
-    comparison, units = model["comparison"], robot["units"]
+    comparison, units = model.comparison, robot["units"]
     view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
-    if view.run not in model["runs"]:
-        view.run = model["judged_on"][0]
+    if view.run not in model.runs:
+        view.run = model.judged_on[0]
     figures(
         {
             "relative error": f"{figure(comparison['relative_error_percent'])} %",
-            "judged on": _names(model["judged_on"]),
+            "judged on": _names(model.judged_on),
             "below": f"{figure(comparison['band_hz'])} Hz",
-            "constraints": held(model["violation"]),
-            "certified gap": figure(model["gap"], 2),
-            "time": f"{model['seconds']:.2g} s",
+            "constraints": held(model.violation),
+            "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
+            "time": f"{model.seconds:.2g} s",
         }
     )
     chips: list[Any] = []
@@ -50,14 +51,14 @@ def _draw(view: View) -> None:
     with tag("div", style="pick"):
         choice(
             "Run",
-            [(name, name) for name in model["runs"]],
+            [(name, name) for name in model.runs],
             view.run,
             lambda name: show(view.joint or 0, name),
             "shown-run",
         )
 
     def options(span: tuple[float, float] | None = None) -> dict[str, Any]:
-        k, j = model["runs"].index(view.run), view.joint or 0
+        k, j = model.runs.index(view.run), view.joint or 0
         curves = session.curves(model)[k]
         if len(session.ladder) > 1:
             curves = merged(session.curves(session.ladder[0])[k], curves)
@@ -80,12 +81,12 @@ def _draw(view: View) -> None:
     parts["chart"].on("plotly_relayout", zoom)
     parts["words"] = tag("p", "", "words")
     show(view.joint or 0, view.run)
-    if model["failures"]:
-        _heat(model["failures"])
-    if model["on_bounds"]:
+    if model.failures:
+        _heat(model.failures)
+    if model.on_bounds:
         tag(
             "p",
-            f"On their bounds (set by the bound, not by the data): {', '.join(model['on_bounds'])}.",
+            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}.",
             "soft",
         )
 
@@ -101,16 +102,16 @@ def _worst(comparison: dict[str, Any]) -> int:
     return scaled.index(max(scaled))
 
 
-def _words(model: dict[str, Any], j: int, unit: str) -> str:
+def _words(model: Rung, j: int, unit: str) -> str:
     """What can be said of a joint's error in a sentence or two."""
-    error, floor = model["comparison"]["rmse"][j], model["comparison"]["noise_floor"][j]
+    error, floor = model.comparison["rmse"][j], model.comparison["noise_floor"][j]
     text = f"Joint {j + 1}: the error is {with_unit(error, unit)}"
     if floor:
         text += f", {figure(error / floor, 2)} times the noise floor of {with_unit(floor, unit)}"
     text += "."
-    if not model["failures"]:
+    if not model.failures:
         return text
-    failure = model["failures"][j]
+    failure = model.failures[j]
     best = sorted(failure["held_out_shares"].items(), key=lambda item: -item[1])[:2]
     said = [f"{name} ({100.0 * share:.0f} %)" for name, share in best if share > 0.05]
     if said:

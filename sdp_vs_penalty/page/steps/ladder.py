@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _depends(session: Session) -> Any:
-    return [model["file"] for model in session.ladder]
+    return [model.file for model in session.ladder]
 
 
 def _draw(view: View) -> None:
@@ -25,16 +25,16 @@ def _draw(view: View) -> None:
     with tag("ol", style="rungs"):
         for model in ladder:
             with tag("li"):
-                tag("strong", model["label"])
-                relative = figure(model["comparison"]["relative_error_percent"])
-                tag("span", f"{relative} % relative error, {model['parameters']} parameters", "soft")
+                tag("strong", model.label)
+                relative = figure(model.comparison["relative_error_percent"])
+                tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
     if len(ladder) == 1:
         tag("p", "Add a finding above and watch the error of each joint fall here.", "soft")
         return
     button("Undo the last step", session.undo, "undo")
-    errors = [model["comparison"]["rmse"] for model in ladder]
-    chart(ladder_chart([m["label"] for m in ladder], errors, units), "Error of each joint")
-    floor = ladder[-1]["comparison"]["noise_floor"]
+    errors = [model.comparison["rmse"] for model in ladder]
+    chart(ladder_chart([m.label for m in ladder], errors, units), "Error of each joint")
+    floor = ladder[-1].comparison["noise_floor"]
     rows = [
         [
             f"{j + 1} [{unit}]",
@@ -46,7 +46,7 @@ def _draw(view: View) -> None:
     ]
     heads = ["joint", *(str(k) for k in range(1, len(ladder) + 1)), "change", "noise"]
     table(heads, rows, "RMS error of each joint, model by model", "numbers ladder")
-    judged = ", ".join(ladder[-1]["judged_on"])
+    judged = ", ".join(ladder[-1].judged_on)
     tag("p", f"RMS error on {judged}.", "soft")
 
 

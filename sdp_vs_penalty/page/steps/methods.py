@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def _depends(session: Session) -> Any:
-    return [model["file"] for model in session.ladder], session.methods
+    return [model.file for model in session.ladder], session.methods
 
 
 def _draw(view: View) -> None:

@@ -22,7 +22,7 @@ FILES = {
 
 
 def _depends(session: Session) -> Any:
-    return [model["file"] for model in session.ladder]
+    return [model.file for model in session.ladder]
 
 
 def _draw(view: View) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.estimate import positive_mass_matrices
+from sdp_vs_penalty.estimation.certify import positive_mass_matrices
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.paper.tables.study import Data, Result, Study, sentence
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.table import ROUNDING, Cell, Column, Table
 from sdp_vs_penalty.robot import inertia
 
 NAME = "methods"
@@ -96,7 +96,7 @@ def _row(study: Study, data: Data, method: str, result: Result, optimum: float) 
         method,
         _excess(task.data.loss(result.theta), optimum),
         worst,
-        family if worst > 0.0 else None,
+        family if worst >= ROUNDING else None,
         float(inertia.consistency_margin(links).min()),
         1e3 * float(inertia.thickness(links).min()),
         error,

@@ -15,7 +15,7 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
@@ -36,12 +36,9 @@ Array = NDArray[np.float64]
 BUDGETS = ("quick", "paper")
 #: The columns of Tables III, VII, VIII, IX and the rows of IV: our name and the method's.
 METHODS: Mapping[str, str] = {
-    "ols": "ols",
-    "penalty": "penalty",
-    "penalty_paper": "penalty-paper",
-    "lmi_sdp": "lmi-sdp",
-    "lmi_sdp_plain": "lmi-sdp-plain",
-    "lmi_sdp_entropic": "lmi-sdp-entropic",
+    name.replace("-", "_"): name
+    for name, kind in sorted(estimator_types().items(), key=lambda item: item[1].table_place or 0)
+    if kind.table_place is not None
 }
 #: Where the real run is cut: estimates that are judged on it never see what comes later [s].
 TRAIN_STOP, TEST_START = 14.0, 14.2

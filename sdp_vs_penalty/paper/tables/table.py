@@ -23,7 +23,7 @@ Cell = str | float | int | None
 #: LaTeX: powers of ten up to this are written out, text columns longer than this (characters) wrap.
 _LONGEST_POWER, _WRAPPED = 6, 80
 #: Numbers smaller than this are the rounding of a zero in every unit that the tables have.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 _NUMBER = re.compile(r"([-+]?)(\d+)(?:\.(\d*))?(?:[eE]([-+]?)(\d+))?")
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -163,7 +163,7 @@ def text(cell: Cell, digits: int = 4) -> str:
         return ""
     if math.isinf(cell):
         return "inf" if cell > 0 else "-inf"
-    return "0" if abs(cell) < _ROUNDING else f"{cell:.{digits}g}"
+    return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
 
 
 def number_column(cells: Sequence[str]) -> str:

@@ -151,7 +151,7 @@ def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
     study.progress(f"friction models on held-out {data.label} data")
     fit = _fit(study, data, data.train)
     linear = _ordinary(study, data, _LINEAR)[1]
-    grid = PreslidingHysteresis.shape_grid["d"]
+    grid = PreslidingHysteresis.shapes["d"].grid
     tried = [_ordinary(study, data, f"{_LINEAR},presliding_hysteresis@d={d}") for d in grid]
     best = min(range(len(grid)), key=lambda k: tried[k][0])
     return [

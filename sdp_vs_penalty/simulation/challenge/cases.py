@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_types
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.external_wrench import wrench_torque
+from sdp_vs_penalty.effects.hidden import Hidden, World, on_joint
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.hidden_effects import (
-    Hidden,
-    World,
-    hideable,
-    lugre,
-    on_joint,
-    wrench_torque,
-)
+from sdp_vs_penalty.simulation.hidden_effects import hideable, lugre
 from sdp_vs_penalty.simulation.hidden_runs import starts
 
 Array = NDArray[np.float64]
@@ -28,8 +24,6 @@ IDENTIFIABLE = 30.0
 #: Links that stand elsewhere than the model believes by more than this [rad, m] belong to no machine,
 #: and first-order columns end there; on a light link that alone makes the torque that is asked for.
 FARTHEST = 0.3
-#: Effects that only a frozen model can show, and those that are always part of a model.
-_NOT_DRAWN = frozenset({"payload"})
 
 
 @dataclass(frozen=True)
@@ -77,7 +71,7 @@ def draw(case: CaseClass, problem: Problem, world: World, seed: int) -> Draw:
         return Draw()
     if case.what == "library":
         # Every effect in turn, so that each is met equally often.
-        names = [name for name in hideable() if name not in _NOT_DRAWN]
+        names = _drawn()
         return Draw([(names[seed % len(names)], [int(rng.integers(n))])])
     if case.what == "two":
         return Draw(_two(n, rng))
@@ -92,10 +86,14 @@ def draw(case: CaseClass, problem: Problem, world: World, seed: int) -> Draw:
     return Draw(made=[makers[case.what](joint, world, rng)])
 
 
+def _drawn() -> list[str]:
+    """Effects that show against a model which is refitted."""
+    return [name for name in hideable() if not effect_types()[name].frozen_only]
+
+
 def _two(n: int, rng: np.random.Generator) -> list[tuple[str, list[int]]]:
     """Two different effects, not two of one kind that stand for each other (all of one table row)."""
-    usual = {"viscous_friction", "coulomb_friction", "torque_offset"}
-    names = [name for name in hideable() if name not in _NOT_DRAWN | usual]
+    names = [name for name in _drawn() if name not in DEFAULT_EFFECTS]
     first, second = rng.choice(names, 2, replace=False)
     return [(str(first), [int(rng.integers(n))]), (str(second), [int(rng.integers(n))])]
 

@@ -159,7 +159,7 @@ def quick_estimate(problem: Problem, measurements: Measurements, effects: Sequen
     p = len(theta)
     certificate = Certificate({}, 0.0, None, None, None, None, None)
     start = Estimate(
-        problem.name,
+        problem,
         model,
         theta,
         np.full((p, p), np.nan),

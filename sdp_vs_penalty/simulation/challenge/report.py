@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.simulation.challenge.cases import CLASSES, FARTHEST, IDENTIFIABLE
 
@@ -243,8 +244,8 @@ def _numbers(records: Sequence[Record]) -> list[str]:
 
 def _size_error(record: Record) -> float:
     truth, found = record["truth"][0], record["found"][0]
-    if truth["effect"] in ("external_wrench", "drift_offset", "drift_friction"):
-        return float("nan")  # not one number
+    if not effect_types()[truth["effect"]].one_number:
+        return float("nan")
     return float(abs(abs(found["size"]) / abs(truth["size"]) - 1.0))
 
 

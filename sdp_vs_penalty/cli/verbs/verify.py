@@ -1,0 +1,52 @@
+"""The verb verify: proofs of optima, checked in exact arithmetic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Debug
+from sdp_vs_penalty.errors import InputError
+
+
+def verb(
+    proofs: Annotated[
+        list[Path],
+        typer.Argument(metavar="proof.json ...", help="Proofs, or folders that are searched for them."),
+    ],
+    debug: Debug = False,
+) -> None:
+    """Check proofs of optimality in exact arithmetic, independently of every solver.
+
+    Exit code 1 if one is refused. The checker is one file on Python's standard library alone.
+    Example: sdp-vs-penalty verify proof.json
+    """
+    import json
+
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.solvers import verify_proof
+
+    files = [f for p in proofs for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])]
+    if not files:
+        raise InputError(f"{proofs[0]}: no file named *proof.json in this folder: name the proofs.")
+    refused = 0
+    for path in files:
+        try:
+            found = verify_proof.check(json.loads(path.read_text(encoding="utf-8")))
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+        except Exception as error:
+            refused += 1
+            text = f"refused: {path}: {error or type(error).__name__}"
+        else:
+            if found is None:
+                text = f"accepted: {path}: no parameters satisfy all constraints"
+            else:
+                low, high = (float(x) for x in found)
+                text = f"accepted: {path}: the optimum lies in [{low!r}, {high!r}]"
+        console.say(text)
+    console.warn(f"checker: {verify_proof.__file__}")
+    if refused:
+        raise typer.Exit(1)

@@ -1,0 +1,62 @@
+"""Shape constants: the numbers on which an effect's columns depend non-linearly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+#: Units of what depends on the kind of joint: revolute, prismatic.
+POSITION = ("rad", "m")
+VELOCITY = ("rad/s", "m/s")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape constant of an effect; its name is the key under which the effect declares it.
+
+    default : its value where none is given. unit : "-" for a number; a pair for a revolute and a
+        prismatic joint. choices : the only values that it may have, if they are few.
+    grid : the values that a search starts from; bounds : the range in which it refines them (None: it
+        stays on the grid); scale : how neighbours are spaced there: widths, exponents and times by a
+        ratio ("log"), numbers of waves by a difference ("linear").
+    signed : whether it may be zero or negative.
+    role : "searched", found from measurements where it is not given; "convention", part of how a model
+        is written, which no search touches; "clock", the instant from which time counts, taken from
+        the measurements.
+    """
+
+    default: float
+    unit: str | tuple[str, str] = "-"
+    grid: tuple[float, ...] = ()
+    bounds: tuple[float, float] | None = None
+    scale: Literal["log", "linear"] = "log"
+    choices: tuple[float, ...] = ()
+    signed: bool = False
+    role: Literal["searched", "convention", "clock"] = "searched"
+
+    def complaint(self, value: float) -> str | None:
+        """What is wrong with a value, or None: the end of a sentence that begins with its name."""
+        if not np.isfinite(value):
+            return "must be finite"
+        if self.choices and value not in self.choices:
+            first, last = (f"{x:g}" for x in (self.choices[0], self.choices[-1]))
+            return f"must be a whole number from {first} to {last}, not {value:g}"
+        if not self.signed and not value > 0.0:
+            return f"must be above 0, not {value:g}"
+        return None
+
+    def unit_on(self, kind: str) -> str:
+        """The unit on a joint of this kind ("revolute", "prismatic")."""
+        return self.unit if isinstance(self.unit, str) else self.unit[kind == "prismatic"]
+
+    def said(self, value: float, kind: str) -> str:
+        """The value with its unit, as a sentence says it.
+
+        >>> Shape(2.0, ("1/turn", "rad/m")).said(7.0, "revolute")
+        '7 per turn'
+        """
+        unit = self.unit_on(kind)
+        words = "" if unit == "-" else unit.replace("1/", "per ")
+        return f"{value:.4g} {words}".strip()

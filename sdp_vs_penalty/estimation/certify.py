@@ -1,0 +1,173 @@
+"""From a fit to a certified estimate: what the constraints, the poses and the data say of it."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import platform
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.black_box import BlackBox
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
+from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
+from sdp_vs_penalty.version import __version__
+
+Array = NDArray[np.float64]
+
+#: Random poses at which M(q) must be positive definite.
+_POSES = 10_000
+
+
+def build_estimate(
+    problem: Problem,
+    task: Task,
+    estimator: Estimator,
+    fit: Fit,
+    regression: Regression,
+    preprocessing: Preprocessing,
+    measurements: Measurements | BlackBox,
+    weighting: str,
+) -> Estimate:
+    """Certify a fit and put everything that made it into an Estimate."""
+    theta, certificate = certify(task, fit)
+    bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
+    settings = {
+        **dataclasses.asdict(estimator),  # type: ignore[call-overload]
+        "weighting": weighting,
+    }
+    provenance = {
+        "seed": task.seed,
+        "data_hash": measurements.data_hash,
+        "runs": list(measurements.names),
+        "samples": measurements.samples,
+        "versions": versions(),
+    }
+    return Estimate(
+        problem,
+        task.model,
+        theta,
+        covariance(task.data, regression.oversampling),
+        estimator.name,
+        certificate,
+        preprocessing,
+        settings,
+        {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
+        provenance,
+    )
+
+
+def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
+    """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
+    found = []
+    for c in constraints.convex:
+        if c.family in ("mass", "bounding ellipsoid", "range"):
+            size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
+            if np.any(c.value(theta) <= 1e-6 * size):
+                found.append(f"{c.family} of {c.name}")
+    return found
+
+
+def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
+    """The estimate, moved into the feasible set where the method promises that, and its certificate."""
+    theta = fit.theta
+    upper = lower = gap = None
+    if fit.multipliers is not None and fit.interior is not None:
+        theta = repair(fit.constraints, theta, fit.interior)
+        theta = repaired_as_written(fit.constraints.convex, theta, fit.interior)
+        upper = fit.objective.value(theta)
+        lower = lower_bound(
+            fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
+        )
+        scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
+        gap = (upper - lower) / scale if scale > 0.0 else 0.0
+    links = theta[task.links]
+    return theta, Certificate(
+        violations=violations(fit.constraints, theta),
+        loss=task.data.loss(theta),
+        upper=upper,
+        lower=lower,
+        gap=gap,
+        positive_mass_matrices=positive_mass_matrices(task.model.robot, links) if len(links) else None,
+        smallest_thickness=float(inertia.thickness(links).min()) if len(links) else None,
+    )
+
+
+def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
+    """The certificate of a whole model of which only the last effects were optimised.
+
+    model, theta : the whole, beginning with the estimate's own; part : the certificate of the new
+    effects alone, whose objective and gap remain. Every constraint of the problem is judged at the
+    whole theta; what only the estimate's method demanded of it (a thickness) stays as it was judged.
+    """
+    links = estimate.links
+    return dataclasses.replace(
+        part,
+        violations={
+            **estimate.certificate.violations,
+            **part.violations,
+            **violations(estimate.problem.constraints(model), theta),
+        },
+        positive_mass_matrices=positive_mass_matrices(model.robot, links) if len(links) else None,
+        smallest_thickness=float(inertia.thickness(links).min()) if len(links) else None,
+        held=[effect.text for effect in estimate.model.effects],
+    )
+
+
+def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:
+    """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
+    matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
+    with contextlib.suppress(np.linalg.LinAlgError):  # ten times faster, where it is so everywhere
+        np.linalg.cholesky(matrices)
+        return 1.0
+    return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
+
+
+def covariance(data: LeastSquares, oversampling: float) -> Array:
+    """sigma^2 (R^T R)^-1 on what the data determine, NaN for every parameter that they do not.
+
+    sigma^2 is the residual variance of unconstrained least squares; filtered rows repeat each
+    other ``oversampling`` times.
+    """
+    p = data.R.shape[1]
+    out = np.full((p, p), np.nan)
+    norms = data.column_norms
+    visible = np.flatnonzero(norms > 0.0)
+    if not len(visible):
+        return out
+    u, s, vt = np.linalg.svd(data.R[:, visible] / norms[visible], full_matrices=False)
+    good = s > 1e-9 * s[0]
+    residual = data.rho - u[:, good] @ (u[:, good].T @ data.rho)
+    loss = float(residual @ residual) + data.floor**2
+    variance = loss / max(data.rows - oversampling * int(good.sum()), 1.0) * oversampling
+    # A parameter is determined if its unit vector lies in the row space of R.
+    inside = np.sum(vt[good] ** 2, axis=0) > 1.0 - 1e-9
+    half = (vt[good] / s[good, None]) / norms[visible]
+    full = variance * half.T @ half
+    keep = visible[inside]
+    out[np.ix_(keep, keep)] = full[np.ix_(inside, inside)]
+    return out
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that a figure may depend on."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "pin", "clarabel", "cvxpy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

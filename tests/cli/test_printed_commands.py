@@ -1,0 +1,286 @@
+"""Every command that a verb or the page prints is run as printed, on arms of every kind."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import HEAVY, SCARA, write_folder, write_urdf
+from small_runs import small_run, write_run
+
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, load_diagnosis
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.workshop import Workshop
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+
+PROGRAM = "sdp-vs-penalty"
+Run = Callable[..., str]
+#: Longer than a file's name may be.
+LONG = 255
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a line, in an empty folder, then every command that it prints; what it printed itself."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(line: str) -> str:
+        program, *words = shlex.split(line)
+        assert program == PROGRAM
+        with pytest.raises(SystemExit) as stop:
+            main(words)
+        out, err = capsys.readouterr()
+        assert stop.value.code == 0, f"{line}\n{out}{err}"
+        for command in printed(out + err):
+            call(command)
+        return out
+
+    return call
+
+
+def printed(text: str) -> list[str]:
+    """The commands of a text: at the start of a line or after a colon, up to the line's end."""
+    return re.findall(rf"(?:^|: )({PROGRAM} [a-z-]+ .*)$", text, re.MULTILINE)
+
+
+def test_commands_are_found_in_a_text() -> None:
+    text = (
+        f"next: {PROGRAM} add 'my model.json' a --out b\nsee `{PROGRAM} check`\n{PROGRAM} list effects"
+    )
+    assert printed(text) == [f"{PROGRAM} add 'my model.json' a --out b", f"{PROGRAM} list effects"]
+
+
+def robot(kind: str, folder: Path) -> str:
+    """What identifies a robot of a kind on the command line; its files are in the folder."""
+    if kind == "URDF named two_link":
+        return write_urdf(folder / "my arm.urdf", "two_link", HEAVY).name
+    if kind == "folder":
+        return write_folder(folder / "my folder").name
+    return write_urdf(folder / "scara.urdf", "scara", SCARA).name if kind == "SCARA" else kind
+
+
+@pytest.mark.parametrize("kind", ["panda", "URDF named two_link", "folder", "SCARA"])
+def test_from_simulated_runs_to_a_model_with_what_was_missing(
+    kind: str, run: Run, tmp_path: Path
+) -> None:
+    """simulate prints identify; diagnose prints add, as text and from its file, which do the same."""
+    source = robot(kind, tmp_path)
+    quoted = shlex.quote(source)
+    out = run(f"{PROGRAM} simulate {quoted} --hide joint_spring:2 --seed 7 --out 'my runs'")
+    assert len(printed(out)) == 1
+    run(f"{PROGRAM} check 'my runs/run1.csv' --problem {quoted}")
+    run(f"{PROGRAM} compare model.json --data 'my runs/test.csv'")
+    data = "--data 'my runs/run1.csv' 'my runs/run2.csv' --test 'my runs/test.csv'"
+    (as_text,) = printed(run(f"{PROGRAM} diagnose model.json {data}"))
+    (from_file,) = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
+    assert " joint_spring:2" in as_text
+    assert "--from 'the findings.json'" in from_file
+    written = [shlex.split(command)[-1] for command in (as_text, from_file)]
+    before, text, file = (load_estimate(Path(name)) for name in ("model.json", *written))
+    np.testing.assert_array_equal(text.theta, file.theta)
+    assert len(text.theta) > len(before.theta)
+    bounds = load_problem(source).constraints(text.model)
+    assert ConstraintSet(bounds.convex).margin(text.theta) >= 0.0
+
+
+@pytest.mark.real_data
+def test_on_the_real_panda(run: Run, data_folder: Path) -> None:
+    data = f"--data {shlex.quote(str(data_folder / 'panda'))} --window 0:10"
+    effects = "rigid_body,viscous_friction,torque_offset"
+    run(f"{PROGRAM} identify panda {data} --effects {effects} --out m.json")
+    run(f"{PROGRAM} compare m.json {data}")
+    run(f"{PROGRAM} check {shlex.quote(str(data_folder / 'panda'))} --problem panda")
+    out = run(f"{PROGRAM} diagnose m.json {data} --json found.json")
+    assert len(printed(out)) == 1
+    assert load_estimate(Path("m2.json")).certificate.gap is not None
+
+
+def twelve(problem: Problem, frozen: bool = False) -> Diagnosis:
+    """A diagnosis with springs and hysteresis on many joints."""
+    n = problem.robot.n
+    texts = [f"presliding_hysteresis:{j}@d=0.00312345" for j in range(1, 8)]
+    texts += [f"joint_spring:{j}" for j in range(1, 6)]
+
+    def finding(text: str) -> Finding:
+        name, _, rest = text.partition(":")
+        return Finding(
+            name, (int(rest[0]),), {}, 1.0, "N*m", 0.1, {}, "confident", (), np.ones(n), np.ones(n),
+            f"{name} on a joint. As it is.", text, 0.5,
+        )  # fmt: skip
+
+    found = tuple(map(finding, texts))
+    return Diagnosis(
+        "effect_missing", found, np.ones(n), (), (), "residual", np.zeros(n), np.ones(n), 8.0, (),
+        np.ones(n), "folds", frozen,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Diagnosis:
+    """What every diagnosis says; a model.json and a run.csv of the Panda beside it."""
+    write_run(tmp_path / "run.csv", panda)
+    found = twelve(panda)
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", lambda *_, **__: found)
+    return found
+
+
+def test_twelve_findings_at_once(twelve_found: Diagnosis, run: Run) -> None:
+    """The text of twelve effects is longer than a file's name may be."""
+    run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
+    (as_text,) = printed(run(f"{PROGRAM} diagnose model.json --data run.csv"))
+    assert max(map(len, shlex.split(as_text))) > LONG
+    (from_file,) = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
+    assert max(map(len, shlex.split(from_file))) < 40
+    text, file = (load_estimate(Path(f"model{k}.json")) for k in (2, 3))
+    assert len(file.model.effects) == 4 + 12
+    np.testing.assert_array_equal(text.theta, file.theta)
+
+
+def test_of_weak_findings_the_first_are_offered(
+    twelve_found: Diagnosis, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """--only with their numbers; --confident takes what is sure."""
+    effects = tuple(
+        replace(f, confidence="confident" if k in (0, 2) else "weak")
+        for k, f in enumerate(twelve_found.effects)
+    )
+    found = replace(twelve_found, effects=effects)
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", lambda *_, **__: found)
+    run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
+    (command,) = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
+    assert "--from findings.json --only 1,2,3,4,5 " in command
+    assert len(load_estimate(Path("model2.json")).model.effects) == 4 + 5
+    run(f"{PROGRAM} add model.json --from findings.json --confident --data run.csv --out sure.json")
+    added = load_estimate(Path("sure.json")).model.effects[4:]
+    assert [e.text for e in added] == [effects[0].text, effects[2].text]
+
+
+def test_what_a_held_model_misses_is_added_to_it_held(
+    twelve_found: Diagnosis, run: Run, panda: Problem
+) -> None:
+    run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
+    (Path("held.json")).write_text(_json(twelve(panda, frozen=True)))
+    run(f"{PROGRAM} add model.json --from held.json --only 8,9 --data run.csv --out model2.json")
+    before, after = (load_estimate(Path(name)) for name in ("model.json", "model2.json"))
+    np.testing.assert_array_equal(after.theta[: len(before.theta)], before.theta)
+    assert after.certificate.held == [e.text for e in before.model.effects]
+
+
+def _json(found: Diagnosis) -> str:
+    return json.dumps(found.to_dict())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("", "either EFFECT or --from"),
+        ("joint_spring:1 --from findings.json", "either EFFECT or --from"),
+        ("joint_spring:1 --only 1", "name it with --from"),
+        ("--from findings.json --only 1 --confident", "exclude each other"),
+        ("--from findings.json --only 1;2", "--only '1;2'"),
+        ("--from findings.json --only 13", "findings.json: finding 13 does not exist, there are 12"),
+        ("--from nothing.json", "nothing.json: cannot be read"),
+        ("--from model.json", "model.json: not a findings.json"),
+        ("--from old.json", "old.json: the field 'text' is missing"),
+        ("--from none.json", "none.json: there is no finding to add"),
+    ],
+)
+def test_what_cannot_be_chosen_is_said(
+    words: str,
+    said: str,
+    twelve_found: Diagnosis,
+    run: Run,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run(f"{PROGRAM} identify panda --data run.csv --method ols --effects rigid_body --out model.json")
+    (tmp_path / "findings.json").write_text(_json(twelve_found))
+    (tmp_path / "old.json").write_text(_json(twelve_found).replace('"text"', '"txet"'))
+    (tmp_path / "none.json").write_text(_json(replace(twelve_found, effects=())))
+    with pytest.raises(SystemExit) as stop:
+        main(["add", "model.json", *words.split(), "--data", "run.csv", "--out", "model2.json"])
+    err = capsys.readouterr().err
+    assert stop.value.code == 2, err
+    assert said in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "model2.json").exists()
+
+
+def test_a_diagnosis_survives_its_file(twelve_found: Diagnosis, tmp_path: Path) -> None:
+    path = tmp_path / "findings.json"
+    path.write_text(_json(twelve_found))
+    assert _json(load_diagnosis(path)) == path.read_text()
+    weak = tuple(replace(f, confidence="weak") for f in twelve_found.effects)
+    found = replace(twelve_found, effects=weak)
+    with pytest.raises(InputError, match="no confident finding"):
+        found.selected(confident=True)
+
+
+@pytest.fixture(scope="module")
+def sessions() -> Iterator[Sessions]:
+    workshop = Workshop()
+    made = Sessions(workshop)
+    yield made
+    made.close()
+    workshop.close()
+
+
+async def _finish(session: Session, act: Callable[[], None]) -> None:
+    act()
+    assert session.task is not None
+    await session.task
+    if session.notice is not None and session.notice.error:
+        raise InputError(" ".join(session.notice.texts))
+
+
+@pytest.mark.parametrize(
+    "kind", ["one run, split", "simulated", pytest.param("real", marks=pytest.mark.real_data)]
+)
+def test_the_pages_commands_make_the_pages_models(
+    kind: str, sessions: Sessions, run: Run, tmp_path: Path
+) -> None:
+    """A URDF that is called like a built-in robot, and the Panda; the same models to the last bit."""
+    path = write_urdf(tmp_path / "my arm.urdf", "two_link", HEAVY)
+    save(small_run(load_problem(path), seconds=20.0), tmp_path / "my run.csv")
+
+    async def story() -> Session:
+        s = sessions.new()
+        if kind == "real":
+            await _finish(s, lambda: s.choose_robot("panda"))
+            await _finish(s, s.real)
+        else:
+            await _finish(s, lambda: s.choose_robot(str(path), path.name))
+        if kind == "simulated":
+            await _finish(s, lambda: s.simulate("joint_spring", [2], "strong", 7))
+        elif kind != "real":
+            s.arrived["my run.csv"] = tmp_path / "my run.csv"
+            await _finish(s, s.read_arrived)
+            assert [r["use"] for r in s.runs] == ["split"]
+        await _finish(s, s.identify)
+        await _finish(s, lambda: s.add(["joint_spring:2"]))
+        await _finish(s, lambda: s.add(["payload"]))
+        return s
+
+    s = asyncio.run(story())
+    commands = s.commands()
+    assert [shlex.split(c)[1] for c in commands][-3:] == ["identify", "add", "add"]
+    for command in commands:
+        run(command)
+    for k, model in enumerate(s.ladder, start=1):
+        theirs, ours = load_estimate(model.file), load_estimate(tmp_path / f"model{k}.json")
+        np.testing.assert_array_equal(ours.theta, theirs.theta)
+        assert ours.to_dict()["problem"] == theirs.to_dict()["problem"]

@@ -1,0 +1,125 @@
+"""Adding effects to a model: under the bounds of its own problem, whatever its robot is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from arms import HEAVY, THREE, write_folder, write_urdf
+from small_runs import small_run
+
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.diagnosis import add
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.report import evidence
+from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+
+
+def springy(problem: Problem) -> tuple[HiddenRuns, Measurements]:
+    """Runs with a spring on joint 2, and three of them to identify from."""
+    made = hidden_runs(problem, [("joint_spring", [1])], "strong", seed=7)
+    return made, concatenate(made.runs[:3])
+
+
+def reloaded(estimate: Estimate, folder: Path) -> Estimate:
+    estimate.save(folder / "model.json")
+    return load_estimate(folder / "model.json")
+
+
+@pytest.mark.parametrize(("name", "axes"), [("two_link", HEAVY), ("panda", THREE), ("my_arm", THREE)])
+def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(
+    name: str, axes: tuple, tmp_path: Path
+) -> None:
+    problem = load_problem(write_urdf(tmp_path / "arm.urdf", name, axes))
+    made, data = springy(problem)
+    estimate = identify(problem, data, effects=made.truth["model_effects"])
+    bigger = add(reloaded(estimate, tmp_path), "joint_spring:2", data)
+    before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
+    assert after.rmse[1] < 0.5 * before.rmse[1]
+    assert bigger.certificate.worst == 0.0
+    assert bigger.certificate.gap is not None
+    assert np.all(bigger.links[:, 0] <= 100.0)
+
+
+@pytest.fixture
+def folder_problem(tmp_path: Path) -> Problem:
+    return load_problem(write_folder(tmp_path / "my_folder"))
+
+
+def test_a_folders_bounds_are_kept(folder_problem: Problem, tmp_path: Path) -> None:
+    made, data = springy(folder_problem)
+    estimate = identify(folder_problem, data, effects=made.truth["model_effects"])
+    bigger = add(reloaded(estimate, tmp_path), "joint_spring:2", data)
+    demands = folder_problem.constraints(bigger.model)
+    assert ConstraintSet(demands.convex).margin(bigger.theta) >= 0.0
+    assert bigger.links[0, 0] <= 3.5
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_a_reloaded_model_grows_exactly_like_the_one_in_memory(
+    frozen: bool, folder_problem: Problem, tmp_path: Path
+) -> None:
+    made, data = springy(folder_problem)
+    estimate = identify(folder_problem, data, effects=made.truth["model_effects"])
+    again = reloaded(estimate, tmp_path)
+    grown = [add(e, "presliding_hysteresis:2", data, frozen=frozen) for e in (estimate, again)]
+    np.testing.assert_array_equal(grown[0].theta, grown[1].theta)
+    assert grown[0].to_dict() == grown[1].to_dict()
+
+
+def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path: Path) -> None:
+    """Least squares ends outside the constraints; a payload beside it does not mend that."""
+    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    data = small_run(problem)
+    estimate = identify(problem, data, "ols")
+    broken = {f: v for f, v in estimate.certificate.violations.items() if v > 0.0}
+    assert broken
+    loaded = add(estimate, "payload", data)
+    for family, violation in broken.items():
+        assert loaded.certificate.violations[family] >= violation
+    assert loaded.certificate.violations == problem.constraints(loaded.model).worst(loaded.theta)
+    assert loaded.certificate.gap is not None
+    assert loaded.certificate.smallest_thickness == estimate.certificate.smallest_thickness
+    section = evidence.certificate(SimpleNamespace(models={"loaded.json": loaded}))  # type: ignore[arg-type]
+    assert "loaded.json: objective and gap are of the added effects" in section.body
+    text = str(loaded.certificate)
+    assert "every constraint holds" not in text
+    assert "rigid_body, viscous_friction, coulomb_friction, torque_offset held fixed" in text
+
+
+def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path: Path) -> None:
+    """A payload is the last link's twin: refitted together, neither would be determined."""
+    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    data = small_run(problem)
+    loaded = add(identify(problem, data), "payload", data)
+    more = add(reloaded(loaded, tmp_path), "joint_spring:2", data)
+    np.testing.assert_array_equal(more.theta[:-1], loaded.theta)
+    assert [e.name for e in more.model.effects[-2:]] == ["payload", "joint_spring"]
+    mixed = add(identify(problem, data), "payload,joint_spring:2", data)
+    np.testing.assert_array_equal(mixed.theta[: -10 - 1], loaded.theta[:-10])
+
+
+def test_bounds_of_a_later_version_do_not_change_an_old_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The defaults of a robot without published bounds are written into its model."""
+    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    estimate = identify(problem, small_run(problem), "ols")
+    before = problem.constraints(estimate.model)
+    monkeypatch.setattr("sdp_vs_penalty.problem.problem.DEFAULT_RADIUS", 9.0)
+    monkeypatch.setattr("sdp_vs_penalty.problem.problem.DEFAULT_LINK_MASS", (1.0, 7.0))
+    after = reloaded(estimate, tmp_path).problem.constraints(estimate.model)
+    assert len(before.convex) == len(after.convex)
+    for old, new in zip(before.convex, after.convex, strict=True):
+        assert (old.family, old.name, old.cone) == (new.family, new.name, new.cone)
+        np.testing.assert_array_equal(old.constant, new.constant)
+        np.testing.assert_array_equal(old.coefficients, new.coefficients)
+    fresh = load_problem(tmp_path / "arm.urdf").link_size(0)
+    assert fresh != estimate.problem.link_size(0)

@@ -1,0 +1,271 @@
+"""Contracts that every effect of the library keeps; a new file is asked the same without a word here."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from effect_contract import (
+    check_units_are_those_of_the_columns,
+    robots,
+    steady_motion,
+    variants,
+    wide_columns,
+)
+from hidden_contract import (
+    check_columns_are_the_hidden_torque,
+    check_the_hidden_world_shares_no_code,
+    check_the_truth_is_what_a_finding_would_say,
+)
+from random_robots import link_parameters, sines
+
+from sdp_vs_penalty.effects import effect_from_dict, effect_types, parse_effects
+from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, CurrentModel, Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.simulation.hidden_effects import hideable
+
+NAMES = list(effect_types())
+EVERY_EFFECT = pytest.mark.parametrize("name", NAMES)
+EVERY_ROBOT = pytest.mark.parametrize("which", robots())
+
+
+def to_and_fro(robot: Robot) -> Motion:
+    """Ten seconds of sines with reversals, and a current model."""
+    motion = sines(np.random.default_rng(0), robot.n, np.arange(0.0, 10.0, 0.01))
+    links = np.array([link_parameters(np.random.default_rng(k), 0.4) for k in range(robot.n)])
+    torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq)
+    return replace(motion, torque=torque, current=CurrentModel(robot, links))
+
+
+@EVERY_EFFECT
+def test_the_file_is_the_registration(name: str) -> None:
+    kind = effect_types()[name]
+    assert kind.__module__ == f"sdp_vs_penalty.effects.{name}"
+    assert kind.equation
+    assert len(kind.explanation) > 40
+    assert kind.explanation.rstrip(")").endswith(".")
+    assert len(kind.reference) > 8
+    assert set(kind.refines) <= set(NAMES)
+
+
+@EVERY_EFFECT
+def test_shape_constants_are_declared_whole(name: str) -> None:
+    """Defaults, grids and bounds agree, a search starts from valid constants and can refine them."""
+    kind = effect_types()[name]
+    for shape in kind.shapes.values():
+        low, high = shape.bounds or (-np.inf, np.inf)
+        for value in (shape.default, *shape.grid, *shape.choices):
+            assert shape.complaint(value) is None
+            assert low <= value <= high
+        if shape.bounds is not None:
+            assert shape.grid
+            assert shape.scale == "linear" or low > 0.0
+        assert all(a < b for a, b in pairwise(shape.grid))
+    for robot in robots().values():
+        for effect in variants(name, robot):
+            assert set(effect.searched) <= set(kind.shapes)
+            assert all(kind.shapes[key].role == "searched" for key in effect.searched)
+
+
+@EVERY_EFFECT
+@EVERY_ROBOT
+def test_columns_fit_any_robot(name: str, which: str) -> None:
+    robot = robots()[which]
+    motion = steady_motion(robot)
+    for effect in variants(name, robot):
+        count = len(effect.parameters)
+        assert len({p.name for p in effect.parameters}) == count
+        assert all(p.unit and p.effect == name for p in effect.parameters)
+        assert all(0 <= p.joint <= robot.n for p in effect.parameters)
+        assert all(p.lower in (0.0, -np.inf) for p in effect.parameters)
+        for block in effect.blocks(motion):
+            assert 0 <= block.joint < robot.n
+            assert block.columns.shape == (len(motion.t), len(block.parameters))
+            assert np.all(np.isfinite(block.columns))
+            assert np.all((block.parameters >= 0) & (block.parameters < count))
+
+
+@EVERY_EFFECT
+def test_every_parameter_makes_torque_in_a_motion_to_and_fro(name: str) -> None:
+    robot = robots()["arm"]
+    motion = to_and_fro(robot)
+    for effect in variants(name, robot):
+        torque_of_each = np.abs(wide_columns(effect, motion)).max(axis=(0, 1))
+        # Of a link's parameters the first link's never show all.
+        quiet = [p.name for p, x in zip(effect.parameters, torque_of_each, strict=True) if x == 0.0]
+        assert not [n for n in quiet if not (effect.name == "rigid_body" and n.endswith("1"))]
+
+
+@EVERY_EFFECT
+@EVERY_ROBOT
+def test_written_form_and_dictionary_restore_the_effect_to_the_last_bit(name: str, which: str) -> None:
+    robot = robots()[which]
+    motion = steady_motion(robot)
+    for effect in variants(name, robot):
+        stored = json.loads(json.dumps(effect.to_dict(), allow_nan=False))
+        (written,) = parse_effects(effect.text, robot)
+        for again in (effect_from_dict(stored, robot), written):
+            assert again.to_dict() == effect.to_dict()
+            assert again.parameters == effect.parameters
+            np.testing.assert_array_equal(wide_columns(again, motion), wide_columns(effect, motion))
+
+
+@EVERY_EFFECT
+def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name: str) -> None:
+    """Chunked filtering computes columns piece by piece."""
+    robot = robots()["tree"]
+    motion = steady_motion(robot)
+    assert motion.torque is not None
+
+    def rows(index: np.ndarray) -> Motion:
+        assert motion.torque is not None
+        parts = (motion.t, motion.q, motion.dq, motion.ddq, motion.torque)
+        return Motion(*(x[index] for x in parts), motion.current)
+
+    shuffled = np.random.default_rng(1).permutation(len(motion.t))
+    half = np.arange(len(motion.t) // 2)
+    for effect in variants(name, robot):
+        columns = wide_columns(effect, motion)
+        if not effect.has_memory:
+            np.testing.assert_allclose(
+                wide_columns(effect, rows(shuffled)), columns[:, shuffled], atol=1e-12
+            )
+        # Central differences look two samples ahead.
+        first = wide_columns(effect, rows(half))[:, :-2]
+        np.testing.assert_allclose(first, columns[:, half[:-2]], rtol=1e-9, atol=1e-12)
+
+
+@EVERY_EFFECT
+def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
+    """A torque, links, a clock: the columns change with what is declared and with nothing else."""
+    robot = robots()["arm"]
+    motion = steady_motion(robot)
+    assert motion.torque is not None
+    bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
+    another_torque = replace(motion, torque=2.0 * motion.torque + 1.0)
+    another_arm = replace(motion, current=CurrentModel(robot, 1.5 * motion.model_links**2))
+    later = replace(motion, t=motion.t + 7.0)
+    for effect in variants(name, robot):
+        columns = wide_columns(effect, motion)
+        if effect.needs_torque or effect.needs_links:
+            with pytest.raises(ValueError, match=r"needs Motion\.(torque|current)"):
+                effect.blocks(bare)
+        else:
+            effect.blocks(bare)
+        for other, declared in (
+            (another_torque, effect.needs_torque),
+            (another_arm, effect.needs_links),
+            (later, effect.follows_clock),
+        ):
+            changed = not np.allclose(wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12)
+            assert changed == declared
+        if effect.follows_clock:
+            joint = effect.joints[0]
+            for a, b in zip(
+                effect.candidates(robot, joint), effect.candidates(robot, joint, 7.0), strict=True
+            ):
+                moved = wide_columns(b, later) - wide_columns(a, motion)
+                np.testing.assert_allclose(moved, 0.0, atol=1e-12)
+
+
+@EVERY_EFFECT
+def test_units_are_those_of_the_columns(name: str) -> None:
+    check_units_are_those_of_the_columns(name)
+
+
+@EVERY_EFFECT
+def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name: str) -> None:
+    robot = robots()["arm"]
+    kind = effect_types()[name]
+    first, *others = kind.candidates(robot, None if kind.whole_robot else 1) or [kind(robot)]
+    for other in others or [first]:
+        if kind.several:
+            assert len(Model(robot, (first, other)).parameters) == 2 * len(first.parameters)
+        else:
+            with pytest.raises(InputError, match="comes twice"):
+                Model(robot, (first, other))
+
+
+@EVERY_EFFECT
+def test_what_says_the_size_has_one_unit(name: str) -> None:
+    for robot in robots().values():
+        for effect in variants(name, robot):
+            if effect.joints and name != "rigid_body":
+                one = [p.unit for p in effect.parameters if p.joint in (0, effect.joints[0] + 1)]
+                assert len(set(one[effect.sized_by])) == 1 or not one
+
+
+@EVERY_EFFECT
+def test_only_what_the_links_absorb_needs_a_frozen_model(name: str) -> None:
+    robot = robots()["tree"]
+    motion = to_and_fro(robot)
+    rigid = wide_columns(effect_types()["rigid_body"](robot), motion).reshape(-1, 10 * robot.n)
+    for effect in variants(name, robot)[:1]:
+        columns = wide_columns(effect, motion).reshape(-1, len(effect.parameters))
+        left = columns - rigid @ np.linalg.lstsq(rigid, columns)[0]
+        absorbed = np.linalg.norm(left) < 1e-9 * np.linalg.norm(columns)
+        assert absorbed == (effect.frozen_only or name == "rigid_body")
+
+
+@EVERY_EFFECT
+def test_friction_that_is_declared_to_dissipate_does(name: str) -> None:
+    """And what has always the sign of the velocity is declared to."""
+    robot = robots()["arm"]
+    rng = np.random.default_rng(0)
+    q, dq, ddq, torque = rng.normal(size=(4, 200, robot.n))
+    dq[:50] *= 1e-3  # through zero as well
+    links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
+    motion = Motion(np.arange(-100.0, 100.0), q, dq, ddq, torque, CurrentModel(robot, links))
+    powers = [
+        np.einsum("jnp,nj->np", wide_columns(effect, motion), dq) for effect in variants(name, robot)
+    ]
+    always = all(np.all(power >= 0.0) and np.any(power > 0.0) for power in powers)
+    assert always == effect_types()[name].dissipates
+
+
+@EVERY_EFFECT
+def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name: str) -> None:
+    robot = robots()["tree"]
+    effect = effect_types()[name](robot)
+    constraints = effect.constraints(np.arange(len(effect.parameters)))
+    if name == "rigid_body":
+        assert not constraints  # the problem's
+        return
+    nominal = effect.nominal
+    assert all(c.margin(nominal) >= 0.0 for c in constraints)
+    assert all(c.margin(nominal) > 0.0 for c in constraints if c.cone == "psd")
+    a_body = any(c.family == "pseudo-inertia" for c in constraints)
+    for k, parameter in enumerate(effect.parameters):
+        step = np.eye(len(nominal))[k]
+        for value, kept in ((0.99, True), (-0.99, parameter.lower < 0.0), (1.01, False), (-1.01, False)):
+            theta = nominal + value * PARAMETER_RANGE * step
+            plain = [c for c in constraints if c.family != "pseudo-inertia"]
+            assert all(c.margin(theta) >= 0.0 for c in plain) == kept
+    assert a_body == (name == "payload")
+
+
+@EVERY_EFFECT
+def test_whatever_a_search_can_find_can_be_hidden(name: str) -> None:
+    robot = robots()["arm"]
+    kind = effect_types()[name]
+    assert bool(kind.candidates(robot, None if kind.whole_robot else 1)) == (name in hideable())
+
+
+@pytest.mark.parametrize("name", hideable())
+def test_columns_are_the_hidden_torque(name: str) -> None:
+    check_columns_are_the_hidden_torque(name)
+
+
+@pytest.mark.parametrize("name", hideable())
+def test_the_truth_is_what_a_finding_would_say(name: str) -> None:
+    check_the_truth_is_what_a_finding_would_say(name)
+
+
+@pytest.mark.parametrize("name", hideable())
+def test_the_hidden_world_shares_no_code(name: str) -> None:
+    check_the_hidden_world_shares_no_code(name)

@@ -1,0 +1,172 @@
+"""Proofs that travel: true ones pass, changed ones never, false claims are refused by arithmetic."""
+
+from __future__ import annotations
+
+import copy
+import json
+import random
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimators import make_estimator
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.solvers import verify_proof
+from sdp_vs_penalty.solvers.proof import infeasibility_proof, optimum_proof, write_proof
+from sdp_vs_penalty.solvers.verified import feasible_as_written
+
+METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
+Proof = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def proofs() -> dict[str, Proof]:
+    """One of each formulation: matrices, cones and bounds, with and without the entropy."""
+    problem = load_problem("two_link")
+    run = experiment(problem).training_run(seed=1)
+    model = problem.model()
+    task = make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
+    made = {}
+    for method in METHODS:
+        fit = make_estimator(method).fit(task)
+        theta, certificate = certify(task, fit)
+        assert fit.multipliers is not None
+        made[method] = optimum_proof(
+            fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
+        )
+        # The two bounds are found in different arithmetic from the same multipliers.
+        assert float(made[method]["lower"]) == pytest.approx(certificate.lower, rel=1e-7)
+        assert float(made[method]["upper"]) == pytest.approx(certificate.upper, rel=1e-12)
+    return made
+
+
+def signed(proof: Proof) -> Proof:
+    body = {k: v for k, v in proof.items() if k != "sha256"}
+    return {**body, "sha256": verify_proof.digest(body)}
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Where every single text or number of a proof is."""
+    if isinstance(value, dict):
+        return [p for k, v in value.items() for p in places(v, (*path, k))]
+    if isinstance(value, list):
+        return [p for k, v in enumerate(value) for p in places(v, (*path, k))]
+    return [path]
+
+
+def changed(proof: Proof, rng: random.Random) -> Proof:
+    """The proof with one entry replaced by another one, big or small changes alike."""
+    out = copy.deepcopy(proof)
+    *way, last = rng.choice(places({k: v for k, v in out.items() if k != "sha256"}))
+    parent = out
+    for step in way:
+        parent = parent[step]
+    old = parent[last]
+    try:
+        number = Fraction(old)
+    except (ValueError, TypeError):
+        parent[last] = f"{old}x"
+        return out
+    step = rng.choice([Fraction(1, 10**9), Fraction(1, 100), Fraction(-1), Fraction(7)])
+    new = number + step * max(abs(number), 1)
+    parent[last] = int(new) if isinstance(old, int) and int(new) != old else str(new)
+    return out
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_true_proof_holds_and_its_interval_is_tight(proofs: dict[str, Proof], method: str) -> None:
+    lower, upper = verify_proof.check(proofs[method])
+    assert 0 < lower <= upper
+    assert float((upper - lower) / upper) < 1e-6
+
+
+def test_no_change_goes_unnoticed(proofs: dict[str, Proof]) -> None:
+    rng = random.Random(0)
+    for k in range(1000):
+        mutant = changed(proofs[METHODS[k % len(METHODS)]], rng)
+        with pytest.raises(ValueError, match=r"."):
+            verify_proof.check(mutant)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_false_claim_is_refused_though_it_is_signed(proofs: dict[str, Proof], method: str) -> None:
+    """The digest is no argument: whoever signs a false claim is refused by the arithmetic."""
+    true = proofs[method]
+    lower, upper = Fraction(true["lower"]), Fraction(true["upper"])
+    theta = [Fraction(x) for x in true["theta"]]
+    rng = random.Random(1)
+    false: list[Proof] = [
+        {**true, "lower": str(upper + upper / 10**12)},
+        {**true, "upper": str(lower - lower / 10**12)},
+        {**true, "theta": [str(-x) for x in theta]},
+        {**true, "kind": "infeasible"},
+        {**true, "multipliers": [_zeroed(m) for m in true["multipliers"]]},
+        {**true, "y": ["0"] * len(true["y"])},
+    ]
+    # An estimate that is worse than the interval says, or outside of the constraints.
+    for _ in range(20):
+        moved = [x + Fraction(rng.choice([-1, 1]), 50) * max(abs(x), 1) for x in theta]
+        false.append({**true, "theta": [str(x) for x in moved]})
+    for claim in false:
+        with pytest.raises((ValueError, KeyError)):
+            verify_proof.check(signed(claim))
+
+
+def _zeroed(nested: Any) -> Any:
+    return [_zeroed(x) for x in nested] if isinstance(nested, list) else "0"
+
+
+def test_multipliers_outside_their_cones_prove_nothing(proofs: dict[str, Proof]) -> None:
+    true = proofs["lmi-sdp-plain"]
+    for k, constraint in enumerate(true["constraints"]):
+        if constraint["cone"] == "psd":
+            continue
+        mutant = copy.deepcopy(true)
+        mutant["multipliers"][k][0] = "-1"
+        with pytest.raises(ValueError, match="outside its cone"):
+            verify_proof.check(signed(mutant))
+
+
+def test_what_is_infeasible_is_proved_so() -> None:
+    """x >= 1 and x <= -1, and a matrix that cannot be: Farkas; with weaker multipliers it is refused."""
+    above = build.linear("mass", "a", [0], [[1.0]], [-1.0])
+    below = build.linear("mass", "b", [0], [[-1.0]], [-1.0])
+    proof = infeasibility_proof([above, below], [np.ones(1), np.ones(1)], np.array([10.0]))
+    assert verify_proof.check(proof) is None
+    with pytest.raises(ValueError, match="not proved"):
+        infeasibility_proof([above, below], [np.ones(1), np.zeros(1)], np.array([10.0]))
+
+
+def test_feasible_means_as_written() -> None:
+    """0.1 + 0.2 is above 0.3 as written: exact arithmetic on the decimal text sees it."""
+    at_most = build.linear("mass", "a", [0], [[-1.0]], [0.3])
+    assert ConstraintSet((at_most,)).margin([0.3]) == 0.0
+    assert feasible_as_written([at_most], np.array([0.29999999999999993]))
+    assert not feasible_as_written([at_most], np.array([0.1 + 0.2]))
+
+
+def test_the_checker_stands_alone(proofs: dict[str, Proof], tmp_path: Path) -> None:
+    """At most 150 lines, the standard library, another process: exit code 0 or 1."""
+    source = Path(verify_proof.__file__)
+    assert len(source.read_text().splitlines()) <= 150
+    alone = tmp_path / "verify_proof.py"
+    alone.write_text(source.read_text())
+    for name, edit, code in (("good", {}, 0), ("bad", {"lower": "1e9"}, 1)):
+        path = tmp_path / f"{name}.json"
+        write_proof({**proofs["lmi-sdp"], **edit}, path)
+        done = subprocess.run([sys.executable, "-I", "-S", alone, path], capture_output=True, text=True)
+        assert done.returncode == code, done.stderr
+    (tmp_path / "text.json").write_text(json.dumps({"format": 1}))
+    done = subprocess.run([sys.executable, "-I", alone, tmp_path / "text.json"], capture_output=True)
+    assert done.returncode == 1

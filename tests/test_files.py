@@ -1,0 +1,140 @@
+"""Outputs: whole or not at all, never over an input, whatever the name under which it is reached."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from small_runs import write_run
+
+from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import opened, protecting, write_text
+from sdp_vs_penalty.problem.load import load_problem
+
+
+def run(*arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return int(ended.value.code or 0)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "run.csv"
+    write_run(path, load_problem("two_link"))
+    return path
+
+
+@pytest.mark.parametrize("how", ["same", "equals", "relative", "symlink", "hard link"])
+def test_an_input_is_never_replaced(
+    log: Path,
+    how: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before, out, data = log.read_bytes(), log, ["--data", str(log)]
+    if how == "equals":
+        data = [f"--data={log}"]
+    elif how == "relative":
+        monkeypatch.chdir(tmp_path)
+        out = Path("./run.csv")
+    elif how == "symlink":
+        out = tmp_path / "link.csv"
+        out.symlink_to(log)
+    elif how == "hard link":
+        out = tmp_path / "other.csv"
+        os.link(log, out)
+    assert run("identify", "two_link", *data, "--out", out) == 2
+    assert "also an input" in capsys.readouterr().err
+    assert log.read_bytes() == before
+
+
+def test_what_only_a_reader_opens_is_protected_too(log: Path, tmp_path: Path) -> None:
+    """A problem's folder is named on the command line, its table of bounds is not."""
+    folder = tmp_path / "arm"
+    folder.mkdir()
+    (folder / "problem.toml").write_text(
+        'title = "an arm"\n[kinematics]\nconvention = "modified"\na = [0.0, 0.5]\n'
+        "alpha_over_pi = [0.0, 0.5]\nd = [0.3, 0.0]\n[bounds]\ntables = ['bounds.csv']\n"
+    )
+    (folder / "bounds.csv").write_text("parameter,lower,upper\nm1,0.1,9\n")
+    before = (folder / "bounds.csv").read_bytes()
+    assert run("identify", folder, "--data", log, "--out", folder / "bounds.csv", "--no-check") == 2
+    assert (folder / "bounds.csv").read_bytes() == before
+
+
+def test_a_word_longer_than_a_file_name_is_no_trouble(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    effects = ",".join(["rigid_body", "viscous_friction", "coulomb_friction", *["torque_offset:1"] * 20])
+    assert len(effects) > 255
+    assert (
+        run("identify", "two_link", "--data", log, "--effects", effects, "--out", tmp_path / "m.json")
+        == 2
+    )
+    assert "comes twice" in capsys.readouterr().err
+
+
+def test_a_notebook_may_write_over_what_it_read(tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text("old")
+    opened(path)
+    write_text(path, "new")
+    assert path.read_text() == "new"
+    with protecting():
+        opened(path)
+        with pytest.raises(InputError, match="also an input"):
+            write_text(path, "newer")
+    write_text(path, "newest")
+    assert path.read_text() == "newest"
+
+
+def test_a_device_stays_a_device(tmp_path: Path) -> None:
+    write_text("/dev/null", "content")
+    assert Path("/dev/null").is_char_device()
+    with pytest.raises(InputError, match="cannot be written"):
+        write_text("/dev/full", "content")
+    fifo = tmp_path / "pipe"
+    os.mkfifo(fifo)
+    got = []
+    reader = threading.Thread(target=lambda: got.append(fifo.read_text()))
+    reader.start()
+    write_text(fifo, "through")
+    reader.join(10)
+    assert got == ["through"]
+    assert fifo.is_fifo()
+
+
+def test_standard_output_can_be_named(log: Path) -> None:
+    command = [sys.executable, "-m", "sdp_vs_penalty", "convert", str(log), "--out", "/dev/stdout"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=log.parent)
+    assert done.returncode == 2  # the suffix is the format
+    assert "suffix" in done.stderr
+
+
+def test_a_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    target, link = tmp_path / "real" / "model.json", tmp_path / "model.json"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+    dangling = tmp_path / "later.json"
+    dangling.symlink_to(tmp_path / "real" / "later.json")
+    write_text(dangling, "made")
+    assert dangling.is_symlink()
+    assert (tmp_path / "real" / "later.json").read_text() == "made"
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "a\0b"])
+def test_a_name_that_cannot_be_is_one_sentence(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        write_text(tmp_path / name, "content")
+    assert list(tmp_path.iterdir()) == []
