@@ -1,6 +1,6 @@
-"""Are these measurements any good? Findings with what, where, how sure and what to do.
+"""Are these measurements any good? Issues with what, where, how sure and what to do.
 
-:func:`check` is the verb. Checks run in the order in which their findings have to be mended (clock,
+:func:`check` is the verb. Checks run in the order in which their issues have to be mended (clock,
 units, signs and order, gravity, delay), each on data in which what was found before is mended, so
 that one mistake is reported once and does not hide the next.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import clock, dynamics, events, excitation, scale, signals
-from sdp_vs_penalty.check.finding import Finding
+from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -24,9 +24,10 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.show import Shown, Summary, Table
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, _moving_joints, low_passed
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
+from sdp_vs_penalty.signals.runs import moving_joints
 
-__all__ = ["Finding", "Report", "check"]
+__all__ = ["Issue", "Report", "check"]
 
 #: Rows that the dynamics are judged on: enough for any arm, few enough to answer at once.
 _ROWS = 1000
@@ -38,24 +39,24 @@ _WIDER = 3.0
 
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
-    """findings : of one run, the gravest first; mended : the run with every safe repair made;
+    """issues : of one run, the gravest first; mended : the run with every safe repair made;
     unexplained : share of the torques' energy that the arm's dynamics leave over, after mending.
     """
 
     run: str
-    findings: tuple[Finding, ...]
+    issues: tuple[Issue, ...]
     mended: Measurements
     unexplained: float | None
 
     @property
     def meaningless(self) -> bool:
         """Whether to identify from these data as they are would mean nothing."""
-        return any(f.severity == "error" for f in self.findings)
+        return any(f.severity == "error" for f in self.issues)
 
     @property
-    def problems(self) -> tuple[Finding, ...]:
+    def problems(self) -> tuple[Issue, ...]:
         """Errors and warnings, without notes."""
-        return tuple(f for f in self.findings if f.severity != "note")
+        return tuple(f for f in self.issues if f.severity != "note")
 
     @property
     def verdict(self) -> str:
@@ -67,10 +68,10 @@ class Report(Shown):
         return f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque unexplained"
 
     def _summary(self) -> Summary:
-        return self.verdict, [(f.severity, f.what) for f in self.findings]
+        return self.verdict, [(f.severity, f.what) for f in self.issues]
 
     def _table(self) -> Table | None:
-        rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.findings]
+        rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
         return (("kind", "where", "certainty", "remedy"), rows) if rows else None
 
     def to_dict(self) -> dict[str, Any]:
@@ -78,7 +79,7 @@ class Report(Shown):
             "run": self.run,
             "meaningless": self.meaningless,
             "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained,
-            "findings": [f.to_dict() for f in self.findings],
+            "findings": [f.to_dict() for f in self.issues],
         }
 
 
@@ -123,10 +124,10 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
     try:
         unexplained = work.check_content(thorough)
     except InputError as error:
-        sentence = str(error).removeprefix(f"{run.names[0]}: ")  # a finding belongs to its run
+        sentence = str(error).removeprefix(f"{run.names[0]}: ")  # an issue belongs to its run
         what, _, remedy = sentence.rstrip(".").rpartition(": ")
         work.found.append(
-            Finding(
+            Issue(
                 "too little data",
                 "error",
                 "the run",
@@ -136,8 +137,8 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
             )
         )
     order = ("error", "warning", "note")
-    findings = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))
-    return Report(run.names[0], findings, work.run, unexplained)
+    issues = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))
+    return Report(run.names[0], issues, work.run, unexplained)
 
 
 class _Work:
@@ -147,14 +148,14 @@ class _Work:
         self.problem = problem
         self.run = run
         self.settings = settings
-        self.found: list[Finding] = []
+        self.found: list[Issue] = []
         self._physics: dict[tuple[int, Preprocessing, int], Physics] = {}
 
-    def mend(self, findings: Iterable[Finding]) -> None:
-        for finding in findings:
-            self.found.append(finding)
-            if finding.repair is not None:
-                self.run = finding.repair(self.run)
+    def mend(self, issues: Iterable[Issue]) -> None:
+        for issue in issues:
+            self.found.append(issue)
+            if issue.repair is not None:
+                self.run = issue.repair(self.run)
 
     def physics(self, settings: Preprocessing, rows: int = _ROWS) -> Physics:
         """The test's data of the run as it is now; made again only after something was mended."""
@@ -170,16 +171,16 @@ class _Work:
         """Everything behind the clock; returns what stays unexplained, None where nothing moves."""
         if len(self.run.t) < 10:
             raise InputError(f"{self.run.names[0]}: fewer than 10 usable rows: record longer.")
-        moving = _moving_joints(self.run)
+        moving = moving_joints(self.run)
         if not moving.any():
             self.mend(signals.no_motion())
             return None
         settings = self.settings.resolve(self.run)
         before = len(self.found)
         self.mend(dynamics.find(self.physics(settings), moving))
-        for finding in self.found[before:]:
-            if finding.gravity is not None:
-                self.problem = self.problem.with_gravity(finding.gravity)
+        for issue in self.found[before:]:
+            if issue.gravity is not None:
+                self.problem = self.problem.with_gravity(issue.gravity)
         self.mend(signals.find(self.run, self.problem.robot, settings))
         # Each on the data as the one before it has mended them.
         self.mend(scale.find(self.run, self.physics(settings), self.problem))

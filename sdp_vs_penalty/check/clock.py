@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check.finding import Array, Finding
+from sdp_vs_penalty.check.issue import Array, Issue
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.signals.preprocessing import _moving_joints
+from sdp_vs_penalty.signals.runs import moving_joints
 
 #: A time step above this many medians is no jitter any more.
 _LONG = 5.0
@@ -20,7 +20,7 @@ _ROUGHER = 3.0
 _ENOUGH = 50  # samples
 
 
-def find(run: Measurements) -> Iterator[Finding]:
+def find(run: Measurements) -> Iterator[Issue]:
     """Problems of the clock and of missing numbers, in the order in which they must be mended."""
     gaps = _missing(run)
     if gaps is not None:
@@ -29,11 +29,11 @@ def find(run: Measurements) -> Iterator[Finding]:
     if len(run.t) < 3:
         return
     for step in (_time_unit, _backwards, _repeats, _clock_step, _gap, _jitter):
-        finding = step(run)
-        if finding is not None:
-            yield finding
-            if finding.repair is not None:
-                run = finding.repair(run)
+        issue = step(run)
+        if issue is not None:
+            yield issue
+            if issue.repair is not None:
+                run = issue.repair(run)
 
 
 def _finite(run: Measurements) -> NDArray[np.bool_]:
@@ -51,11 +51,11 @@ def _row(index: int) -> int:
     return int(index) + 2
 
 
-def _missing(run: Measurements) -> Finding | None:
+def _missing(run: Measurements) -> Issue | None:
     bad = np.flatnonzero(~_finite(run))
     if not len(bad):
         return None
-    return Finding(
+    return Issue(
         "missing numbers",
         "error",
         f"row {_row(bad[0])}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
@@ -75,10 +75,10 @@ _VELOCITY_UNITS = np.array([1.0, 180.0 / np.pi, 30.0 / np.pi])
 _STEPS, _SPEEDS = (2e-5, 0.5), (3e-3, 100.0)
 
 
-def _time_unit(run: Measurements) -> Finding | None:
+def _time_unit(run: Measurements) -> Issue | None:
     """A clock that does not count seconds: taken for seconds, it makes the motion far too slow."""
     steps = np.diff(run.t)
-    moving = _moving_joints(run)
+    moving = moving_joints(run)
     if not np.any(steps > 0.0) or not moving.any():
         return None
     step, speed = float(np.median(steps[steps > 0.0])), float(np.median(_speeds(run)[moving]))
@@ -95,7 +95,7 @@ def _time_unit(run: Measurements) -> Finding | None:
     if name == "seconds":
         return None
     unit = _TIME_UNITS[name]
-    return Finding(
+    return Issue(
         "time unit",
         "error",
         "column t",
@@ -153,7 +153,7 @@ def _speed_ratio(run: Measurements, moving: NDArray[np.bool_]) -> float | None:
     return float(np.exp(middle)) if agree > 0.5 else None
 
 
-def _backwards(run: Measurements) -> Finding | None:
+def _backwards(run: Measurements) -> Issue | None:
     """Rows whose time lies before that of an earlier row."""
     steps = np.diff(run.t)
     bad = np.flatnonzero(steps < 0.0)
@@ -173,7 +173,7 @@ def _backwards(run: Measurements) -> Finding | None:
             "continue the motion."
         )
         remedy = "delete the rows whose time lies before that of an earlier row"
-    return Finding(
+    return Issue(
         "time runs backwards",
         "error",
         f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
@@ -198,13 +198,13 @@ def _run_on(run: Measurements) -> Measurements:
     return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _repeats(run: Measurements) -> Finding | None:
+def _repeats(run: Measurements) -> Issue | None:
     bad = np.flatnonzero(np.diff(run.t) == 0.0)
     if not len(bad):
         return None
     same = all(np.array_equal(run.q[k], run.q[k + 1]) for k in bad)
     kind = "are copies of the row before" if same else "differ from the row before with the same time"
-    return Finding(
+    return Issue(
         "repeated time",
         "error",
         f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
@@ -249,7 +249,7 @@ def _expected_travel(run: Measurements, k: int) -> tuple[float, float]:
     return float(np.linalg.norm(here)), float(np.linalg.norm(expected))
 
 
-def _clock_step(run: Measurements) -> Finding | None:
+def _clock_step(run: Measurements) -> Issue | None:
     """The clock jumps ahead, the arm does not: stamps are wrong, no sample is missing."""
     long, typical = _long_steps(run)
     jumps = []
@@ -267,7 +267,7 @@ def _clock_step(run: Measurements) -> Finding | None:
         new[jumps] = typical
         return replace(given, t=given.t[0] + np.concatenate([[0.0], np.cumsum(new)]))
 
-    return Finding(
+    return Issue(
         "clock step",
         "warning",
         f"row {_row(jumps[0] + 1)} (t = {run.t[jumps[0]]:.4g} s)"
@@ -281,12 +281,12 @@ def _clock_step(run: Measurements) -> Finding | None:
     )
 
 
-def _gap(run: Measurements) -> Finding | None:
+def _gap(run: Measurements) -> Issue | None:
     long, typical = _long_steps(run)
     if not len(long):
         return None
     steps = np.diff(run.t)[long]
-    return Finding(
+    return Issue(
         "gap in time",
         "warning",
         f"row {_row(long[0] + 1)} (t = {run.t[long[0]]:.4g} s)"
@@ -300,7 +300,7 @@ def _gap(run: Measurements) -> Finding | None:
     )
 
 
-def _jitter(run: Measurements) -> Finding | None:
+def _jitter(run: Measurements) -> Issue | None:
     """Stamps that jitter although the samples were taken evenly: q is smoother over the row number."""
     steps = np.diff(run.t)
     typical = float(np.median(steps))
@@ -316,7 +316,7 @@ def _jitter(run: Measurements) -> Finding | None:
     ratio = float(np.median((rough_time / np.maximum(rough_rows, 1e-300))[moving]))
     if ratio < _ROUGHER:
         return None
-    return Finding(
+    return Issue(
         "jittered time stamps",
         "warning",
         "column t",

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import gravity, motion, order, signs
-from sdp_vs_penalty.check.finding import Finding
 from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, BETTER, Hypothesis
+from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 
 #: A hypothesis has to help at least so much in each half of the run.
@@ -24,10 +24,10 @@ _UNRELATED = 0.25
 _ROUNDS = 4
 
 
-def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Finding]:
-    """Findings in the order in which to mend them, if together they explain the torque.
+def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Issue]:
+    """Issues in the order in which to mend them, if together they explain the torque.
 
-    Where nothing does, the one finding is that: a cause that leaves most in the dark is no cause.
+    Where nothing does, the one issue is that: a cause that leaves most in the dark is no cause.
     """
     first = physics.unexplained_of(moving)
     recorded, found = physics, []
@@ -35,7 +35,7 @@ def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Finding]:
         hypothesis = best_hypothesis(physics, moving)
         if hypothesis is None:
             break
-        found.append(hypothesis.finding)
+        found.append(hypothesis.issue)
         physics = hypothesis.apply(physics)
     if len(found) > 1:
         # One position turned may look like two other mistakes: a mirrored arm is an arm too.
@@ -43,13 +43,13 @@ def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Finding]:
             mended = hypothesis.apply(recorded)
             enough = ABOUT_SAME * physics.unexplained
             if mended.unexplained < enough and best_hypothesis(mended, moving) is None:
-                found, physics = [hypothesis.finding], mended
+                found, physics = [hypothesis.issue], mended
     left = physics.unexplained_of(moving)
     if left < _BAD:
         yield from found
         return
     unrelated = left > _UNRELATED
-    yield Finding(
+    yield Issue(
         "torque not explained" if unrelated else "torque badly explained",
         "error" if unrelated else "warning",
         "all torque channels",

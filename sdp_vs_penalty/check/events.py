@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.check.finding import Finding, joints_text
+from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, solve
 from sdp_vs_penalty.data.measurements import Measurements
 
@@ -25,7 +25,7 @@ _ALONE = 3.0
 _WIDTH = 1.0
 
 
-def delay(run: Measurements, physics: Physics) -> Iterator[Finding]:
+def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
     """Torques logged later (or earlier) than the positions.
 
     C(t) = tau(t - T) to first order adds the column -dC/dt with the parameter T, on all joints alike.
@@ -40,7 +40,7 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Finding]:
     if min(found / fit.seconds for found in halves) < 0.5:
         return
     kind, where, what, remedy = delay_texts(fit.seconds)
-    yield Finding(
+    yield Issue(
         kind,
         "warning",
         where,
@@ -118,7 +118,7 @@ def shifted(run: Measurements, seconds: float) -> Measurements:
     return replace(run, t=t[keep], q=run.q[keep], tau=tau, dq=dq)
 
 
-def knock(physics: Physics) -> Iterator[Finding]:
+def knock(physics: Physics) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push, a lost packet."""
     t = physics.motion.t
     found: dict[int, list[tuple[int, float]]] = {}
@@ -141,7 +141,7 @@ def knock(physics: Physics) -> Iterator[Finding]:
             dq = None if run.dq is None else run.dq[keep]
             return replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=dq)
 
-        yield Finding(
+        yield Issue(
             "one-off event",
             "warning",
             f"t = {at:.3g} s, {joints_text(j for j, _ in joints)}",

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sdp_vs_penalty.check.finding import Finding, joints_text
+from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
 from sdp_vs_penalty.estimation import uncertainty
 from sdp_vs_penalty.problem.problem import Problem
@@ -20,7 +20,7 @@ _FEW = 0.1
 _NAMED = 8
 
 
-def find(problem: Problem, physics: Physics) -> Iterator[Finding]:
+def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
     """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
     known = uncertainty.of_regression(problem, physics.model, regression_of(physics), draws=100)
     count = uncertainty.counts(known.base)
@@ -28,7 +28,7 @@ def find(problem: Problem, physics: Physics) -> Iterator[Finding]:
     dark = [i.name.split(" ")[0] for i in known.base if i.verdict == uncertainty.NOT_SEEN]
     figures = {"base_parameters": total, **count, "names": dark}
     if not dark:
-        yield Finding(
+        yield Issue(
             "excitation",
             "note",
             "the motion",
@@ -53,7 +53,7 @@ def find(problem: Problem, physics: Physics) -> Iterator[Finding]:
         moves = f" (it moves over {travel[joint - 1]:.2g} {units[joint - 1]})" if joint else ""
         texts.append(f"of joint {joint}{moves}: {what}" if joint else f"of the robot: {what}")
     joints = sorted(j - 1 for j in by_joint if j)
-    yield Finding(
+    yield Issue(
         "poor excitation",
         "warning" if len(dark) > _FEW * total else "note",
         joints_text(joints) if joints else "the robot",

@@ -95,7 +95,7 @@ def hanging(physics: Physics) -> Hypothesis | None:
     )
     made = propose(physics, apply, 1, texts, None, (x, y, z), angle_degrees=180.0, vector=[x, y, z])
     sure = f"likely: as recorded, link masses would be negative (correlation {agreement:.2f})"
-    return replace(made, finding=replace(made.finding, certainty=sure))
+    return replace(made, issue=replace(made.issue, certainty=sure))
 
 
 def _vector(values: tuple[float, ...]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.finding import Finding, Repair
+from sdp_vs_penalty.check.issue import Issue, Repair
 from sdp_vs_penalty.check.physics import Physics
 
 #: Of hypotheses that explain about the same, the simpler one is believed.
@@ -26,7 +26,7 @@ _FEW_ROWS = 250
 class Hypothesis:
     """Something that may be wrong with the file; ``apply`` turns the test's data into what is right."""
 
-    finding: Finding
+    issue: Issue
     apply: Callable[[Physics], Physics]
     simplicity: int
 
@@ -44,8 +44,8 @@ def propose(
     before, after = physics.unexplained, apply(physics).unexplained
     figures |= {"unexplained_before": before, "unexplained_after": after}
     sure = _certainty(before, after)
-    finding = Finding(kind, "error", where, what, sure, remedy, repair, figures, gravity)
-    return Hypothesis(finding, apply, simplicity)
+    issue = Issue(kind, "error", where, what, sure, remedy, repair, figures, gravity)
+    return Hypothesis(issue, apply, simplicity)
 
 
 def _certainty(before: float, after: float) -> str:

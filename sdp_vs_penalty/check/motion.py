@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.finding import Array, joints_text
 from sdp_vs_penalty.check.hypothesis import BETTER, Hypothesis, few_rows, propose
+from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signals import angle_scale
 from sdp_vs_penalty.data.measurements import Measurements
@@ -59,7 +59,7 @@ def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         lambda run: events.shifted(run, seconds),
         seconds=seconds,
     )
-    yield replace(made, finding=replace(made.finding, severity="warning"))
+    yield replace(made, issue=replace(made.issue, severity="warning"))
 
 
 def turned_or_exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.finding import Array, joints_text
 from sdp_vs_penalty.check.hypothesis import Hypothesis, propose
+from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signs import choose_signs
 from sdp_vs_penalty.data.measurements import Measurements

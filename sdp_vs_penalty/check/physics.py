@@ -155,9 +155,9 @@ class Physics:
             samples = max(len(y) / OVERSAMPLING, 1.0)
             variance = float(residual @ residual) / len(y) * OVERSAMPLING
             power[j] = slope @ theta
-            # A floor of what model error does, beside the noise: one part in a thousand of the power.
-            floor = 1e-3 * np.sqrt(np.mean(y**2) * np.mean(self.motion.dq[:, j] ** 2) / samples)
-            deviation[j] = np.hypot(np.sqrt(max(variance * float(slope @ influence), 0.0)), floor)
+            # At least what model error does, beside the noise: one part in a thousand of the power.
+            least = 1e-3 * np.sqrt(np.mean(y**2) * np.mean(self.motion.dq[:, j] ** 2) / samples)
+            deviation[j] = np.hypot(np.sqrt(max(variance * float(slope @ influence), 0.0)), least)
         return power, deviation
 
     @cached_property

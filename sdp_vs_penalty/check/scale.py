@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.check.finding import Finding
+from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.nominal import plausible_links
@@ -33,7 +33,7 @@ def possible_scale(problem: Problem) -> tuple[float, float] | None:
     return None
 
 
-def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Finding]:
+def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Issue]:
     """Torques that this arm cannot need, and which of file and problem is wrong.
 
     Two witnesses: the joints' effort limits, and what an arm of the problem's masses needs on the same
@@ -54,7 +54,7 @@ def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Find
     elif large:
         yield _too_large(ratio, over, _unit(ratio, scale), _masses(problem))
     elif small:
-        yield Finding(
+        yield Issue(
             "torque channel kind",
             "error",
             "all torque channels",
@@ -91,7 +91,7 @@ def _masses(problem: Problem) -> str:
 
 def _too_large(
     ratio: float | None, over: float | None, unit: tuple[float, str] | None, masses: str | None = None
-) -> Finding:
+) -> Issue:
     """masses : of the problem, where they may be wrong instead: mending torques is not safe then."""
     parts = [] if over is None or masses else [f"{over:.3g} times what the joints are made for"]
     if ratio is not None:
@@ -100,7 +100,7 @@ def _too_large(
     remedy = (
         "convert them to N m (N for a prismatic joint)" if unit is None else f"multiply by {unit[0]:g}"
     )
-    return Finding(
+    return Issue(
         "torque unit",
         "error",
         "all torque channels",
@@ -113,9 +113,9 @@ def _too_large(
     )
 
 
-def _wrong_masses(ratio: float, over: float, problem: Problem) -> Finding:
+def _wrong_masses(ratio: float, over: float, problem: Problem) -> Issue:
     size = f"{ratio:.3g} times what" if ratio > 1.0 else f"{1.0 / ratio:.3g} times less than"
-    return Finding(
+    return Issue(
         "masses of the problem",
         "error",
         "the problem",

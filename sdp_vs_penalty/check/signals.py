@@ -8,16 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.finding import Array, Finding, Repair, joints_text
+from sdp_vs_penalty.check.issue import Array, Issue, Repair, joints_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
-    _highest_harmonic,
-    _Movement,
-    _moving_joints,
     low_passed,
 )
+from sdp_vs_penalty.signals.runs import Movement, highest_harmonic, moving_joints
 
 #: Noise of quantisation above this share of the signal is worth a warning.
 _COARSE = 0.05
@@ -26,7 +24,7 @@ _STUCK = 3.0
 _SHORTEST_CLIP = 10  # samples
 
 
-def find(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Finding]:
+def find(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Issue]:
     """Problems of single channels; ``settings`` resolved."""
     yield from _stand_still(run, settings)
     yield from velocity(run, settings)
@@ -35,9 +33,9 @@ def find(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[F
     yield from _sample_rate(run)
 
 
-def no_motion() -> Iterator[Finding]:
+def no_motion() -> Iterator[Issue]:
     """For a run in which no joint moves."""
-    yield Finding(
+    yield Issue(
         "no motion",
         "error",
         "all joints",
@@ -47,10 +45,10 @@ def no_motion() -> Iterator[Finding]:
     )
 
 
-def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
-    idle = ~_moving_joints(run)
+def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
+    idle = ~moving_joints(run)
     if idle.any():
-        yield Finding(
+        yield Issue(
             "idle joints",
             "warning",
             joints_text(np.flatnonzero(idle)),
@@ -62,11 +60,11 @@ def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Finding
             None,
             {"joints": (np.flatnonzero(idle) + 1).tolist()},
         )
-    at_rest = 1.0 - float(_Movement(run, settings.standstill).moves.mean())
+    at_rest = 1.0 - float(Movement(run, settings.standstill).moves.mean())
     if at_rest > 0.01:
         seconds = at_rest * (run.t[-1] - run.t[0])
         most = at_rest > 0.5
-        yield Finding(
+        yield Issue(
             "stand-still",
             "warning" if most else "note",
             f"{100.0 * at_rest:.0f} % of the run",
@@ -88,11 +86,11 @@ def _longest(flags: NDArray[np.bool_]) -> tuple[int, int]:
     return int(ends[k] - starts[k]), int(starts[k])
 
 
-def _saturation(run: Measurements, robot: Robot) -> Iterator[Finding]:
+def _saturation(run: Measurements, robot: Robot) -> Iterator[Issue]:
     """A torque that stays exactly at its largest value while it is never constant elsewhere."""
     for j, tau in enumerate(run.tau.T):
         if np.ptp(tau) == 0.0:
-            yield Finding(
+            yield Issue(
                 "dead channel",
                 "error",
                 f"tau{j + 1}",
@@ -111,7 +109,7 @@ def _saturation(run: Measurements, robot: Robot) -> Iterator[Finding]:
             if length < needed:
                 continue
             count = int(np.sum(tau == limit))
-            yield Finding(
+            yield Issue(
                 "saturation",
                 "warning",
                 f"tau{j + 1}, rows {start + 2} to {start + 1 + length}"
@@ -125,13 +123,13 @@ def _saturation(run: Measurements, robot: Robot) -> Iterator[Finding]:
             )
 
 
-def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Finding]:
+def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Issue]:
     """Noise from rounding, in the band that identification uses, beside the signal itself."""
     assert settings.state_cutoff is not None
     cutoff, dt = settings.state_cutoff, float(np.median(np.diff(run.t)))
     motion, tau, _ = low_passed(run, settings, 500)
     for name, values, signal in (("q", run.q, motion.ddq), ("tau", run.tau, tau)):
-        for j in np.flatnonzero(_moving_joints(run)):
+        for j in np.flatnonzero(moving_joints(run)):
             step = lattice_step(values[:, j])
             size = float(np.std(signal[:, j]))
             if step == 0.0 or size == 0.0:
@@ -148,7 +146,7 @@ def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> I
                 continue
             unit = robot.position_units[j] if name == "q" else robot.torque_units[j]
             seen = "acceleration" if name == "q" else "torque"
-            yield Finding(
+            yield Issue(
                 "quantisation",
                 "warning",
                 f"{name}{j + 1}",
@@ -169,14 +167,14 @@ def lattice_step(values: Array) -> float:
     return float(steps.min()) if len(steps) else 0.0
 
 
-def _sample_rate(run: Measurements) -> Iterator[Finding]:
+def _sample_rate(run: Measurements) -> Iterator[Issue]:
     """Whether the motion's fastest part is sampled often enough to be differentiated twice."""
     rate = 1.0 / float(np.median(np.diff(run.t)))
-    highest = _highest_harmonic(run)
+    highest = highest_harmonic(run)
     # The filter may reach a tenth of the rate; below three times the motion's band it bends it.
     if rate >= 30.0 * highest:
         return
-    yield Finding(
+    yield Issue(
         "low sample rate",
         "warning",
         "column t",
@@ -197,12 +195,12 @@ _RATIOS = {
 }
 
 
-def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
+def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
     """Measured velocities beside the derivative of the positions; identification uses the latter."""
     if run.dq is None:
         return
     motion, measured, _ = low_passed(replace(run, tau=run.dq), settings, 500)
-    moves = _moving_joints(run)
+    moves = moving_joints(run)
     wrong: dict[str, list[int]] = {}
     factors = np.ones(run.n)
     for j in np.flatnonzero(moves):
@@ -226,7 +224,7 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Finding]:
         scale = np.ones(run.n)
         scale[joints] = factors[joints]
         mendable = bool(np.all(scale[joints] != 1.0))
-        yield Finding(
+        yield Issue(
             "velocity channel",
             "warning",
             ", ".join(f"dq{j + 1}" for j in joints),

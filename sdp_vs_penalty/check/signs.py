@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.finding import Array, joints_text
 from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, SIGNIFICANT, Hypothesis, propose
+from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
 
 
@@ -89,4 +89,4 @@ def _flip(physics: Physics, joints: list[int], certainty: str | None = None) -> 
     )
     if certainty is None:
         return made
-    return replace(made, finding=replace(made.finding, certainty=certainty))
+    return replace(made, issue=replace(made.issue, certainty=certainty))

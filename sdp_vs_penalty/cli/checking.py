@@ -20,7 +20,7 @@ def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
     from sdp_vs_penalty.errors import InputError
 
     reports = check(problem, measurements, thorough=False)
-    errors = [(r.run, f) for r in reports for f in r.findings if f.severity == "error"]
+    errors = [(r.run, f) for r in reports for f in r.issues if f.severity == "error"]
     if errors:
         run, f = errors[0]
         more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""

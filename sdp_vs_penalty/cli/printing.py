@@ -96,7 +96,7 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
     table("Residual variance explained by a smooth function of ..., held out [%]", joints, shares)
     rows = [
         ("RMSE", *aligned([[f.rmse for f in failures]])[0]),
-        ("noise floor*", *(number(f.noise_floor, 2) for f in failures)),
+        ("noise floor", *(number(f.noise_floor, 2) for f in failures)),
         (
             "repeatable [%]",
             *("-" if f.explainable is None else f"{100 * f.explainable:.0f}" for f in failures),
@@ -109,7 +109,7 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
             label = f"{low:g}-{high:g} Hz [%]" if np.isfinite(high) else f"above {low:g} Hz [%]"
             rows.append((label, *(f"{100 * f.bands[k]:.0f}" for f in failures)))
     rows += [(f"correlation {f.joint}", *(f"{c:+.2f}" for c in f.correlation)) for f in failures]
-    table("Residual of each joint (* drift removed)", joints, rows)
+    table("Residual of each joint", joints, rows)
 
 
 def diagnosis(

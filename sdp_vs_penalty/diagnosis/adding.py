@@ -15,6 +15,7 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
+from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -144,18 +145,15 @@ def with_shapes(
 
 def _shaped(stage: Stage, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
     """One joint's effect with the shape that explains most of the residual; given ones stay."""
-    search = stage.search
-    fit = search.fit()
+    fit, judge = SearchState.start(stage).fit, stage.candidates
     start = min(float(s.motion.t[0]) for s in stage.rows.segments)
     given = {key: effect.shape[key] for key in fixed}
     trials = [
-        search.candidates.hypothesis(
-            fit, (effect.name, joint), one, search.candidates.white_columns(one)
-        )
+        judge.judged(fit, (effect.name, joint), one, judge.white_columns(one))
         for one in effect.candidates(effect.robot, joint, start, **given)
     ]
     best = max(trials, key=lambda h: h.chi2)
-    return search.candidates.tuned(fit, best, fixed).effect
+    return judge.tuned(fit, best, fixed).effect
 
 
 def _add_frozen(
@@ -233,4 +231,6 @@ def _reduced(data: LeastSquares, fixed: Array) -> LeastSquares:
     """The problem in the remaining parameters when the first ones are fixed."""
     k = len(fixed)
     rho = data.rho - data.R[:, :k] @ fixed
-    return LeastSquares(data.R[:, k:], rho, data.floor, float(rho @ rho) + data.floor**2, data.rows)
+    return LeastSquares(
+        data.R[:, k:], rho, data.residual_norm, float(rho @ rho) + data.residual_norm**2, data.rows
+    )

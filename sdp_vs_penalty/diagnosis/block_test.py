@@ -1,4 +1,4 @@
-"""Whether what a hypothesis explains is more than chance, without a noise model: sums over blocks of
+"""Whether what a candidate explains is more than chance, without a noise model: sums over blocks of
 time, their robust Wald statistic, and the largest that random signs of the blocks bring about.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.fit import Fit
+from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.library import Library
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ class BlockSums:
     grams: Array
 
     @classmethod
-    def of(cls, fit: Fit, partialled: Array, k: int) -> BlockSums:
+    def of(cls, fit: WhiteFit, partialled: Array, k: int) -> BlockSums:
         """From partialled columns (n M, G k) of G groups side by side."""
         rows = fit.rows
         scores = rows.block_sums(partialled * fit.residual[:, None])
@@ -102,13 +102,13 @@ def _wald(pull: Array, beta: Array, spread: Array, scores: Array) -> Array:
     k = pull.shape[2]
     # The sums above cancel to rounding only: the spread is never smaller than that.
     size = np.trace(spread, axis1=2, axis2=3)
-    floor = 1e-12 * np.sum(scores**2, axis=(1, 2))[:, None] + 1e-300
-    spread = spread + (1e-9 * np.maximum(size, 0.0) + floor)[:, :, None, None] * np.eye(k)
+    rounding = 1e-12 * np.sum(scores**2, axis=(1, 2))[:, None] + 1e-300
+    spread = spread + (1e-9 * np.maximum(size, 0.0) + rounding)[:, :, None, None] * np.eye(k)
     robust = np.sum(pull * np.linalg.solve(spread, pull[..., None])[..., 0], axis=2)
     return np.minimum(robust, np.sum(pull * beta, axis=2))
 
 
-def flip_threshold(fit: Fit, library: Library, seed: int, draws: int = 200) -> float:
+def flip_threshold(fit: WhiteFit, library: Library, seed: int, draws: int = 200) -> float:
     """99th percentile of the library's largest Wald exponent when blocks change sign at random."""
     rng = np.random.default_rng(seed)
     signs = rng.choice([-1.0, 1.0], (draws, fit.rows.blocks))

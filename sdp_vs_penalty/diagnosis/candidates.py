@@ -1,4 +1,4 @@
-"""What a search can add: every hypothesis, its shape constants chosen, and how well it explains."""
+"""What a search can add: every candidate, its shape constants chosen, and how well it explains."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from sdp_vs_penalty.diagnosis.fit import Fit
+from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.library import Group, Key, Library, spread_columns
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, score_library, solve_group
-from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.signals.noise import Noise
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
-#: How many hypotheses a step looks at closely.
+#: How many candidates a step looks at closely.
 _CONTENDERS = 8
 #: Folds for what depends on time: every so many blocks of time.
 _TIME_FOLDS = 5
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class Candidate:
     """One effect on one joint with its best shape: chi2 it takes from the scaled residual, beta (k,),
     evidence against nothing, columns : white (n M, k)."""
 
@@ -44,18 +44,18 @@ class Hypothesis:
 class Candidates:
     """The library on white rows, with the means to solve for, refine and cross-validate any of it."""
 
-    def __init__(self, rows: DiagnosisRows, noise: Noise, white: Library) -> None:
+    def __init__(self, rows: SegmentedRuns, noise: Noise, white: Library) -> None:
         self.rows, self.noise, self.white = rows, noise, white
-        self.pieces = [pieces_of(rows, j) for j in range(rows.n)]
+        self.pieces = [rows.pieces(j) for j in range(rows.n)]
         self.texts = [group.effect.text for group in white.groups]
         self.by_key: dict[Key, list[int]] = {}
         for g, group in enumerate(white.groups):
             self.by_key.setdefault(group.key, []).append(g)
 
     def contenders(
-        self, fit: Fit, scaled: Library, picked: Sequence[Hypothesis], known: frozenset[Key]
-    ) -> list[Hypothesis]:
-        """The most plausible hypotheses beside those ``picked`` and what the model has (``known``),
+        self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
+    ) -> list[Candidate]:
+        """The most plausible candidates beside those ``picked`` and what the model has (``known``),
         shapes refined, best first."""
         plausible = self._coarse(fit, scaled)
         taken = {h.effect.text for h in picked}
@@ -75,7 +75,7 @@ class Candidates:
         ]
         return sorted(found, key=lambda h: -h.evidence)
 
-    def _coarse(self, fit: Fit, scaled: Library) -> Array:
+    def _coarse(self, fit: WhiteFit, scaled: Library) -> Array:
         """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
         only."""
         scores = score_library(fit, scaled)
@@ -92,30 +92,30 @@ class Candidates:
         return out
 
     @staticmethod
-    def _evidence(fit: Fit, partialled: Array, beta: Array) -> float:
+    def _evidence(fit: WhiteFit, partialled: Array, beta: Array) -> float:
         left = fit.residual - partialled @ beta
         gain = fit.likelihood_gain(fit.chi2_of(left))
         return float(evidence(gain, len(beta)))
 
-    def refined(self, fit: Fit, group: Group, key: Key, averaged: float) -> Hypothesis:
-        """The hypothesis with its shape constants moved to where they explain most.
+    def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:
+        """The candidate with its shape constants moved to where they explain most.
 
         What a free shape costs is in ``averaged``, the evidence averaged over the grid.
         """
         columns = self.white.columns(group).reshape(len(fit.residual), -1)
-        start = self.hypothesis(fit, key, group.effect, columns)
+        start = self.judged(fit, key, group.effect, columns)
         best = self.tuned(fit, start)
         return replace(best, evidence=averaged + best.evidence - start.evidence)
 
-    def tuned(self, fit: Fit, start: Hypothesis, fixed: frozenset[str] = frozenset()) -> Hypothesis:
-        """The hypothesis with every continuous shape constant refined in turn, but the fixed ones."""
+    def tuned(self, fit: WhiteFit, start: Candidate, fixed: frozenset[str] = frozenset()) -> Candidate:
+        """The candidate with every continuous shape constant refined in turn, but the fixed ones."""
         best = start
         for name in start.effect.searched:
             if name not in fixed and start.effect.shapes[name].bounds is not None:
                 best = self._refine_one(fit, best, name)
-        return self.hypothesis(fit, best.key, best.effect, best.columns)
+        return self.judged(fit, best.key, best.effect, best.columns)
 
-    def _refine_one(self, fit: Fit, start: Hypothesis, name: str) -> Hypothesis:
+    def _refine_one(self, fit: WhiteFit, start: Candidate, name: str) -> Candidate:
         constant, value = start.effect.shapes[name], start.effect.shape[name]
         assert constant.bounds is not None
         low, high = constant.bounds
@@ -140,7 +140,7 @@ class Candidates:
             return start
         return self.solve(fit, start.key, best[1], self.white_columns(best[1]))
 
-    def _chi2(self, fit: Fit, effect: Effect) -> float:
+    def _chi2(self, fit: WhiteFit, effect: Effect) -> float:
         """What an effect takes from the squared residual; one joint's from that joint's rows alone."""
         if effect.whole_robot or effect.needs_links or len(effect.joints) != 1:
             return self.solve(fit, (effect.name, None), effect, self.white_columns(effect)).chi2
@@ -155,30 +155,30 @@ class Candidates:
         white = np.stack([self.noise.whiten(raw[j], j, self.pieces[j]) for j in range(self.rows.n)])
         return white.reshape(-1, raw.shape[2])
 
-    def solve(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
+    def solve(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
         chi2, beta = _solved(fit.scaled(columns), fit.Q, fit.residual, effect)
-        return Hypothesis(key, effect, chi2, beta, 0.0, columns)
+        return Candidate(key, effect, chi2, beta, 0.0, columns)
 
-    def hypothesis(self, fit: Fit, key: Key, effect: Effect, columns: Array) -> Hypothesis:
+    def judged(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
         found = self.solve(fit, key, effect, columns)
         partialled = fit.partialled(fit.scaled(columns))
         return replace(found, evidence=self._evidence(fit, partialled, found.beta))
 
-    def block_gains(self, fit: Fit, scaled: Library, hypothesis: Hypothesis) -> Array:
+    def block_gains(self, fit: WhiteFit, scaled: Library, candidate: Candidate) -> Array:
         """(B,) cross-validated gains, the shape chosen anew in each fold."""
         n, M = fit.rows.n, len(fit.rows.block)
-        shapes = [fit.scaled(hypothesis.columns)]
-        members = self.by_key.get(hypothesis.key, [])
+        shapes = [fit.scaled(candidate.columns)]
+        members = self.by_key.get(candidate.key, [])
         if len(members) <= 12:
             shapes += [
                 scaled.columns(self.white.groups[g]).reshape(n * M, -1)
                 for g in members
-                if self.white.groups[g].k == len(hypothesis.beta)
+                if self.white.groups[g].k == len(candidate.beta)
             ]
         # What follows the clock differs from run to run: it is judged between, not after, its data.
-        by_time = hypothesis.effect.follows_clock
+        by_time = candidate.effect.follows_clock
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
-        return cross_validate(fit, shapes, hypothesis.signed, fold)
+        return cross_validate(fit, shapes, candidate.signed, fold)
 
 
 def _solved(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[float, Array]:

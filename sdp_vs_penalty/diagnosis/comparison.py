@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.show import fit_verdict, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_torque
+from sdp_vs_penalty.signals.segments import segmented
 
 if TYPE_CHECKING:
     import pandas
@@ -154,6 +156,8 @@ def compare(
     models: Models,
     measurements: Source,
     preprocessing: Preprocessing | None = None,
+    *,
+    noise_from: Source | None = None,
 ) -> Comparisons:
     """Compare one or several models with the same measurements.
 
@@ -161,6 +165,7 @@ def compare(
     measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters: those of the first model, or ``preprocessing``.
+    noise_from : the runs whose repetition shows the noise floor (default: the measurements).
     Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
     Raises InputError where a model and the measurements have different numbers of joints.
     """
@@ -172,6 +177,8 @@ def compare(
     settings = preprocessing or first.preprocessing
     settings = settings.resolve(measurements)
     assert settings.torque_cutoff is not None
+    given = measurements if noise_from is None else as_measurements(noise_from)
+    repeated = segmented(given, settings)
     out = Comparisons()
     for name, model in models.items():
         if model.robot.n != measurements.n:
@@ -190,9 +197,7 @@ def compare(
         with np.errstate(divide="ignore", invalid="ignore"):
             r2 = np.where(torque.var(axis=0) > 0.0, 1.0 - mse / torque.var(axis=0), np.nan)
             relative = 100.0 * np.linalg.norm(error) / np.linalg.norm(torque)
-        floor = noise_floor(
-            [(rows.motion.t, rows.motion.q, r) for rows, r in zip(runs, residuals, strict=True)]
-        )
+        floor = noise_floor(with_estimate(repeated, model))
         t, q, dq = (np.concatenate([getattr(rows.motion, x) for rows in runs]) for x in ("t", "q", "dq"))
         signals = Signals(t, q, dq, torque, torque - error)
         band = settings.torque_cutoff

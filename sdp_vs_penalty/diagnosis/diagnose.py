@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis import explanations
-from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -21,14 +19,13 @@ from sdp_vs_penalty.diagnosis.findings import (
     Finding,
     Invisible,
 )
-from sdp_vs_penalty.diagnosis.fit import Fit
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, Pick
+from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, search_through
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import score_library
-from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet, search_through
-from sdp_vs_penalty.diagnosis.verdict import Remainder
+from sdp_vs_penalty.diagnosis.stage import prepare, quiet
+from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -54,7 +51,7 @@ def diagnose(
     :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; test : a run only for the held-out
     errors (without it, folds that no selection saw).
     frozen : keep the model's parameters, so that changes of the links
-    show (a payload); otherwise they are refitted along with every hypothesis. seed : of the random
+    show (a payload); otherwise they are refitted along with every candidate. seed : of the random
     signs that the tests compare with; progress : called with a short text of where the search stands.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
@@ -72,29 +69,19 @@ def diagnose(
     rows = diagnosis_rows(measurements, estimate, settings)
     stage = prepare(rows, estimate, frozen, seed, progress)
     progress("searching for what is missing")
-    stage = search_through(stage, estimate)
+    state = search_through(stage)
     progress("held-out errors")
-    return conclude(estimate, stage, test, settings)
+    return conclude(estimate, state, test, settings)
 
 
 def conclude(
-    estimate: Estimate, stage: Stage, test: Measurements | None, settings: Preprocessing
+    estimate: Estimate, state: SearchState, test: Measurements | None, settings: Preprocessing
 ) -> Diagnosis:
-    """Verdict, findings and held-out errors of a search that has run."""
-    left, events = remaining(stage.search.fit(), stage)
-    picks = stage.search.picks
-    held_out = held_out_errors(estimate, stage, picks, test, settings)
-    return _diagnosis(stage, picks, left, events, held_out)
-
-
-def _diagnosis(
-    stage: Stage,
-    picks: Sequence[Pick],
-    left: Remainder,
-    events: tuple[Event, ...],
-    held_out: HeldOut,
-) -> Diagnosis:
-    findings = tuple(_finding(stage, picks, k, held_out) for k in range(len(picks)))
+    """Verdict, findings and held-out errors of a search that has come to its end."""
+    stage = state.stage
+    left, events = remaining(state)
+    held_out = held_out_errors(estimate, state, test, settings)
+    findings = tuple(_finding(state, k, held_out) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
     if left.remains or doubted:
@@ -103,7 +90,7 @@ def _diagnosis(
         verdict,
         findings,
         stage.noise.floor,
-        invisible_effects(stage),
+        invisible_effects(state),
         events,
         stage.noise.source,
         left.share,
@@ -116,10 +103,10 @@ def _diagnosis(
     )
 
 
-def _finding(stage: Stage, picks: Sequence[Pick], k: int, held_out: HeldOut) -> Finding:
-    pick = picks[k]
-    h = pick.hypothesis
-    fit = stage.search.fit(without=k)
+def _finding(state: SearchState, k: int, held_out: HeldOut) -> Finding:
+    pick = state.picks[k]
+    h = pick.candidate
+    fit = state.without(k).fit
     fresh = fit.partialled(fit.scaled(h.columns))
     gram = fresh.T @ fresh
     beta = np.asarray(np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0], float)
@@ -157,13 +144,12 @@ def _rival_name(own: tuple[str, int | None], other: tuple[str, int | None]) -> s
     return other[0]
 
 
-def invisible_effects(stage: Stage) -> tuple[Invisible, ...]:
+def invisible_effects(state: SearchState) -> tuple[Invisible, ...]:
     """Candidates whose energy the model's own columns absorb, whatever their shape."""
+    stage = state.stage
     if stage.frozen:
         return ()
-    search = stage.search
-    plain = replace(search.weighting, level=np.ones(stage.rows.n))
-    scores = score_library(Fit.of(stage.labels, search.basis, search.target, plain), stage.white)
+    scores = score_library(stage.fit(stage.plain_weighting), stage.white)
     shares: dict[tuple[str, int | None], float] = {}
     for group, absorbed in zip(stage.white.groups, scores.absorbed, strict=True):
         shares[group.key] = min(shares.get(group.key, 1.0), float(absorbed))

@@ -1,4 +1,4 @@
-"""The model fitted to white rows, and the linear algebra that every hypothesis is judged by.
+"""The model fitted to white rows, and the linear algebra that every candidate is judged by.
 
 All rows are white with unit variance, so that a drop of the squared residual is a chi-square. The
 model's columns are partialled out (Frisch and Waugh 1933): with Q an orthonormal basis of them and
@@ -15,6 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.signals.autoregression import innovations
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Rows:
+class RowLabels:
     """White rows of all joints one below the other: row j M + m is row m of joint j.
 
     block : (M,) labels of time blocks, 0, 1, ... in order; fold : (M,) labels of cross-validation
@@ -58,7 +59,7 @@ class Rows:
         return values.reshape(self.n, len(self.block), *values.shape[1:]).sum(axis=1)
 
 
-def independent(columns: Array) -> Array:
+def orthonormal(columns: Array) -> Array:
     """An orthonormal basis (n M, r) of columns (n M, p), their rank found by a pivoted QR."""
     norms = np.linalg.norm(columns, axis=0)
     seen = norms > 1e-12 * norms.max(initial=0.0)
@@ -78,7 +79,7 @@ class Weighting:
     level (n,) : the rows of each joint are divided by it, so that a joint whose error the model does
     not explain does not outvote the others because its sensor is quiet. colour (n, order) : before
     that, an autoregression of the unexplained error itself is taken out: error that nothing explains
-    is noise to every hypothesis, and strongly coloured noise; zero where only noise is left.
+    is noise to every candidate, and strongly coloured noise; zero where only noise is left.
     pieces : per joint the stretches of consecutive rows.
     """
 
@@ -87,7 +88,7 @@ class Weighting:
     pieces: tuple[tuple[NDArray[np.intp], ...], ...]
 
     @property
-    def floor(self) -> Array:
+    def noise_variance(self) -> Array:
         """(n,) variance of the noise behind the colour's filter, before the division."""
         return 1.0 + np.sum(self.colour**2, axis=1)
 
@@ -95,17 +96,9 @@ class Weighting:
         """White rows (M, ...) of one joint, filtered and divided."""
         if not np.any(columns):
             return columns
-        if not np.any(self.colour[joint]):
-            return columns / self.level[joint]
-        out = np.zeros_like(columns)
-        order = self.colour.shape[1]
-        for piece in self.pieces[joint]:
-            x = columns[piece]
-            y = x[order:].copy()
-            for lag, a in enumerate(self.colour[joint], start=1):
-                y -= a * x[order - lag : -lag]
-            out[piece[order:]] = y / self.level[joint]
-        return out
+        if np.any(self.colour[joint]):
+            columns = innovations(columns, self.colour[joint], self.pieces[joint])
+        return columns / self.level[joint]
 
     def apply_all(self, columns: Array) -> Array:
         """(n M, ...) rows of all joints."""
@@ -121,20 +114,20 @@ class Weighting:
 
 
 @dataclass(frozen=True)
-class Fit:
+class WhiteFit:
     """The model fitted to weighted white rows.
 
     Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves.
     """
 
-    rows: Rows
+    rows: RowLabels
     Q: Array
     residual: Array
     target: Array
     weighting: Weighting
 
     @classmethod
-    def of(cls, rows: Rows, basis: Array, target: Array, weighting: Weighting) -> Fit:
+    def of(cls, rows: RowLabels, basis: Array, target: Array, weighting: Weighting) -> WhiteFit:
         """Least squares on white columns (n M, r) of full rank, target white (n M,)."""
         q = np.linalg.qr(weighting.apply_all(basis))[0] if basis.shape[1] else basis
         weighted = weighting.apply_all(target)
@@ -150,7 +143,7 @@ class Fit:
             columns = columns - self.Q @ (self.Q.T @ columns)
         return columns
 
-    def extended(self, columns: Array) -> Fit:
+    def extended(self, columns: Array) -> WhiteFit:
         """The fit with more weighted columns (n M, k)."""
         before = np.linalg.norm(columns, axis=0)
         fresh = self.partialled(columns)
@@ -161,10 +154,10 @@ class Fit:
             q = np.linalg.qr(fresh)[0] if fresh.shape[1] else fresh
         Q = np.column_stack([self.Q, q])
         residual = self.residual - q @ (q.T @ self.residual)
-        return Fit(self.rows, Q, residual, self.target, self.weighting)
+        return WhiteFit(self.rows, Q, residual, self.target, self.weighting)
 
     def without_folds(self, folds: NDArray[np.intp]) -> list[WithoutFold]:
-        """The model fitted without each of the folds (M,) in turn; kept for the next hypothesis."""
+        """The model fitted without each of the folds (M,) in turn; kept for the next candidate."""
         key = folds.tobytes()
         if key not in self._without:
             fold = np.tile(folds, self.rows.n)
@@ -198,14 +191,14 @@ class Fit:
         return np.maximum(self.rows.count - leverage, 1.0)
 
     def joint_gains(self, joint: int, chi2: Array) -> Array:
-        """(G,) :meth:`likelihood_gain` of hypotheses on one joint's error only, from the chi2 (G,) that
+        """(G,) :meth:`likelihood_gain` of candidates on one joint's error only, from the chi2 (G,) that
         they take from the weighted residual."""
         before = self.joint_chi2[joint]
         after = np.maximum(before - chi2 * self.weighting.level[joint] ** 2, 0.0)
-        floor, degrees = self.weighting.floor[joint], self.degrees[joint]
+        noise, degrees = self.weighting.noise_variance[joint], self.degrees[joint]
 
         def deviance(x: Array) -> Array:
-            variance = np.maximum(x / degrees, floor)
+            variance = np.maximum(x / degrees, noise)
             return np.asarray(degrees * np.log(variance) + x / variance)
 
         return deviance(before) - deviance(after)
@@ -224,7 +217,7 @@ class Fit:
         return self._deviance_of(self.joint_chi2)
 
     def _deviance_of(self, chi2: Array) -> float:
-        variance = np.maximum(chi2 / self.degrees, self.weighting.floor)
+        variance = np.maximum(chi2 / self.degrees, self.weighting.noise_variance)
         return float(np.sum(self.degrees * np.log(variance) + chi2 / variance))
 
 

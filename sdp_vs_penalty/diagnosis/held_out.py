@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.ladder import Pick, Search
+from sdp_vs_penalty.diagnosis.ladder import climbed
 from sdp_vs_penalty.diagnosis.library import spread_columns
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, label_rows, least_squares, model_columns, white_rows
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import Stage, label_rows, model_columns
+from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
@@ -37,12 +39,12 @@ class HeldOut:
 
 def held_out_errors(
     estimate: Estimate,
-    stage: Stage,
-    picks: Sequence[Pick],
+    state: SearchState,
     test: Measurements | None,
     settings: Preprocessing,
 ) -> HeldOut:
     """Errors on the test run; without one, on outer folds: the search is repeated without each."""
+    stage, picks = state.stage, state.picks
     if test is not None:
         rows = diagnosis_rows(test, estimate, settings)
         base = model_columns(rows, estimate, stage.frozen)
@@ -54,9 +56,8 @@ def held_out_errors(
     same = np.zeros_like(total)
     for f in np.unique(outer):
         train = outer != f
-        search = _search_on(stage, train)
-        search.run(thorough=False)
-        squares = _left_out(stage, search.picks, train)
+        again = climbed(SearchState.start(_stage_on(stage, train)), thorough=False)
+        squares = _left_out(stage, again.picks, train)
         # The procedure's k-th step; where it stopped earlier, its last.
         at = np.minimum(np.arange(len(picks) + 1), len(squares) - 1)
         total += squares[at]
@@ -66,7 +67,7 @@ def held_out_errors(
 
 
 def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> Array:
-    return _ladder(stage, picks, train, stage.rows, stage.base, stage.residual, only=~train)
+    return _ladder(stage, picks, train, stage.rows, stage.columns, stage.residual, only=~train)
 
 
 def _holds(picks: Sequence[Pick], ladder: Array) -> tuple[bool, ...]:
@@ -74,40 +75,38 @@ def _holds(picks: Sequence[Pick], ladder: Array) -> tuple[bool, ...]:
 
 
 def _falls(pick: Pick, before: Array, after: Array) -> bool:
-    effect = pick.hypothesis.effect
+    effect = pick.candidate.effect
     acts = slice(None) if effect.whole_robot else list(effect.joints)
     return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
 
 
-def _search_on(stage: Stage, train: NDArray[np.bool_]) -> Search:
-    """The same search on some of the rows: all others are switched off."""
-    masked = np.repeat(~train[:, None], stage.rows.n, axis=1) | ~stage.rows.keep
-    rows = stage.rows.with_masked(masked)
-    labels = label_rows(rows)
-    columns, target = white_rows(rows, stage.noise, stage.base, stage.residual)
-    white = stage.library.whitened(stage.noise, rows)
-    known, seed = stage.search.known, stage.search.seed
-    return Search(rows, stage.noise, labels, columns, target, white, known, seed)
+def _stage_on(stage: Stage, train: NDArray[np.bool_]) -> Stage:
+    """The same stage with some of the rows: all others are switched off."""
+    rows = _switched_off(stage, train)
+    return replace(stage, rows=rows, labels=label_rows(rows))
+
+
+def _switched_off(stage: Stage, train: NDArray[np.bool_]) -> SegmentedRuns:
+    return stage.rows.with_masked(np.repeat(~train[:, None], stage.rows.n, axis=1) | ~stage.rows.keep)
 
 
 def _ladder(
     stage: Stage,
     picks: Sequence[Pick],
     train: NDArray[np.bool_],
-    rows: DiagnosisRows,
+    rows: SegmentedRuns,
     base: Array,
     residual: Array,
     only: NDArray[np.bool_] | None = None,
 ) -> Array:
     """(steps + 1, n) squared errors on rows, parameters fitted to the white training rows."""
-    n = rows.n
     keep = rows.keep if only is None else rows.keep & only[:, None]
-    columns = [stage.base, *(spread_columns(stage.rows, p.hypothesis.effect) for p in picks)]
-    there = [base, *(spread_columns(rows, p.hypothesis.effect) for p in picks)]
-    masked = stage.rows.with_masked(np.repeat(~train[:, None], n, axis=1) | ~stage.rows.keep)
+    columns = [stage.columns, *(spread_columns(stage.rows, p.candidate.effect) for p in picks)]
+    there = [base, *(spread_columns(rows, p.candidate.effect) for p in picks)]
+    masked = _switched_off(stage, train)
     out = []
     for k in range(len(picks) + 1):
-        theta = least_squares(stage, masked, np.concatenate(columns[: k + 1], axis=2), balanced=True)
+        theta = stage.least_squares(np.concatenate(columns[: k + 1], axis=2), masked, balanced=True)
         predicted = np.concatenate(there[: k + 1], axis=2) @ theta
         out.append(np.sum(keep * (residual - predicted.T) ** 2, axis=0))
     return np.array(out)

@@ -1,7 +1,7 @@
 """All effects the model might miss, as columns on the diagnosis's rows.
 
 A group is one effect on one joint (or on the whole robot) with one set of shape constants. Groups of
-the same effect and joint with different constants form a hypothesis: what the diagnosis names.
+the same effect and joint with different constants form a candidate: what the diagnosis names.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import Noise, pieces_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.signals.noise import Noise
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
@@ -77,15 +77,15 @@ class Library:
         out[group.joint] = self.joints[group.joint][:, group.columns]
         return out
 
-    def whitened(self, noise: Noise, rows: DiagnosisRows) -> Library:
-        pieces = [pieces_of(rows, j) for j in range(rows.n)]
+    def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:
+        pieces = [rows.pieces(j) for j in range(rows.n)]
         joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
         robot = np.stack([noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.robot)])
         return replace(self, joints=joints, robot=robot)
 
 
 def build_library(
-    rows: DiagnosisRows, model: Model, frozen: bool, only: Sequence[str] | None = None
+    rows: SegmentedRuns, model: Model, frozen: bool, only: Sequence[str] | None = None
 ) -> Library:
     """Columns of every candidate; ``only`` restricts the effects. Effects that the model already has
     on a joint are left out, unless it is held fixed and they may have changed."""
@@ -138,7 +138,7 @@ def _batches(groups: Sequence[Group]) -> tuple[Batch, ...]:
     )
 
 
-def spread_columns(rows: DiagnosisRows, effect: Effect) -> Array:
+def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
     """(n, M, k) columns of one effect on all joints."""
     out = np.zeros((rows.n, len(rows.t), len(effect.parameters)))
     for block in rows.blocks(effect):
@@ -146,7 +146,7 @@ def spread_columns(rows: DiagnosisRows, effect: Effect) -> Array:
     return out
 
 
-def _filtered(rows: DiagnosisRows, effects: Sequence[Effect], joint: int) -> Array:
+def _filtered(rows: SegmentedRuns, effects: Sequence[Effect], joint: int) -> Array:
     """(M, C) columns of effects on one joint, side by side: one pass of the low-pass a segment."""
     if not effects:
         return np.zeros((len(rows.t), 0))

@@ -7,18 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.events import (
-    Event,
-    intervals,
-    local_excess,
-    noise_profile,
-    robust_scale,
-    spectral_lines,
-)
-from sdp_vs_penalty.diagnosis.fit import Fit
-from sdp_vs_penalty.diagnosis.stage import Stage, residual_beside
+from sdp_vs_penalty.diagnosis.events import Event, intervals, spectral_lines
+from sdp_vs_penalty.diagnosis.stage import Stage
+from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
-from sdp_vs_penalty.diagnosis.whitening import later_rows, pieces_of, rate_features
+from sdp_vs_penalty.signals.noise import rate_features
+from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
+from sdp_vs_penalty.signals.repetition import later_rows
 
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
@@ -28,12 +23,13 @@ _SLOWEST_HUM = 0.8
 _FASTEST_HUM = 0.45
 
 
-def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
+def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     """What is left once events are set aside, and the events.
 
     Windows of too much energy are events only if they are few and nothing repeatable is left
     beside them: otherwise they are the peaks of the model's error.
     """
+    fit, stage = state.fit, state.stage
     rows, noise = stage.rows, stage.noise
     n, M = rows.n, len(rows.t)
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
@@ -44,7 +40,7 @@ def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
         steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
         # The noise may be larger than the repetition let on; its median does not see an event.
         steady /= max(robust_scale(steady[steady != 0.0]), 1.0)
-        found = local_excess(steady, pieces_of(rows, j), n, float(noise.degrees[j]))
+        found = local_excess(steady, rows.pieces(j), n, float(noise.degrees[j]))
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
     repeats = _repeating(mask, stage)
@@ -62,22 +58,22 @@ def remaining(fit: Fit, stage: Stage) -> tuple[Remainder, tuple[Event, ...]]:
     events = [
         Event(j, start, end)
         for j in range(n)
-        for start, end in intervals(mask[:, j], rows.t, pieces_of(whole, j), gap=1.0)
+        for start, end in intervals(mask[:, j], rows.t, whole.pieces(j), gap=1.0)
     ]
-    events += _hums(stage)
+    events += _hums(state)
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
 
 
-def _hums(stage: Stage) -> list[Event]:
+def _hums(state: SearchState) -> list[Event]:
     """One event a run for each joint in whose residual a spectral line stands.
 
     The residual is not whitened for it: an autoregression takes a sine for its own colour.
     """
-    rows = stage.rows
-    left = residual_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
+    rows = state.stage.rows
+    left = state.stage.residual_beside(state.effects)
     out = []
     for j in range(rows.n):
-        pieces = pieces_of(rows, j)
+        pieces = rows.pieces(j)
         longest = max((len(p) for p in pieces), default=0)
         pieces = [p for p in pieces if 2 * len(p) > longest]
         series = [left[p, j] for p in pieces]

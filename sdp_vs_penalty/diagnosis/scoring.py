@@ -1,6 +1,6 @@
-"""How much of the residual a hypothesis explains, in sample and out of it.
+"""How much of the residual a candidate explains, in sample and out of it.
 
-Everything is small linear algebra on sums over the white rows of a :class:`~.fit.Fit`.
+Everything is small linear algebra on sums over the white rows of a :class:`~.fit.WhiteFit`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.fit import ROUNDING, Fit
+from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Library
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Scores:
     absorbed: Array
 
 
-def score_library(fit: Fit, library: Library) -> Scores:
+def score_library(fit: WhiteFit, library: Library) -> Scores:
     """Score all groups of a library, white and scaled like the fit's rows."""
     n, M = fit.rows.n, len(fit.rows.block)
     residual = fit.residual.reshape(n, M)
@@ -92,10 +92,12 @@ def evidence(chi2: Array | float, k: Array | int) -> Array:
     return k * (ratio - 1.0 - np.log(ratio))
 
 
-def cross_validate(fit: Fit, shapes: Sequence[Array], signed: bool, folds: NDArray[np.intp]) -> Array:
+def cross_validate(
+    fit: WhiteFit, shapes: Sequence[Array], signed: bool, folds: NDArray[np.intp]
+) -> Array:
     """(B,) gain of each block in squared white residual, from fits on the other folds.
 
-    shapes : white columns (n M, k) of one hypothesis with different shape constants; each fold
+    shapes : white columns (n M, k) of one candidate with different shape constants; each fold
     takes the one that explains its own training data best. folds : (M,) labels.
     """
     gain = np.zeros(len(fit.target))

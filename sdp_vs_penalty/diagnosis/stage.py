@@ -1,28 +1,29 @@
-"""The stage of a search: rows, their noise, the candidates; and the search run on it."""
+"""The stage of a search: rows, an idea of their noise, the model's own columns and all candidates."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.autoregression import ORDER
-from sdp_vs_penalty.diagnosis.fit import Rows
-from sdp_vs_penalty.diagnosis.ladder import MISFIT, Search
-from sdp_vs_penalty.diagnosis.library import Library, build_library, spread_columns
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import Noise, noise_of, pieces_of
+from sdp_vs_penalty.diagnosis.candidates import Candidates
+from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
+from sdp_vs_penalty.diagnosis.library import Key, Library, build_library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.signals.noise import repeat_period
+from sdp_vs_penalty.signals.autoregression import ORDER
+from sdp_vs_penalty.signals.noise import Noise, noise_in, noise_of
+from sdp_vs_penalty.signals.repetition import repeat_period
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
+#: Residual variance over that of the noise from which the evidence is not taken at its word.
+MISFIT = 1.3
 _BLOCKS = 60
-#: How often the noise is estimated anew where only the residual shows it.
-_ROUNDS = 12
 _PHASE_FOLDS = 5
 
 
@@ -32,115 +33,101 @@ def quiet(_: str) -> None:
 
 @dataclass(frozen=True)
 class Stage:
-    """Everything prepared for a search: the rows, their noise, the library, the model's own columns."""
+    """Everything that stays the same during a search.
 
-    rows: DiagnosisRows
+    columns (n, M, p), residual (M, n) : the model's own filtered columns and what it leaves, not
+    whitened; known : effects that the model has, by joint. With another noise (``replace``) it is
+    another stage: what is white is worked out from these.
+    """
+
+    rows: SegmentedRuns
     noise: Noise
-    labels: Rows
-    base: Array
+    labels: RowLabels
+    columns: Array
     residual: Array
     library: Library
-    white: Library
-    search: Search
+    known: frozenset[Key]
+    seed: int
     frozen: bool
+
+    @cached_property
+    def white(self) -> Library:
+        """The library's columns, white."""
+        return self.library.whitened(self.noise, self.rows)
+
+    @cached_property
+    def candidates(self) -> Candidates:
+        return Candidates(self.rows, self.noise, self.white)
+
+    @cached_property
+    def plain_weighting(self) -> Weighting:
+        """All joints alike, nothing but noise in their error."""
+        n = self.rows.n
+        inner = [[p[ORDER:] for p in one if len(p) > 2 * ORDER] for one in self.candidates.pieces]
+        return Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(map(tuple, inner)))
+
+    def fit(self, weighting: Weighting) -> WhiteFit:
+        """The model alone, fitted to its weighted white residual."""
+        return WhiteFit.of(self.labels, *self._white_model, weighting)
+
+    @cached_property
+    def _white_model(self) -> tuple[Array, Array]:
+        columns, target = white_rows(self.rows, self.noise, self.columns, self.residual)
+        return orthonormal(columns), target
+
+    def residual_beside(self, effects: Sequence[Effect]) -> Array:
+        """(M, n) what the model leaves, not whitened, when it has these effects as well."""
+        columns = [spread_columns(self.rows, effect) for effect in effects]
+        everything = np.concatenate([self.columns, *columns], axis=2)
+        return self.residual - (everything @ self.least_squares(everything)).T
+
+    def noise_beside(self, effects: Sequence[Effect]) -> Noise:
+        """The noise as what the model leaves when it has these effects as well."""
+        return noise_in(self.rows, self.residual_beside(effects))
+
+    def least_squares(
+        self, columns: Array, rows: SegmentedRuns | None = None, balanced: bool = False
+    ) -> Array:
+        """(p,) smallest change of parameters that fits white columns (n, M, p) to the residual.
+
+        rows : with some of them masked; balanced : a joint whose error is more than noise counts by
+        that error, once more, so that it does not spoil the others for its own sake.
+        """
+        n, M, p = columns.shape
+        if p == 0:
+            return np.zeros(0)
+        white, b = white_rows(self.rows if rows is None else rows, self.noise, columns, self.residual)
+        white, b = white.reshape(n, M, p), b.reshape(n, M)
+        theta = _solved(white, b)
+        if balanced:
+            left = np.sum((b - white @ theta) ** 2, axis=1) / np.maximum(np.sum(b != 0.0, axis=1), 1)
+            level = np.sqrt(np.where(left > MISFIT, left, 1.0))
+            if np.any(level > 1.0):
+                theta = _solved(white / level[:, None, None], b / level[:, None])
+        return theta
 
 
 def prepare(
-    rows: DiagnosisRows,
+    rows: SegmentedRuns,
     estimate: Estimate,
     frozen: bool,
     seed: int,
     progress: Callable[[str], None] = quiet,
 ) -> Stage:
-    """Noise, whitening, candidates."""
+    """Noise, columns of the model and of all candidates."""
     residual = rows.residual
     progress("noise from repetition")
-    noise = noise_of(rows, rows.dense_residuals, residual)
+    noise = noise_of(rows)
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
     progress("columns of all candidates")
     library = build_library(rows, estimate.model, frozen)
-    white = library.whitened(noise, rows)
-    base = model_columns(rows, estimate, frozen)
-    labels = label_rows(rows)
-    columns, target = white_rows(rows, noise, base, residual)
+    columns = model_columns(rows, estimate, frozen)
     known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
-    search = Search(rows, noise, labels, columns, target, white, known, seed)
-    return Stage(rows, noise, labels, base, residual, library, white, search, frozen)
+    return Stage(rows, noise, label_rows(rows), columns, residual, library, known, seed, frozen)
 
 
-def search_through(stage: Stage, estimate: Estimate) -> Stage:
-    """Run the search.
-
-    Where only the residual shows the noise, it begins as what the model leaves beside the best
-    explanation and is known better after each round. Its colour hides what resembles it; when
-    nothing more is found with it, one more look takes the noise as white.
-    """
-    if stage.noise.source != "residual":
-        stage.search.run()
-        return stage
-    best = _with_white_noise(stage, estimate).search
-    contenders = best.contenders(best.fit(), best.scaled)[:1]
-    stage = with_noise(stage, estimate, _noise_beside(stage, [h.effect for h in contenders]))
-    stage.search.run()
-    for _ in range(_ROUNDS):
-        found = len(stage.search.picks)
-        stage = _renewed(stage, estimate)
-        stage.search.run()
-        if len(stage.search.picks) == found:
-            plain = _with_white_noise(stage, estimate)
-            plain.search.run()
-            if len(plain.search.picks) == found:
-                break
-            stage = plain
-    return _renewed(stage, estimate)
-
-
-def _renewed(stage: Stage, estimate: Estimate) -> Stage:
-    """The same picks with the noise as what is left beside them."""
-    noise = _noise_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
-    return _carried(stage, with_noise(stage, estimate, noise))
-
-
-def _with_white_noise(stage: Stage, estimate: Estimate) -> Stage:
-    """The same picks with white noise as large as what is left beside them."""
-    noise = _noise_beside(stage, [p.hypothesis.effect for p in stage.search.picks])
-    plain = replace(noise, ar=np.zeros((stage.rows.n, ORDER)), sigma=noise.floor)
-    return _carried(stage, with_noise(stage, estimate, plain))
-
-
-def _carried(old: Stage, new: Stage) -> Stage:
-    """The picks of the old stage in the new one, their columns whitened anew."""
-    for pick in old.search.picks:
-        columns = new.search.candidates.white_columns(pick.hypothesis.effect)
-        hypothesis = replace(pick.hypothesis, columns=columns)
-        new.search.picks.append(replace(pick, hypothesis=hypothesis))
-    new.search.settle()
-    return new
-
-
-def _noise_beside(stage: Stage, effects: Sequence[Effect]) -> Noise:
-    """The noise as what the model leaves when it has these effects as well."""
-    return noise_of(stage.rows, [], residual_beside(stage, effects))
-
-
-def residual_beside(stage: Stage, effects: Sequence[Effect]) -> Array:
-    """(M, n) what the model leaves, not whitened, when it has these effects as well."""
-    columns = [spread_columns(stage.rows, effect) for effect in effects]
-    everything = np.concatenate([stage.base, *columns], axis=2)
-    return stage.residual - (everything @ least_squares(stage, stage.rows, everything)).T
-
-
-def with_noise(stage: Stage, estimate: Estimate, noise: Noise) -> Stage:
-    """The same stage with another idea of the noise, its search at the beginning."""
-    white = stage.library.whitened(noise, stage.rows)
-    columns, target = white_rows(stage.rows, noise, stage.base, stage.residual)
-    known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
-    search = Search(stage.rows, noise, stage.labels, columns, target, white, known, stage.search.seed)
-    return replace(stage, noise=noise, white=white, search=search)
-
-
-def model_columns(rows: DiagnosisRows, estimate: Estimate, frozen: bool = False) -> Array:
+def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False) -> Array:
     """(n, M, p) filtered columns of the model's own parameters; none of a frozen model's."""
     if frozen:
         return np.zeros((rows.n, len(rows.t), 0))
@@ -155,7 +142,7 @@ def model_columns(rows: DiagnosisRows, estimate: Estimate, frozen: bool = False)
     return out
 
 
-def label_rows(rows: DiagnosisRows) -> Rows:
+def label_rows(rows: SegmentedRuns) -> RowLabels:
     """Blocks of equal length within runs; folds: whole runs, or phases of the one run's period."""
     run, t = rows.run, rows.t
     spans = [t[run == r][-1] - t[run == r][0] for r in np.unique(run)]
@@ -173,11 +160,11 @@ def label_rows(rows: DiagnosisRows) -> Rows:
     if len(spans) == 1:
         fold = phase_folds(rows)
     _, block = np.unique(block, return_inverse=True)
-    seen = np.array([sum(max(len(p) - 4, 0) for p in pieces_of(rows, j)) for j in range(rows.n)], float)
-    return Rows(rows.n, block, fold, seen)
+    seen = [sum(max(len(p) - ORDER, 0) for p in rows.pieces(j)) for j in range(rows.n)]
+    return RowLabels(rows.n, block, fold, np.array(seen, float))
 
 
-def phase_folds(rows: DiagnosisRows) -> NDArray[np.intp]:
+def phase_folds(rows: SegmentedRuns) -> NDArray[np.intp]:
     """Folds of one run: samples one period apart share a fold; without a period, stretches of time."""
     t = rows.t
     longest = max(rows.segments, key=lambda s: len(s.t))
@@ -189,38 +176,17 @@ def phase_folds(rows: DiagnosisRows) -> NDArray[np.intp]:
     return slot % _PHASE_FOLDS
 
 
-def white_rows(rows: DiagnosisRows, noise: Noise, base: Array, residual: Array) -> tuple[Array, Array]:
-    """White model columns (n M, p) and residual (n M,) from (n, M, p) and (M, n)."""
+def white_rows(
+    rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
+) -> tuple[Array, Array]:
+    """White columns (n M, p) and residual (n M,) from (n, M, p) and (M, n)."""
     n, M = rows.n, len(rows.t)
-    columns, target = np.zeros((n, M, base.shape[2])), np.zeros((n, M))
+    white, target = np.zeros((n, M, columns.shape[2])), np.zeros((n, M))
     for j in range(n):
-        pieces = pieces_of(rows, j)
-        columns[j] = noise.whiten(base[j], j, pieces)
+        pieces = rows.pieces(j)
+        white[j] = noise.whiten(columns[j], j, pieces)
         target[j] = noise.whiten(residual[:, j], j, pieces)
-    return columns.reshape(n * M, -1), target.ravel()
-
-
-def least_squares(stage: Stage, rows: DiagnosisRows, columns: Array, balanced: bool = False) -> Array:
-    """(p,) smallest change of parameters that fits white columns (n, M, p) to the residual.
-
-    balanced : a joint whose error is more than noise counts by that error, once more, so that it does
-    not spoil the others for its own sake.
-    """
-    n, M, p = columns.shape
-    if p == 0:
-        return np.zeros(0)
-    white, b = np.zeros((n, M, p)), np.zeros((n, M))
-    for j in range(n):
-        pieces = pieces_of(rows, j)
-        white[j] = stage.noise.whiten(columns[j], j, pieces)
-        b[j] = stage.noise.whiten(stage.residual[:, j], j, pieces)
-    theta = _solved(white, b)
-    if balanced:
-        left = np.sum((b - white @ theta) ** 2, axis=1) / np.maximum(np.sum(b != 0.0, axis=1), 1)
-        level = np.sqrt(np.where(left > MISFIT, left, 1.0))
-        if np.any(level > 1.0):
-            theta = _solved(white / level[:, None, None], b / level[:, None])
-    return theta
+    return white.reshape(n * M, -1), target.ravel()
 
 
 def _solved(white: Array, b: Array) -> Array:

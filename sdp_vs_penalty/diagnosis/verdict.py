@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from sdp_vs_penalty.diagnosis.fit import Fit
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows
-from sdp_vs_penalty.diagnosis.whitening import Noise
+from sdp_vs_penalty.diagnosis.fit import WhiteFit
+from sdp_vs_penalty.signals.noise import REPETITION, Noise
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,7 +37,7 @@ class Remainder:
     remains: bool
 
 
-def remainder(fit: Fit, rows: DiagnosisRows, noise: Noise, ignore: Mask | None = None) -> Remainder:
+def remainder(fit: WhiteFit, rows: SegmentedRuns, noise: Noise, ignore: Mask | None = None) -> Remainder:
     """Test what is left; ``ignore`` (M, n) are rows of events."""
     n, M = rows.n, len(rows.t)
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
@@ -48,21 +48,21 @@ def remainder(fit: Fit, rows: DiagnosisRows, noise: Noise, ignore: Mask | None =
     degrees = np.maximum((keep * (1.0 - leverage)).sum(axis=0), 1.0)
     variance = (keep * white**2).sum(axis=0) / degrees
     p_values = []
-    if noise.source == "repetition":
+    if noise.source == REPETITION:
         p_values += list(stats.f.sf(variance, degrees, noise.degrees))
         p_values += _repeated_products(white, keep, rows, noise)
     p = min(1.0, min(p_values, default=1.0) * max(len(p_values), 1))
     return Remainder(variance - 1.0, float(p), p < FALSE_UNKNOWN)
 
 
-def _repeated_products(white: Array, keep: Mask, rows: DiagnosisRows, noise: Noise) -> list[float]:
+def _repeated_products(white: Array, keep: Mask, rows: SegmentedRuns, noise: Noise) -> list[float]:
     """One p value a joint: the mean of w(t) w(t + T), against its scatter over stretches of 1 s."""
     starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
     sums: list[Array] = []
     for repeat in noise.repeats:
         other = rows.segments[repeat.other]
         spacing = 1.0 / rows.rate
-        # Rows of white noise cannot be interpolated without mixing: the nearer row on each side.
+        # RowLabels of white noise cannot be interpolated without mixing: the nearer row on each side.
         position = (repeat.later - other.t[0]) / spacing
         below = np.floor(position).astype(np.intp)
         weight = position - below

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.stage import label_rows
-from sdp_vs_penalty.diagnosis.whitening import noise_of
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 
 Array = NDArray[np.float64]
 
@@ -119,12 +120,15 @@ def where_it_fails(
     estimate: Estimate | str | Path,
     measurements: Source,
     preprocessing: Preprocessing | None = None,
+    *,
+    noise_from: Measurements | None = None,
 ) -> list[JointFailure]:
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
     :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
-    model's. Raises InputError where the measurements are not of this robot.
+    model's; noise_from : as in :func:`~.comparison.compare`.
+    Raises InputError where the measurements are not of this robot.
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
     measurements = as_measurements(
@@ -134,7 +138,8 @@ def where_it_fails(
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
-    noise = noise_of(rows, rows.dense_residuals, residual)
+    repeated = rows if noise_from is None else with_estimate(segmented(noise_from, settings), estimate)
+    floors = noise_floor(repeated)
     labels = label_rows(rows)
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)
@@ -144,7 +149,7 @@ def where_it_fails(
     for j in range(rows.n):
         error = residual[:, j] - residual[keep, j].mean()
         rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))
-        floor = float(noise.floor[j]) if noise.source == "repetition" else None
+        floor = None if floors is None else float(floors[j])
         explainable = None if floor is None or rmse == 0.0 else max(0.0, 1.0 - (floor / rmse) ** 2)
         full = [_full_rate(m, s, j) for m, s in _pairs(measurements, rows)]
         lift, asymmetry = _reversals(states["velocity"][:, j], error, rows, keep)
@@ -165,7 +170,7 @@ def where_it_fails(
     return out
 
 
-def _states(rows: DiagnosisRows) -> dict[str, Array]:
+def _states(rows: SegmentedRuns) -> dict[str, Array]:
     def stack(name: str) -> Array:
         return np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
 
@@ -233,7 +238,7 @@ def _held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> fl
 
 
 def _reversals(
-    velocity: Array, error: Array, rows: DiagnosisRows, keep: NDArray[np.bool_]
+    velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
 ) -> tuple[float, float]:
     """RMS near velocity reversals over elsewhere, and its asymmetry from before to after."""
     turn = np.flatnonzero(
@@ -256,12 +261,12 @@ def _reversals(
     return float(near / rms_apart), (rms_after - rms_before) / max(rms_after + rms_before, 1e-300)
 
 
-def _pairs(measurements: Measurements, rows: DiagnosisRows) -> list[tuple[Measurements, Any]]:
+def _pairs(measurements: Measurements, rows: SegmentedRuns) -> list[tuple[Measurements, Segment]]:
     runs = measurements.runs()
     return [(runs[s.run], s) for s in rows.segments]
 
 
-def _full_rate(run: Measurements, segment: Any, j: int) -> tuple[Array, Array, float]:
+def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Array, float]:
     """Angle (N,), residual (N,) at the log's rate, and that rate."""
     motion = segment.motion
     inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])

@@ -58,13 +58,13 @@ class Model:
         return any(_depends(effect) for effect in self.effects)
 
     @cached_property
-    def independent(self) -> Model:
+    def reference_free(self) -> Model:
         """The same model without the effects that depend on a current model."""
         return Model(self.robot, tuple(e for e in self.effects if not _depends(e)))
 
     @cached_property
-    def independent_indices(self) -> NDArray[np.intp]:
-        """Where the parameters of :attr:`independent` sit in theta."""
+    def reference_free_indices(self) -> NDArray[np.intp]:
+        """Where the parameters of :attr:`reference_free` sit in theta."""
         own = zip(self.effects, self.indices, strict=True)
         return np.concatenate([np.arange(0), *(k for effect, k in own if not _depends(effect))])
 

@@ -53,17 +53,19 @@ def block_data(regression: Regression, weights: ArrayLike) -> list[LeastSquares]
 def joined(blocks: Sequence[LeastSquares], counts: NDArray[np.int64]) -> LeastSquares:
     """The data of a draw: block k counted counts[k] times, by weights sqrt(counts[k])."""
     p = blocks[0].R.shape[1]
-    parts, floor = [], 0.0
+    parts, squared = [], 0.0
     for block, count in zip(blocks, counts, strict=True):
         if count:
             parts.append(np.sqrt(count) * np.column_stack([block.R, block.rho]))
-            floor += count * block.floor**2
+            squared += count * block.residual_norm**2
     triangle = triangular(parts)
     rest = float(triangle[p, p] ** 2) if len(triangle) > p else 0.0
     tau_squared = float(sum(c * b.tau_squared for b, c in zip(blocks, counts, strict=True)))
     rows = int(sum(c * b.rows for b, c in zip(blocks, counts, strict=True)))
     return LeastSquares(
-        np.ascontiguousarray(triangle[:p, :p]), triangle[:p, p].copy(), float(np.sqrt(floor + rest)),
+        np.ascontiguousarray(triangle[:p, :p]),
+        triangle[:p, p].copy(),
+        float(np.sqrt(squared + rest)),
         tau_squared, rows,
     )  # fmt: skip
 

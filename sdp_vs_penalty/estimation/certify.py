@@ -149,7 +149,7 @@ def covariance(data: LeastSquares, oversampling: float) -> Array:
     u, s, vt = np.linalg.svd(data.R[:, visible] / norms[visible], full_matrices=False)
     good = s > 1e-9 * s[0]
     residual = data.rho - u[:, good] @ (u[:, good].T @ data.rho)
-    loss = float(residual @ residual) + data.floor**2
+    loss = float(residual @ residual) + data.residual_norm**2
     variance = loss / max(data.rows - oversampling * int(good.sum()), 1.0) * oversampling
     # A parameter is determined if its unit vector lies in the row space of R.
     inside = np.sum(vt[good] ** 2, axis=0) > 1.0 - 1e-9

@@ -120,10 +120,10 @@ def with_reference(
     reference = np.zeros(len(model.parameters))
     for k in range(passes):
         progress(f"the current model, pass {k + 1} of {passes}")
-        part = model.independent if k == 0 else replace(model, reference=reference)
+        part = model.reference_free if k == 0 else replace(model, reference=reference)
         regression = compress(measurements, part, settings)
         theta = make_task(problem, part, regression, weighting).ols
-        free = theta if k == 0 else theta[model.independent_indices]
+        free = theta if k == 0 else theta[model.reference_free_indices]
         reference = np.zeros(len(model.parameters))
-        reference[model.independent_indices] = free
+        reference[model.reference_free_indices] = free
     return replace(model, reference=reference)

@@ -28,7 +28,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.base_parameters import base_parameters, base_parameters_of
 from sdp_vs_penalty.regression.regression import Regression, compress, nearest_least_squares
 
 Array = NDArray[np.float64]
@@ -211,8 +211,8 @@ def of_regression(
 
 
 def _verdict(half: float, value: float, largest: float) -> str:
-    for (own, floor), verdict in ((_IDENTIFIABLE, IDENTIFIABLE), (_WEAKLY, WEAKLY)):
-        if half <= max(own * min(value, largest), floor * largest if np.isfinite(largest) else 0.0):
+    for (own, absolute), verdict in ((_IDENTIFIABLE, IDENTIFIABLE), (_WEAKLY, WEAKLY)):
+        if half <= max(own * min(value, largest), absolute * largest if np.isfinite(largest) else 0.0):
             return verdict
     return NOT_SEEN
 
@@ -276,12 +276,11 @@ def _base(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
     rows, leading = [np.eye(p)[others]], others.tolist()
     if len(model.rigid_indices) and rotors:
         # A rotor acts like inertia of the first links: their common combinations are what counts.
-        solid = np.concatenate([model.rigid_indices, rotors])
-        matrix, kept = _numerical_base(model, solid)
+        matrix, solid, kept = base_parameters_of(model, ("rigid_body", "rotor_inertia"))
         rest = np.setdiff1d(others, rotors)
         wide = np.zeros((len(matrix), p))
         wide[:, solid] = matrix
-        rows, leading = [wide, np.eye(p)[rest]], [*(int(solid[k]) for k in kept), *rest.tolist()]
+        rows, leading = [wide, np.eye(p)[rest]], [*kept, *rest.tolist()]
     elif len(model.rigid_indices):
         try:
             matrix, kept_rigid = base_parameters(model, problem.independent)
@@ -298,29 +297,6 @@ def _base(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
         alone = np.count_nonzero(row) == 1
         names.append(parameter.name if alone else f"{parameter.name} + ...")
     return stacked, names, leading
-
-
-def _numerical_base(model: Model, chosen: NDArray[np.intp]) -> tuple[Array, list[int]]:
-    """B (b, k) and the independent ones of the chosen parameters, from the columns of random states."""
-    n = model.robot.n
-    rng = np.random.default_rng(0)
-    q = model.robot.random_configurations(20 * n + 100, 0)
-    dq, ddq = rng.normal(size=(2, len(q), n))
-    stacked = np.zeros((len(q), n, len(model.parameters)))
-    plain = Model(
-        model.robot, tuple(e for e in model.effects if e.name in ("rigid_body", "rotor_inertia"))
-    )
-    names = [p.name for p in model.parameters]
-    place = np.array([names.index(p.name) for p in plain.parameters])
-    for j, block in enumerate(plain.columns(Motion(np.zeros(len(q)), q, dq, ddq))):
-        stacked[:, j, place[block.indices]] = block.columns
-    tall = stacked.reshape(-1, len(model.parameters))[:, chosen]
-    norms = np.linalg.norm(tall, axis=0)
-    unit = np.where(norms > 1e-10 * norms.max(), tall / np.where(norms > 0.0, norms, 1.0), 0.0)
-    _, r, pivots = scipy.linalg.qr(unit, mode="economic", pivoting=True)
-    kept = sorted(int(k) for k in pivots[: int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))])
-    matrix = np.linalg.lstsq(tall[:, kept], tall, rcond=None)[0]
-    return np.where(np.abs(matrix) < 1e-10, 0.0, matrix), kept
 
 
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:

@@ -168,7 +168,7 @@ class _Search:
         certified lower bound makes t one. Optimality-based bound tightening of global optimisation.
         """
         data = self.task.data
-        room = np.sqrt(max(self.best[0] - data.floor**2, 0.0) * (1.0 + 1e-6))
+        room = np.sqrt(max(self.best[0] - data.residual_norm**2, 0.0) * (1.0 + 1e-6))
         rows = np.vstack([np.zeros(data.R.shape[1]), data.R]).T
         offset = np.concatenate([[room], -data.rho])
         everything = np.arange(data.R.shape[1])

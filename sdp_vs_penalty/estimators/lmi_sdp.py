@@ -1,6 +1,6 @@
 """The convex estimator: least squares subject to linear matrix inequalities, in one step.
 
-    minimise |R theta - rho|^2 + floor^2   subject to   P_i(theta) >= 0, bounds, signs
+    minimise |R theta - rho|^2 + residual_norm^2   subject to   P_i(theta) >= 0, bounds, signs
 
 (Sousa, Cortesao, IJRR 2014, with the 4x4 pseudo-inertia of Wensing et al. 2018, which contains the
 triangle inequalities). Plain, its optimum makes rods of most links: torque data hardly see

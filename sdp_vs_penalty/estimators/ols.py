@@ -54,8 +54,8 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     seen = norms > 1e-10 * norms.max(initial=0.0)
     _, s, vt = np.linalg.svd(w[:, seen] / norms[seen], full_matrices=False)
     good = s > _RANK_TOLERANCE * s[0]
-    independent = max(task.data.rows / oversampling - int(good.sum()), 1.0)
-    variance = task.data.loss(task.ols) / independent
+    degrees = max(task.data.rows / oversampling - int(good.sum()), 1.0)
+    variance = task.data.loss(task.ols) / degrees
     # diag((W^T W)^-1) on the row space; a parameter outside it, even in part, is undetermined.
     spread = np.sum((vt[good] / s[good, None]) ** 2, axis=0)
     inside = np.sum(vt[good] ** 2, axis=0) > 1.0 - 1e-6

@@ -184,7 +184,7 @@ class PenalisedLoss:
         p = self.p(u)
         theta = self.box.theta(p)
         residual = self.data.R @ theta - self.data.rho
-        value = float(residual @ residual) + self.data.floor**2
+        value = float(residual @ residual) + self.data.residual_norm**2
         gradient = self.box.pull_back(p, 2.0 * (residual @ self.data.R))
         if weight != 0.0:
             slope = np.zeros_like(p)

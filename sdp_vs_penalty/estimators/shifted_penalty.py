@@ -98,11 +98,14 @@ class AffinePart:
 
 @dataclass(frozen=True)
 class ShiftedPenalty:
-    """L(x; S, w) with f(x) = |R x - rho|^2 + floor^2, all scaled. ``shifts`` has one array a part."""
+    """L(x; S, w) with f(x) = |R x - rho|^2 + residual_norm^2, all scaled.
+
+    ``shifts`` has one array a part.
+    """
 
     R: Array
     rho: Array
-    floor_squared: float
+    constant: float
     parts: tuple[Part, ...]
     reach: Array  # (p,) a step longer than this in some x_k cannot be needed
 
@@ -121,7 +124,7 @@ class ShiftedPenalty:
     ) -> tuple[float, Array]:
         """L and its gradient 2 R^T (R x - rho) - sum_i J_i^T Pi_K(S_i - w F_i)."""
         residual = self.R @ x - self.rho
-        value = float(residual @ residual) + self.floor_squared
+        value = float(residual @ residual) + self.constant
         gradient = 2.0 * (residual @ self.R)
         for part, shift in zip(self.parts, shifts, strict=True):
             z = project(part.cone, shift - weight * part.values(x))
@@ -239,6 +242,6 @@ def _largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
 
 
 def scaled_loss(data: LeastSquares, theta_scale: Array, loss_scale: float) -> tuple[Array, Array, float]:
-    """R, rho and floor^2 of loss / loss_scale in x = theta / theta_scale."""
+    """R, rho and residual_norm^2 of loss / loss_scale in x = theta / theta_scale."""
     root = np.sqrt(loss_scale)
-    return data.R * theta_scale / root, data.rho / root, data.floor**2 / loss_scale
+    return data.R * theta_scale / root, data.rho / root, data.residual_norm**2 / loss_scale

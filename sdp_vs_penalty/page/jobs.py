@@ -35,7 +35,6 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 #: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
 #: between, so that no filter sees both.
 SPLIT, _PAUSE = 0.7, 0.5
-
 Request = Mapping[str, Any]
 Answer = dict[str, Any]
 Progress = Callable[[str], None]

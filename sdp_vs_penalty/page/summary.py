@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty.constraints.constraint import BarycentricBound
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
-from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
+from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress
@@ -81,10 +81,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     """
     train, test, judge = given.train, given.test, given.judge
     progress("comparing measured with modelled")
-    comparison = compare({"model": estimate}, judge)[0]
-    if comparison.noise_floor is None:  # no motion repeats there: perhaps in all of the data
-        known = compare({"model": estimate}, given.whole)[0].noise_floor
-        comparison = replace(comparison, noise_floor=known)
+    comparison = compare({"model": estimate}, judge, noise_from=given.whole)[0]
     settings = estimate.preprocessing.resolve(judge)
     arrays = {}
     runs = [*train.runs(), *([] if test is None else test.runs())]
@@ -95,7 +92,9 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         arrays[f"modelled{k}"] = predicted(rows, estimate.theta).astype(np.float32)
     progress("looking where it fails")
     try:
-        failures = [f.to_dict() for f in where_it_fails(estimate, judge)]
+        found = where_it_fails(estimate, judge, noise_from=given.whole)
+        units = estimate.robot.torque_units
+        failures = [{**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])} for f in found]
     except InputError:  # too short to say: the errors stand on their own
         failures = []
     buffer = io.BytesIO()

@@ -37,12 +37,6 @@ _SLOPES = (4.0, 10.0, 25.0)
 _SLOPE_RANGE, _SHIFT_RANGE = (0.1, 500.0), (-0.5, 0.5)
 
 
-def friction(phi: Array, dq: Array) -> Array:
-    """f (N, n) for phi (n, 3) at velocities dq (N, n)."""
-    amplitude, slope, shift = phi.T
-    return np.asarray(amplitude * (expit(slope * (dq + shift)) - expit(slope * shift)))
-
-
 class SigmoidLinearised(Effect):
     """f / phi_1 and its derivatives by phi_2 and phi_3 at given phi: three columns a joint.
 
@@ -121,13 +115,13 @@ def fit_sigmoid(
     if len(data.torque) / oversampling < data.rigid.shape[2] + 3:
         raise InputError("Too few samples to fit rigid model and sigmoid friction: record longer.")
     n = problem.robot.n
-    # A rounding floor, so that data without noise are not weighted by rounding.
-    floor = 1e-12 * float(np.abs(data.torque).max())
+    # What rounding leaves, so that data without noise are not weighted by rounding.
+    rounding = 1e-12 * float(np.abs(data.torque).max())
     weights, shapes = np.ones(n), data.start()
     for _ in range(2):
         shapes = data.minimise(shapes, weights)
         _, residual, _ = data.project(shapes, weights)
-        rms = np.sqrt(np.mean((residual / weights) ** 2, axis=0)) + floor
+        rms = np.sqrt(np.mean((residual / weights) ** 2, axis=0)) + rounding
         weights = float(np.exp(np.mean(np.log(rms)))) / rms
     linear, residual, probes = data.project(shapes, weights)
     phi = np.column_stack([linear[-n:], shapes])

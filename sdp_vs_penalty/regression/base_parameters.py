@@ -8,10 +8,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.inertia import parameter_names
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -27,29 +29,62 @@ def base_parameters(
     indices of theta_b. Raises InputError where those named are not independent.
     """
     robot = model.robot
-    rng = np.random.default_rng(seed)
+    motion = _random_motion(robot, seed)
+    stacked = robot.regressor(motion.q, motion.dq, motion.ddq).reshape(-1, 10 * robot.n)
+    if independent is None:
+        return _base_of(stacked)
+    rigid = [model.parameters[k].name for k in model.rigid_indices]
+    for name in independent:
+        if name not in rigid:
+            raise InputError(f"base_parameters: {name!r} is not a parameter of a link, like Izz1.")
+    return _base_of(stacked, tuple(rigid.index(name) for name in independent))
+
+
+def base_parameters_of(
+    model: Model, effects: Sequence[str]
+) -> tuple[Array, NDArray[np.intp], list[int]]:
+    """The same of several effects together, such as links and the rotors that act like their inertia.
+
+    Returns B (b, k), where its k parameters sit in theta, and where the b independent ones do.
+    """
+    part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
+    names = [p.name for p in model.parameters]
+    places = np.array([names.index(p.name) for p in part.parameters])
+    motion = _random_motion(model.robot, 0)
+    stacked = np.zeros((len(motion.t), model.robot.n, len(places)))
+    for j, block in enumerate(part.columns(motion)):
+        stacked[:, j, block.indices] = block.columns
+    # Of columns that stand for each other the first leads, whatever rounding says: links before rotors.
+    preference = np.linspace(1.0, 1.0 - 1e-4, len(places))
+    base, kept = _base_of(stacked.reshape(-1, len(places)), preference=preference)
+    return base, places, [int(places[k]) for k in kept]
+
+
+def _random_motion(robot: Robot, seed: int) -> Motion:
+    """States enough to tell apart whatever can be told apart."""
     count = 20 * robot.n + 100
     q = robot.random_configurations(count, seed)
-    dq, ddq = rng.normal(size=(2, count, robot.n))
-    stacked = robot.regressor(q, dq, ddq).reshape(-1, 10 * robot.n)
+    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n))
+    return Motion(np.zeros(count), q, dq, ddq)
+
+
+def _base_of(
+    stacked: Array, kept: tuple[int, ...] | None = None, preference: Array | float = 1.0
+) -> tuple[Array, tuple[int, ...]]:
+    """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted QR chooses of
+    them, at unit norm times ``preference`` (k,)."""
     norms = np.linalg.norm(stacked, axis=0)
     unseen = norms <= 1e-10 * norms.max()
-    scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms))
+    scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms)) * preference
     _, r, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))
-    if independent is None:
+    if kept is None:
         kept = tuple(sorted(int(k) for k in pivots[:rank]))
-    else:
-        rigid = [model.parameters[k].name for k in model.rigid_indices]
-        for name in independent:
-            if name not in rigid:
-                raise InputError(f"base_parameters: {name!r} is not a parameter of a link, like Izz1.")
-        kept = tuple(rigid.index(name) for name in independent)
-        if len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
-            raise InputError(
-                f"base_parameters: the {len(kept)} named are not the robot's {rank} independent ones: "
-                "leave the list out to let the program choose."
-            )
+    elif len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
+        raise InputError(
+            f"base_parameters: the {len(kept)} named are not the robot's {rank} independent ones: "
+            "leave the list out to let the program choose."
+        )
     dependence = np.asarray(np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float)
     dependence[np.abs(dependence) < 1e-10] = 0.0
     return dependence, kept

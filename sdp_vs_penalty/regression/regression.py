@@ -2,11 +2,11 @@
 
 For the rows Y theta = tau of one joint in one block, the QR factorisation
 
-    [Y  tau] = Q [[R, rho], [0, floor]]
+    [Y  tau] = Q [[R, rho], [0, residual_norm]]
 
 keeps everything that least squares can ask:
-|Y theta - tau|^2 = |R theta - rho|^2 + floor^2 for every theta. Factors merge by factorising their
-stack, so that joint weights, cross-validation over blocks, bootstrap and measurements from many
+|Y theta - tau|^2 = |R theta - rho|^2 + residual_norm^2 for every theta. Factors merge by factorising
+their stack, so that joint weights, cross-validation over blocks, bootstrap and measurements from many
 files cost no pass over the samples.
 """
 
@@ -49,20 +49,20 @@ class TimeBlock:
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """The whole data as one problem: loss(theta) = |R theta - rho|^2 + floor^2 [(N m)^2].
+    """The whole data as one problem: loss(theta) = |R theta - rho|^2 + residual_norm^2 [(N m)^2].
 
-    R (r, p), rho (r,), floor >= 0, tau_squared = |tau|^2 (weighted), rows: how many rows it holds.
+    R (r, p), rho (r,), residual_norm >= 0, tau_squared = |tau|^2 (weighted), rows: how many it holds.
     """
 
     R: Array
     rho: Array
-    floor: float
+    residual_norm: float
     tau_squared: float
     rows: int
 
     def loss(self, theta: ArrayLike) -> float:
         residual = self.R @ np.asarray(theta, float) - self.rho
-        return float(residual @ residual) + self.floor**2
+        return float(residual @ residual) + self.residual_norm**2
 
     def gradient(self, theta: ArrayLike) -> Array:
         return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
@@ -73,7 +73,7 @@ class LeastSquares:
         p = len(size)
         rows = np.zeros((p, p + 1))
         rows[:, :p] = np.diag(np.sqrt(weight) / size)
-        end = np.append(np.zeros(p), self.floor)[None, :]
+        end = np.append(np.zeros(p), self.residual_norm)[None, :]
         r = triangular([np.column_stack([self.R, self.rho]), end, rows])
         top = r[:p]
         return LeastSquares(
@@ -166,12 +166,12 @@ class Regression:
             stack.append(scale[factor.joint] * wide)
             rows += factor.rows
         triangle = triangular(stack)
-        floor = float(abs(triangle[self.p, self.p])) if len(triangle) > self.p else 0.0
+        residual_norm = float(abs(triangle[self.p, self.p])) if len(triangle) > self.p else 0.0
         top = triangle[: self.p]
         return LeastSquares(
             np.ascontiguousarray(top[:, :-1]),
             top[:, -1].copy(),
-            floor,
+            residual_norm,
             float(triangle[:, -1] @ triangle[:, -1]),
             rows,
         )

@@ -88,7 +88,7 @@ def make_report(
         for name, e in models.items()
     }
     progress("looking where it fails")
-    failures = where_it_fails(last, measurements)
+    failures = where_it_fails(last, measurements, settings)
     progress("bootstrapping")
     material = Material(
         models,

@@ -73,7 +73,7 @@ def data_check(material: Material) -> Section:
         parts.append(f"<h3>{escape(report.run)}</h3>")
         if not problems:
             parts.append(text("No problems found."))
-        for f in report.findings:
+        for f in report.issues:
             parts.append(
                 f'<div class="finding {escape(f.severity)}"><b>{escape(f.kind)}</b> '
                 f"({escape(f.where)}): {escape(f.what)} <span>How sure: {escape(f.certainty)}. "

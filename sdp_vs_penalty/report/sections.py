@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.report.plots import POINTS, Curves, ladder_figure, torque_figure
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
@@ -140,26 +141,11 @@ def failures(material: Material) -> Section:
     """What the error of the last model looks like, joint by joint."""
     rows = []
     for f in material.failures:
-        best = sorted(f.shares.items(), key=lambda item: -item[1])[:3]
-        said = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in best if share > 0.01)
-        rows.append(
-            (
-                str(f.joint),
-                said or "nothing above 1 %",
-                number(f.rmse),
-                number(f.noise_floor),
-                number(f.reversal_lift, 3),
-            )
-        )
-    heads = (
-        "joint",
-        "a smooth function of this explains (held out)",
-        "RMS error",
-        "noise",
-        "at reversals",
-    )
+        said = " ".join(sentences(f, material.last.robot.torque_units[f.joint - 1]))
+        rows.append((str(f.joint), said, number(f.rmse), number(f.noise_floor)))
+    heads = ("joint", "where", "RMS error", "noise floor")
     body = text(
-        f"Of the error of {material.last_name}: which quantity it depends on, and how much larger it is "
-        "within 0.15 s of a joint's reversal than elsewhere. `sdp-vs-penalty diagnose` names causes."
+        f"How much of the error of {material.last_name} a smooth function of each quantity explains on "
+        "held-out data, and where it is large. `sdp-vs-penalty diagnose` names causes."
     )
     return Section("failures", "Where it fails", body + table(heads, rows, numbers_from=2))

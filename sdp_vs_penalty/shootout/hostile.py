@@ -69,7 +69,7 @@ def rank_deficient(name: str) -> Instance:
     few = LeastSquares(
         keep,
         data.rho[:: max(1, len(data.R) // 20)],
-        data.floor,
+        data.residual_norm,
         data.tau_squared,
         data.rows,
     )

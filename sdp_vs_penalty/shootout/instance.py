@@ -97,7 +97,7 @@ class Instance:
         size = np.sqrt(data.tau_squared) or 1.0
         cosines = np.where(norms > 0.0, data.R.T @ data.rho / seen / size, 0.0)
         digest.update((np.round(cosines, 7) + 0.0).tobytes())
-        arrays = [norms, np.array([data.tau_squared, data.floor]), self.task.bound]
+        arrays = [norms, np.array([data.tau_squared, data.residual_norm]), self.task.bound]
         for c in self.constraints.convex:
             digest.update(f"{c.family} {c.name} {c.cone} {c.indices.tolist()}".encode())
             arrays += [c.constant, c.coefficients]
@@ -131,7 +131,7 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
     changed = LeastSquares(
         torque * data.R / factor,
         torque * data.rho,
-        torque * data.floor,
+        torque * data.residual_norm,
         torque**2 * data.tau_squared,
         data.rows,
     )

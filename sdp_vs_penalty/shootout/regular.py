@@ -188,10 +188,10 @@ def chain_task(n: int, samples: int = 60) -> Task:
         stack.append(wide)
         rows += samples
     triangle = triangular(stack)
-    floor = float(abs(triangle[p, p])) if len(triangle) > p else 0.0
+    residual_norm = float(abs(triangle[p, p])) if len(triangle) > p else 0.0
     rho = triangle[:p, p].copy()
     torque_squared = float(triangle[:, p] @ triangle[:, p])
-    data = LeastSquares(np.ascontiguousarray(triangle[:p, :p]), rho, floor, torque_squared, rows)
+    data = LeastSquares(np.ascontiguousarray(triangle[:p, :p]), rho, residual_norm, torque_squared, rows)
     return Task(
         model,
         data,

@@ -17,7 +17,7 @@ from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.shootout.contestants import Contestant, chosen
 from sdp_vs_penalty.shootout.instances import GROUPS, Entry, instance, selected
 from sdp_vs_penalty.shootout.results import Results
-from sdp_vs_penalty.shootout.work import Task, perform
+from sdp_vs_penalty.shootout.work import Assignment, perform
 
 ACCURACIES = (1e-4, 1e-6, 1e-8)
 Progress = Callable[[str, int, int], None]
@@ -141,7 +141,7 @@ def _pending(
     contestants: Sequence[Contestant],
     references: dict[str, dict[str, Any]],
     results: Results,
-) -> tuple[list[Task], list[tuple[str, str, str]]]:
+) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
     done = results.keys
     tasks, left_out = [], []
     for entry in entries:
@@ -180,8 +180,10 @@ def _task(
     settings: tuple[str, ...],
     digest: str,
     known: dict[str, Any] | None,
-) -> Task:
-    return Task(problem, solver, accuracies, settings, digest, known, setup.time_limit, setup.memory)
+) -> Assignment:
+    return Assignment(
+        problem, solver, accuracies, settings, digest, known, setup.time_limit, setup.memory
+    )
 
 
 @contextmanager

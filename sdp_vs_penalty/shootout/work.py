@@ -20,7 +20,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Task:
+class Assignment:
     """Runs of one solver on one problem, or (solver "") the proof of the problem's interval."""
 
     problem: str
@@ -92,7 +92,7 @@ def nursery() -> Nursery:
     return found
 
 
-def perform(task: Task) -> tuple[Task, list[Row]]:
+def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
     """Do a task here; what a worker of any kind calls."""
     try:
         if not task.solver:
@@ -103,7 +103,7 @@ def perform(task: Task) -> tuple[Task, list[Row]]:
         return task, [{"error": str(error)}]
 
 
-def _runs(task: Task) -> Iterator[Row]:
+def _runs(task: Assignment) -> Iterator[Row]:
     stopped = ""
     for accuracy, settings in zip(task.accuracies, task.settings, strict=True):
         if stopped:

@@ -41,7 +41,7 @@ class Kernel(LowPass):
     """
 
     def __init__(self, cutoff: float, dt: float) -> None:
-        self.dt = dt
+        self.cutoff, self.dt = cutoff, dt
         self.half = int(np.ceil(2.0 / cutoff / dt))
         support = (self.half + 1) * dt  # the window is zero one sample beyond the ends
         t = np.arange(-self.half, self.half + 1) * dt

@@ -1,112 +1,189 @@
-"""The noise floor of measured torque, from repetition: free of any model's error.
+"""The noise of measured torque, from repetition: free of any model's error.
 
 Where a motion repeats, a model's residual r repeats too, whatever the model gets wrong, and
-r(t) - r(t + T) holds nothing but twice the noise's variance.
+r(t) - r(t + T) holds only noise (twice), events, and what depends on time instead of motion: drift.
+Drift is taken out by regression on its columns, events by their local energy; what is left gives the
+noise floor and an autoregression that makes the noise white. r(t + T) is read by a cubic spline from
+samples at eight times the cut-off, at which the low-passed residual is a smooth curve: read between
+samples at its own rate, noise would be averaged and its floor too low.
+
+Where nothing repeats, the residual itself has to stand in, and what is called noise is a guess.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.signals.autoregression import ORDER, autoregression, beside, innovations
+from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
+from sdp_vs_penalty.signals.repetition import (
+    Repeat,
+    consecutive,
+    find_repeats,
+    later_rows,
+    new_differences,
+)
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
-#: Two stretches of motion count as repeated if their positions differ by less than this share of
-#: each joint's motion.
-_ALIKE = 0.01
-#: A joint that moves less than this share of the largest motion is compared with that instead.
-_IDLE = 1e-3
-#: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
-_SHORTEST = 2.0
+#: What the noise is known from.
+REPETITION, RESIDUAL = "repetition", "residual"
+#: Fewest differences from which a floor is believed.
+_FEWEST = 60
+#: Independent values that a median of squares is worth, a value: its efficiency.
+_MEDIAN_WORTH = 0.37
+#: Events are rare: what fills more than this share of the differences is noise of another kind.
+_MOST_EVENTS = 0.15
+#: Time constants [s] of the settling that drift is made of, beside a steady one.
+_SETTLING = (15.0, 60.0)
 
 
-def repeat_period(t: Array, q: Array) -> float | None:
-    """The period T [s] after which a run repeats its motion, or None where it does not.
+@dataclass(frozen=True)
+class Noise:
+    """The noise of each joint, below the cut-off of the runs that it was measured in.
 
-    t (M,) s and q (M, n) of one run; the last ``_SHORTEST`` seconds at least must overlap.
+    floor (n,) [N m or N]: its standard deviation; ar (n, ORDER) : autoregression; sigma (n,) : standard
+    deviation of the whitened noise; degrees (n,) of freedom behind it; source : REPETITION, or RESIDUAL
+    (a guess: the model's error is in it); suspect (M, n) : rows where the repetition shows an event;
+    profile (M, n) : how the motion swells the noise, around 1; repeats : what repeats what.
     """
-    span = t[-1] - t[0]
-    step = float(np.median(np.diff(t)))
-    grid = np.arange(t[0], t[-1], step)
-    scale = _scale(q)
-    if scale is None:
+
+    floor: Array
+    ar: Array
+    sigma: Array
+    degrees: Array
+    source: str
+    suspect: NDArray[np.bool_]
+    profile: Array
+    repeats: tuple[Repeat, ...] = ()
+
+    @property
+    def measured_floor(self) -> Array | None:
+        """The floor where repetition shows it; None where it is a guess."""
+        return self.floor if self.source == REPETITION else None
+
+    def whiten(self, values: Array, joint: int, pieces: Sequence[NDArray[np.intp]]) -> Array:
+        """(M, k) columns or (M,) a series, filtered to white noise of unit variance.
+
+        The first ORDER rows of each piece have no past and become zero.
+        """
+        if not values.any():
+            return np.zeros_like(values)
+        white = innovations(values, self.ar[joint], pieces)
+        scale = self.sigma[joint] * self.profile[:, joint]
+        return white / (scale if values.ndim == 1 else scale[:, None])
+
+
+def noise_floor(runs: SegmentedRuns) -> Array | None:
+    """Standard deviation (n,) of the torque noise below ``runs.cutoff`` [N m or N]; None where too
+    little repeats. ``runs`` carry a model, of which only what repeats must be right."""
+    noise = _from_repetition(runs, runs.residual) if runs.segments else None
+    return None if noise is None else noise.floor
+
+
+def noise_of(runs: SegmentedRuns) -> Noise:
+    """The noise from repetition; from the model's residual where too little repeats."""
+    residual = runs.residual
+    return _from_repetition(runs, residual) or noise_in(runs, residual)
+
+
+def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
+    """A guess: all of a residual (M, n) taken for noise."""
+    n = runs.n
+    parts = [autoregression(residual[:, j], runs.pieces(j)) for j in range(n)]
+    ar, sigma, degrees = (np.array(values) for values in zip(*parts, strict=True))
+    keep = runs.keep
+    floor = np.array([residual[keep[:, j], j].std() for j in range(n)])
+    suspect = np.zeros_like(keep)
+    return Noise(floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual))
+
+
+def _from_repetition(runs: SegmentedRuns, residual: Array) -> Noise | None:
+    repeats = find_repeats(runs)
+    if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
-    x = np.column_stack([np.interp(grid, t, column) for column in (q / scale).T])
-    lags = np.arange(max(1, int(0.5 / step)), int((span - _SHORTEST) / step))
-    if len(lags) < 3:
-        return None
-    errors = _differences(x - x.mean(axis=0), lags)
-    # The first valley that reaches the ground, not its multiples. Between two lags the difference
-    # grows linearly, its square has the vertex of a parabola.
-    squares = errors**2
-    left, middle, right = squares[:-2], squares[1:-1], squares[2:]
-    bend = left - 2.0 * middle + right
-    valley = (middle <= left) & (middle <= right) & (bend > 0.0)
-    shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
-    ground = middle - 0.25 * (left - right) * shift
-    for k in np.flatnonzero(valley & (ground < (2.0 * _ALIKE) ** 2)):
-        period = float((lags[k + 1] + shift[k]) * step)
-        late = t >= t[0] + period
-        back = np.column_stack([np.interp(t[late] - period, t, column) for column in q.T])
-        if _alike(q[late], back, scale):
-            return period
-    return None
+    n = runs.n
+    difference = _differences(runs, residual, repeats)
+    index = np.concatenate([r.rows for r in repeats])
+    gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
+    pieces = consecutive(repeats)
+    share = min(1.0, new_differences(runs, repeats) / len(index))
+    t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
+    profile, suspect = np.ones_like(residual), np.zeros(residual.shape, bool)
+    floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
+    for j in range(n):
+        drift = _drift_columns(t, gap, speed[:, j])
+        rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
+        steady = [p[good[p]] for p in pieces]
+        floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
+        degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
+        # Known on the rows that repeat, wanted on all.
+        profile[:, j] = noise_profile(innovations(rest, ar[j], steady), rates[j][index], rates[j])
+        floor[j] *= np.sqrt(np.mean(profile[runs.keep[:, j], j] ** 2))
+        suspect[index[~good], j] = True
+        _mark_later(runs, repeats, good, j, suspect)
+    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, repeats)
 
 
-def _scale(q: Array) -> Array | None:
-    """(n,) size of each joint's motion, so that a small one counts too; None for no motion at all."""
-    size = q.std(axis=0)
-    return np.maximum(size, _IDLE * size.max()) if size.max() > 0.0 else None
+def _differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat]) -> Array:
+    """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
+    dense = [CubicSpline(s.t_dense, r) for s, r in zip(runs.segments, runs.dense_residuals, strict=True)]
+    parts = [residual[r.rows] - dense[r.other](r.later) for r in repeats]
+    return np.concatenate(parts) / np.sqrt(2.0)
 
 
-def _alike(q: Array, other: Array, scale: Array) -> bool:
-    return bool(np.sqrt(np.mean(((q - other) / scale) ** 2)) < _ALIKE)
+def _without_events(
+    x: Array, drift: Array, rates: Array, pieces: Sequence[NDArray[np.intp]], tests: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """What the drift leaves of differences x (D,), and which of them are no event's; in turns, because
+    each spoils the other."""
+    good = np.ones(len(x), bool)
+    for _ in range(3):
+        rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        ar = autoregression(rest, [p[good[p]] for p in pieces])[0]
+        white = innovations(rest, ar, pieces)
+        white /= noise_profile(white, rates, rates)
+        white /= max(robust_scale(white[white != 0.0]), 1e-12)
+        good = ~local_excess(white, pieces, tests, _MEDIAN_WORTH * len(x))
+        if good.mean() < 1.0 - _MOST_EVENTS:
+            good[:] = True  # noise that is not stationary, rather than an event
+    return rest, good
 
 
-def _differences(x: Array, lags: NDArray[np.int64]) -> Array:
-    """Root mean square of x[k + lag] - x[k] for each lag, by one correlation."""
-    n = len(x)
-    length = scipy.fft.next_fast_len(2 * n)
-    spectrum = scipy.fft.rfft(x, length, axis=0)
-    products = scipy.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1), length)[lags]
-    squares = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
-    total = squares[n - lags] + (squares[n] - squares[lags]) - 2.0 * products
-    return np.asarray(np.sqrt(np.maximum(total, 0.0) / ((n - lags) * x.shape[1])))
+def _mark_later(
+    runs: SegmentedRuns, repeats: Sequence[Repeat], good: NDArray[np.bool_], joint: int, suspect: Array
+) -> None:
+    """An event of a difference may have happened at either instant: mark the later one too."""
+    first = 0
+    for r in repeats:
+        bad = ~good[first : first + len(r.rows)]
+        first += len(r.rows)
+        suspect[later_rows(runs, r)[bad], joint] = True
 
 
-def noise_floor(runs: Sequence[tuple[Array, Array, Array]]) -> Array | None:
-    """Standard deviation (n,) of the torque noise from runs (t, q, residual); None without repeats.
-
-    Repeats are looked for inside each run (a periodic motion) and between runs (the same motion
-    again, counted from each run's own start).
-    """
-    squares: list[Array] = []
-    for t, q, residual in runs:
-        period = repeat_period(t, q)
-        if period is not None:
-            late = t >= t[0] + period
-            squares.append(_difference(t[late] - period, residual[late], t, residual))
-    for first in range(len(runs)):
-        for second in range(first + 1, len(runs)):
-            t1, q1, r1 = runs[first]
-            t2, q2, r2 = runs[second]
-            clock = t1 - t1[0] + t2[0]
-            shared = clock <= t2[-1]
-            if clock[shared][-1] - clock[0] < _SHORTEST:
-                continue
-            scale = _scale(q1)
-            other = np.column_stack([np.interp(clock[shared], t2, c) for c in q2.T])
-            if scale is not None and _alike(q1[shared], other, scale):
-                squares.append(_difference(clock[shared], r1[shared], t2, r2))
-    if not squares:
-        return None
-    return np.sqrt(np.concatenate(squares).mean(axis=0) / 2.0)
+def rate_features(runs: SegmentedRuns) -> Array:
+    """(n, M, 2): for each joint the squares of its modelled torque's rate and of its velocity."""
+    parts = []
+    for s in runs.segments:
+        rate = np.gradient(s.motion.model_torque, s.motion.t, axis=0)
+        parts.append(np.stack([s.low_pass @ rate, s.low_pass @ s.motion.dq], axis=2) ** 2)
+    return np.swapaxes(np.concatenate(parts), 0, 1)
 
 
-def _difference(t: Array, residual: Array, t_other: Array, other: Array) -> Array:
-    """Squared difference (M, n) of a residual and another one read at the instants t."""
-    read = np.column_stack([np.interp(t, t_other, column) for column in other.T])
-    return (residual - read) ** 2
+def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
+    """What drifting offsets and frictions leave in a difference of two instants."""
+    s = smooth_sign(dq)
+    start = t.min()
+    columns = [gap * x for x in (np.ones_like(t), s, dq)]
+    for T in _SETTLING:
+        decay = np.exp(-(t - start) / T) * -np.expm1(-gap / T)
+        columns += [decay, decay * s, decay * dq]
+    matrix = np.column_stack(columns)
+    return matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import linalg, signal
+from scipy import signal
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
@@ -167,33 +167,3 @@ def simulate(
 def _quantise(values: Array, step: Array) -> Array:
     unit = np.where(step > 0.0, step, 1.0)
     return np.where(step > 0.0, np.round(values / unit) * unit, values)
-
-
-def repetition_noise(
-    run: Measurements, period: float, rate: float, order: int = 4, edge: float = 0.7
-) -> tuple[Array, Array]:
-    """Standard deviation (n,) and autoregressive coefficients (n, order) of a log's torque noise.
-
-    From tau(t + T) - tau(t) over sqrt(2), for a motion with period T [s]: whatever a model would get
-    wrong repeats and drops out. Nearest samples are taken (interpolation would average noise away);
-    the first and last ``edge`` seconds, the blends, do not repeat and are left out.
-    Raises InputError where less than a second of the run repeats.
-    """
-    first, last = run.t[0] + edge, run.t[-1] - edge - period
-    if last - first < 1.0:
-        raise InputError(f"{run.names[0]}: less than one second repeats after {period:g} s.")
-    grid = np.arange(first, last, 1.0 / rate)
-    middle = 0.5 * (run.t[1:] + run.t[:-1])
-    early, late = (run.tau[np.searchsorted(middle, grid + shift)] for shift in (0.0, period))
-    noise = (late - early) / np.sqrt(2.0)
-    noise = noise - noise.mean(axis=0)
-    coefficients = []
-    for x in noise.T:
-        r = np.array([x[: len(x) - lag] @ x[lag:] for lag in range(order + 1)])
-        coefficients.append(linalg.solve_toeplitz(r[:order], r[1:]))
-    return noise.std(axis=0), np.array(coefficients)
-
-
-def step_size(values: ArrayLike) -> float:
-    """The smallest step between the different values of a quantised signal."""
-    return float(np.diff(np.unique(np.round(np.asarray(values, float), 7))).min())

@@ -237,7 +237,7 @@ class _Tangent:
     ) -> list[_Tangent]:
         """One for each of ``_CUTS`` that makes a difference."""
         data = objective.least_squares
-        constant, slope = data.floor**2, np.zeros(len(theta))
+        constant, slope = data.residual_norm**2, np.zeros(len(theta))
         used: list[Array] = []
         if objective.entropy is not None:
             entropy = objective.entropy

@@ -100,7 +100,7 @@ def _problem(
         "parameters": list(parameters),
         "R": _texts(data.R),
         "rho": _texts(data.rho),
-        "floor": _text(data.floor),
+        "floor": _text(data.residual_norm),
         "bound": _texts(bound),
         "constraints": [
             {

@@ -3,7 +3,7 @@
 In the manner of Jansson, Chaykin, Keil ("Rigorous error bounds for the optimal value in
 semidefinite programming", SIAM J. Numer. Anal. 2007): any numbers a solver returns are turned into
 a lower bound on the optimum over {theta feasible, |theta_k| <= B_k}, and into a point that is
-feasible beyond doubt, hence an upper bound. R, rho, floor and the constraint arrays are taken as
+feasible beyond doubt, hence an upper bound. R, rho, residual_norm and the constraint arrays are taken as
 exact, as the doubles they are.
 
 Lower side. A multiplier is used as V V^T, which is positive semidefinite whatever V's entries are,
@@ -169,8 +169,8 @@ def lower_bound(
 ) -> float:
     """A number that is certainly <= min objective over the constraints and |theta_k| <= bound_k.
 
-    f(theta) >= floor^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and all
-    S_i in their cones; what is left of the slope, e, costs |e|^T bound. y (r,) near the residual at
+    f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and
+    all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y (r,) near the residual at
     the optimum, multipliers near the dual optimum; correct (r, p) : a map from a leftover slope,
     times bound, to the shift of y that removes it, applied in extended precision.
     """
@@ -187,7 +187,7 @@ def lower_bound(
             leftover = affine.value + pull @ shifted
             shifted = shifted - correct @ np.asarray(bound * leftover, float)
     left = affine.slope + product(pull, shifted)
-    constant = affine.constant + product([Long(data.floor)], [Long(data.floor)])
+    constant = affine.constant + product([Long(data.residual_norm)], [Long(data.residual_norm)])
     constant = constant - product(2 * shifted, np.asarray(data.rho, Long))
     constant = constant - product(shifted, shifted)
     reach = product(left.magnitude(), np.asarray(bound, Long))
@@ -287,7 +287,7 @@ def upper_bound(objective: Objective, theta: Array) -> float:
     data = objective.least_squares
     residual = product(data.R, theta) - Enclosure.exact(data.rho)
     worst = residual.magnitude()
-    value = product(worst, worst) + product([Long(data.floor)], [Long(data.floor)])
+    value = product(worst, worst) + product([Long(data.residual_norm)], [Long(data.residual_norm)])
     if objective.entropy is not None:
         value = value + _entropy_value(objective.entropy, theta)
     return -_down(-value.upper)

@@ -506,8 +506,8 @@ def test_a_run_without_rows_is_named_once(
 def test_report_orders_by_gravity(simulated: tuple[Problem, Measurements]) -> None:
     problem, run = simulated
     report: Report = check(problem, flipped(3)(knocked(run)))[0]
-    assert [f.severity for f in report.findings] == sorted(
-        (f.severity for f in report.findings), key=("error", "warning", "note").index
+    assert [f.severity for f in report.issues] == sorted(
+        (f.severity for f in report.issues), key=("error", "warning", "note").index
     )
     assert report.to_dict()["findings"][0]["can_fix"] is True
 
@@ -559,7 +559,7 @@ def test_a_clock_in_another_unit_is_named_and_mended(
     report = check(problem, replace(run, t=CLOCKS[unit] * run.t), thorough=False)[0]
     wanted = {"time unit"} | ({"velocity channel"} if velocity == "deg/s" else set())
     assert {f.kind for f in report.problems} == wanted
-    assert unit in report.findings[0].what
+    assert unit in report.issues[0].what
     assert report.meaningless
     assert report.mended.t == pytest.approx(run.t)
 
@@ -569,5 +569,5 @@ def test_a_slow_log_keeps_its_seconds(simulated: tuple[Problem, Measurements]) -
     problem, run = simulated
     slow = replace(run, t=run.t[0] + 50.0 * (run.t - run.t[0]))
     for changed in (sparse(run), slow):
-        kinds = {f.kind for f in check(problem, changed, thorough=False)[0].findings}
+        kinds = {f.kind for f in check(problem, changed, thorough=False)[0].issues}
         assert "time unit" not in kinds

@@ -128,14 +128,14 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(
         (
             "mine.csv",
             "0.1,2,3\n0.2,2,3\n",
-            ["row 1 holds 3 numbers", "instead of a header", "convert --rename"],
+            ["3 numbers instead of a header", "convert --rename"],
         ),
         (
             "mine.csv",
             "0.1;2;3;4\n0.2;2;3;4\n",
-            ["row 1 holds 4 numbers", "instead of a header", "commas"],
+            ["4 numbers instead of a header", "commas"],
         ),
-        ("mine.csv", "0.1 2 -3e-4\n", ["row 1 holds 3 numbers", "instead of a header"]),
+        ("mine.csv", "0.1 2 -3e-4\n", ["row 1 holds 3 numbers instead of a header"]),
         ("mine.csv", "t;q1;tau1\n0;1;2\n", ["3 names by semicolons", "commas"]),
         ("mine.csv", "t\tq1\ttau1\n0\t1\t2\n", ["3 names by white space", "commas"]),
         ("ur-20_02_12-50sec_12harm.csv", "0.1,2\n", ["raw file", "sdp-vs-penalty fetch ur10e"]),

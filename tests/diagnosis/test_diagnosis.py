@@ -12,11 +12,11 @@ import pytest
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.whitening import noise_of
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.signals.noise import noise_of
 from sdp_vs_penalty.simulation.challenge.cases import disturbance
 from sdp_vs_penalty.simulation.challenge.challenge import quick_estimate
 from sdp_vs_penalty.simulation.experiment import experiment
@@ -128,7 +128,7 @@ def test_equal_runs_are_not_more_independent_than_their_number(two_link: Problem
     degrees = []
     for runs in (noisy[:2], noisy):
         rows = diagnosis_rows(concatenate(runs), estimate, estimate.preprocessing)
-        degrees.append(noise_of(rows, rows.dense_residuals, rows.residual).degrees[0])
+        degrees.append(noise_of(rows).degrees[0])
     rows_a_run = len(rows.t) / 4
     assert degrees[0] < 1.4 * rows_a_run  # the run repeats its own first third as well
     assert degrees[1] < 3.4 * rows_a_run
@@ -264,7 +264,7 @@ def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None
 
     def pick(joints: tuple[int, ...], whole: bool = False) -> Any:
         return SimpleNamespace(
-            hypothesis=SimpleNamespace(effect=SimpleNamespace(joints=joints, whole_robot=whole))
+            candidate=SimpleNamespace(effect=SimpleNamespace(joints=joints, whole_robot=whole))
         )
 
     before, after = np.array([1.0, 1.0, 1.0]), np.array([1.0, 0.9, 1.1])

@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from sdp_vs_penalty.diagnosis.autoregression import autoregression, beside
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, largest_wald, wald, wald_exponent
-from sdp_vs_penalty.diagnosis.events import local_excess, noise_profile, spectral_lines
-from sdp_vs_penalty.diagnosis.fit import Fit, Rows, Weighting, independent
+from sdp_vs_penalty.diagnosis.events import spectral_lines
+from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
+from sdp_vs_penalty.signals.autoregression import autoregression, beside
+from sdp_vs_penalty.signals.outliers import local_excess, noise_profile
 from sdp_vs_penalty.simulation.challenge.report import wilson
 
 Array = NDArray[np.float64]
@@ -19,9 +20,9 @@ Array = NDArray[np.float64]
 
 def problem(
     rng: np.random.Generator, n: int = 2, M: int = 240, p: int = 5, blocks: int = 24
-) -> tuple[Rows, Array, Array, Weighting]:
+) -> tuple[RowLabels, Array, Array, Weighting]:
     block = np.arange(M) * blocks // M
-    rows = Rows(n, block, block * 3 // blocks, np.full(n, float(M)))
+    rows = RowLabels(n, block, block * 3 // blocks, np.full(n, float(M)))
     A = rng.normal(size=(n * M, p))
     y = A @ rng.normal(size=p) + rng.normal(size=n * M)
     pieces = tuple((np.arange(M),) for _ in range(n))
@@ -35,7 +36,7 @@ def squared_residual(A: Array, y: Array) -> float:
 def test_partialled_chi2_is_the_drop_of_the_squared_residual() -> None:
     rng = np.random.default_rng(0)
     rows, A, y, weighting = problem(rng)
-    fit = Fit.of(rows, independent(A), y, weighting)
+    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
     for k in (1, 2, 4):
         Z = rng.normal(size=(len(y), k))
         C = fit.Q.T @ Z
@@ -50,7 +51,7 @@ def test_partialled_chi2_is_the_drop_of_the_squared_residual() -> None:
 def test_signs_and_absorbed_columns() -> None:
     rng = np.random.default_rng(1)
     rows, A, y, weighting = problem(rng)
-    fit = Fit.of(rows, independent(A), y, weighting)
+    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
     z = A @ rng.normal(size=(A.shape[1], 1))
     C = fit.Q.T @ z
     chi2, beta, absorbed = solve_group(
@@ -71,7 +72,7 @@ def test_cross_validation_is_refitting_without_each_fold() -> None:
     rows, A, y, weighting = problem(rng)
     z = rng.normal(size=(len(y), 1))
     y = y + 0.3 * z[:, 0]
-    fit = Fit.of(rows, independent(A), y, weighting)
+    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
     got = cross_validate(fit, [z], False, rows.fold)
     fold = np.tile(rows.fold, rows.n)
     gain = np.zeros(len(y))
@@ -90,7 +91,7 @@ def test_cross_validation_does_not_reward_noise() -> None:
     for seed in range(40):
         rng = np.random.default_rng(100 + seed)
         rows, A, y, weighting = problem(rng)
-        fit = Fit.of(rows, independent(A), y, weighting)
+        fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
         gains.append(cross_validate(fit, [rng.normal(size=(len(y), 2))], False, rows.fold).sum())
     assert np.mean(gains) < 0.0
 
@@ -102,7 +103,7 @@ def test_the_block_robust_test_keeps_its_level() -> None:
         rng = np.random.default_rng(1000 + seed)
         rows, A, _, weighting = problem(rng, M=480, blocks=48)
         level = rng.uniform(0.2, 1.5, rows.blocks)[np.tile(rows.block, rows.n)]
-        fit = Fit.of(rows, independent(A), level * rng.normal(size=len(level)), weighting)
+        fit = WhiteFit.of(rows, orthonormal(A), level * rng.normal(size=len(level)), weighting)
         z = level[:, None] * rng.normal(size=(len(level), 1))
         exponent = wald_exponent(BlockSums.of(fit, fit.partialled(z), 1))[0]
         alarms += exponent > 2.0
@@ -113,7 +114,7 @@ def test_the_block_robust_test_sees_an_effect_in_few_blocks() -> None:
     rng = np.random.default_rng(5)
     rows, A, y, weighting = problem(rng, M=480, blocks=48)
     z = np.where(np.tile(rows.block, rows.n) % 6 == 0, 1.0, 0.0)[:, None]
-    fit = Fit.of(rows, independent(A), y + 1.0 * z[:, 0], weighting)
+    fit = WhiteFit.of(rows, orthonormal(A), y + 1.0 * z[:, 0], weighting)
     assert wald_exponent(BlockSums.of(fit, fit.partialled(z), 1))[0] > 6.0
     two = np.column_stack([z, rng.normal(size=len(y))])
     assert wald_exponent(BlockSums.of(fit, fit.partialled(two), 2))[0] > 5.0
@@ -124,7 +125,7 @@ def test_random_signs_are_the_same_test_block_by_block(k: int) -> None:
     """The sums that make 200 draws cheap against flipping the scores of every draw."""
     rng = np.random.default_rng(11)
     rows, A, y, weighting = problem(rng, M=480, blocks=48)
-    fit = Fit.of(rows, independent(A), y, weighting)
+    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
     sums = BlockSums.of(fit, fit.partialled(rng.normal(size=(len(y), 5 * k))), k)
     signs = rng.choice([-1.0, 1.0], (20, rows.blocks))
     each = [wald(BlockSums(sums.scores * s[None, :, None], sums.grams)).max() for s in signs]
@@ -140,9 +141,9 @@ def test_evidence_prefers_fewer_columns_and_needs_more_than_chance() -> None:
 def test_the_likelihood_gain_is_chi2_near_the_noise_and_a_log_ratio_far_above() -> None:
     rng = np.random.default_rng(6)
     rows, A, y, weighting = problem(rng, n=1, M=2000)
-    quiet = Fit.of(rows, independent(A), 0.9 * y, weighting)
+    quiet = WhiteFit.of(rows, orthonormal(A), 0.9 * y, weighting)
     assert quiet.likelihood_gain(quiet.joint_chi2 - 10.0) == pytest.approx(10.0, rel=1e-6)
-    loud = Fit.of(rows, independent(A), 30.0 * y, weighting)
+    loud = WhiteFit.of(rows, orthonormal(A), 30.0 * y, weighting)
     expected = loud.degrees[0] * np.log(4.0)
     assert loud.likelihood_gain(loud.joint_chi2 / 4.0) == pytest.approx(expected, rel=1e-6)
 

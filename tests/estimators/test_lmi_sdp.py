@@ -246,7 +246,11 @@ def test_the_unit_of_torque_does_not_matter(factor: float, toy_task: Task) -> No
     """All rows in other units: the same parameters, the loss times the square."""
     data = toy_task.data
     scaled = LeastSquares(
-        factor * data.R, factor * data.rho, factor * data.floor, factor**2 * data.tau_squared, data.rows
+        factor * data.R,
+        factor * data.rho,
+        factor * data.residual_norm,
+        factor**2 * data.tau_squared,
+        data.rows,
     )
     fit = LmiSdp().fit(toy_task)
     other = LmiSdp().fit(replace(toy_task, data=scaled))

@@ -62,7 +62,7 @@ def cvxpy_model(
 
     root = np.sqrt(unit)
     residual = data.R / root @ cp.multiply(scale, x) + (data.R @ task.ols - data.rho) / root
-    value = cp.sum_squares(residual) + data.floor**2 / unit
+    value = cp.sum_squares(residual) + data.residual_norm**2 / unit
     constraints: list[Any] = []
     links = [Link.of(theta, indices) for indices in task.links]
     for number, link in enumerate(links):

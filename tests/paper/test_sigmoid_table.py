@@ -13,7 +13,6 @@ from sdp_vs_penalty.paper.sigmoid_friction import (
     coverage,
     exact_rows,
     fit_sigmoid,
-    friction,
     residual_rms,
 )
 from sdp_vs_penalty.problem.problem import Problem
@@ -34,26 +33,23 @@ def sampled(x: Experiment, step: float) -> tuple[Motion, np.ndarray]:
     return motion, np.sum([source(motion) for source in x.sources], axis=0)
 
 
-def test_the_formula_is_the_simulators(x: Experiment) -> None:
-    motion, _ = sampled(x, 0.1)
-    assert x.friction is not None
-    expected = sigmoid_friction(x.friction)(motion)
-    np.testing.assert_allclose(friction(x.friction, motion.dq), expected, atol=1e-14)
-
-
-def test_the_linearised_columns_are_its_derivatives(panda: Problem, x: Experiment) -> None:
+def test_the_linearised_columns_are_the_simulators_friction_and_its_derivatives(
+    panda: Problem, x: Experiment
+) -> None:
     motion, _ = sampled(x, 0.5)
     assert x.friction is not None
     robot: Robot = panda.robot
     shapes = x.friction[:, 1:]
     blocks = SigmoidLinearised(robot, shapes).blocks(motion)
+    unit = sigmoid_friction(np.column_stack([np.ones(robot.n), shapes]))(motion)
     for j, block in enumerate(blocks):
+        np.testing.assert_allclose(block.columns[:, 0], unit[:, j], atol=1e-14)
         for k, h in ((1, 1e-5), (2, 1e-7)):
             ends = []
             for sign in (1.0, -1.0):
                 phi = np.column_stack([np.ones(robot.n), shapes])
                 phi[j, k] += sign * h
-                ends.append(friction(phi, motion.dq)[:, j])
+                ends.append(sigmoid_friction(phi)(motion)[:, j])
             np.testing.assert_allclose(block.columns[:, k], (ends[0] - ends[1]) / (2 * h), atol=1e-6)
 
 

@@ -1,131 +1,130 @@
-"""The noise floor from repetition: the period, what counts as a repeat, and how large the noise is."""
+"""The noise floor: that of the true noise, whatever the model gets wrong and wherever samples fall."""
 
 from __future__ import annotations
 
-import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import signal
 
-from sdp_vs_penalty.signals.noise import _differences, noise_floor, repeat_period
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.signals.kernels import Kernel
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, noise_floor, noise_of
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
-seeds = st.integers(0, 2**32 - 1)
+Array = NDArray[np.float64]
+
+DT, CUTOFF, JOINTS = 4e-3, 8.0, 6
+SETTINGS = Preprocessing(5.0, CUTOFF)
 
 
-def periodic(rng: np.random.Generator, t: np.ndarray, period: float, joints: int = 3) -> np.ndarray:
-    """Five harmonics a joint (N, joints)."""
+def motion_of(t: Array, period: float) -> Array:
+    """Five harmonics a joint (N, JOINTS), the same at every call."""
+    rng = np.random.default_rng(7)
     w = 2.0 * np.pi / period * np.arange(1, 6)
-    a, b = rng.normal(size=(2, joints, 5)) / np.arange(1, 6)
-    return np.sin(np.outer(t, w)) @ a.T + np.cos(np.outer(t, w)) @ b.T
+    a, b = rng.normal(size=(2, JOINTS, 5)) / np.arange(1, 6)
+    return np.asarray(np.sin(np.outer(t, w)) @ a.T + np.cos(np.outer(t, w)) @ b.T)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
-@given(seeds, st.floats(4.0, 9.0))
-def test_the_period_is_found_between_the_samples(seed: int, period: float) -> None:
-    rng = np.random.default_rng(seed)
-    t = np.arange(3.0, 24.0, 0.031)
-    q = periodic(rng, t, period) + 1e-4 * rng.normal(size=(len(t), 3))
-    assert repeat_period(t, q) == pytest.approx(period, abs=2e-3)
+def run_of(
+    seed: int, period: float, seconds: float, ar: float = 0.0, first: float = 0.0
+) -> Measurements:
+    """A motion from its instant ``first`` on: its torque is error of the model, and AR(1) noise."""
+    t = np.arange(0.0, seconds, DT)
+    q = motion_of(t + first, period)
+    white = np.random.default_rng(seed).normal(size=(len(t) + 4000, JOINTS))
+    noise = signal.lfilter([1.0], [1.0, -ar], white, axis=0)[4000:]
+    return Measurements(t + 100.0 * seed, q, 20.0 * np.tanh(q) + noise, names=(f"run {seed}",))
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
-@given(seeds)
-def test_motion_without_repetition_has_no_period(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 20.0, 0.03)
-    q = np.sin(np.outer(t, rng.uniform(0.3, 4.0, 12))) @ rng.normal(size=(12, 3))
-    assert repeat_period(t, q + 0.3 * t[:, None]) is None
+def without_model(*runs: Measurements) -> SegmentedRuns:
+    """Filtered runs beside a model that predicts nothing: all torque is residual."""
+
+    def attach(motion: Motion) -> Motion:
+        return replace(motion, torque=np.zeros_like(motion.q))
+
+    return segmented(concatenate(list(runs)), SETTINGS).with_model(attach)
 
 
-def test_one_joint_that_does_not_repeat_is_enough_however_small_its_motion() -> None:
-    rng = np.random.default_rng(0)
-    t = np.arange(0.0, 20.0, 0.03)
-    q = periodic(rng, t, 5.0)
-    assert repeat_period(t, q) == pytest.approx(5.0, abs=2e-3)
-    q[:, 2] = 0.01 * np.sin(1.1 * t) * t / 20.0
-    assert repeat_period(t, q) is None
+def true_floor(ar: float) -> float:
+    """Standard deviation of the low-passed noise: h^T C h with C its autocovariance."""
+    h = Kernel(CUTOFF, DT).value
+    lags = np.abs(np.subtract.outer(np.arange(len(h)), np.arange(len(h))))
+    return float(np.sqrt(h @ (ar**lags / (1.0 - ar**2)) @ h))
 
 
-def test_a_joint_that_only_flickers_does_not_hide_the_period() -> None:
-    rng = np.random.default_rng(0)
-    t = np.arange(0.0, 20.0, 0.03)
-    q = periodic(rng, t, 5.0)
-    q[:, 2] = 1e-6 * rng.normal(size=len(t))
-    assert repeat_period(t, q) == pytest.approx(5.0, abs=2e-3)
+#: On the rows' grid (one in 60 ms), between two samples of the log, and between two rows.
+PERIODS = {"on the rows": 9.6, "off the log": 9.6 + 0.37 * DT, "off the rows": 9.63 + 0.37 * DT}
 
 
-def test_standing_still_and_short_runs_have_no_period() -> None:
-    t = np.arange(0.0, 10.0, 0.03)
-    assert repeat_period(t, np.zeros((len(t), 2))) is None
-    short = t[t < 2.5]
-    assert repeat_period(short, periodic(np.random.default_rng(0), short, 1.0)) is None
+@pytest.mark.parametrize("ar", [0.0, 0.6, 0.98])
+@pytest.mark.parametrize("period", PERIODS.values(), ids=PERIODS)
+def test_the_floor_is_the_true_noises(period: float, ar: float) -> None:
+    """Within 1 %, white or coloured, wherever the period ends between samples."""
+    squares = []
+    for seed in range(6):
+        floor = noise_floor(without_model(run_of(100 + seed, period, 160.0, ar)))
+        assert floor is not None
+        squares.append(np.mean(floor**2))
+    assert np.sqrt(np.mean(squares)) / true_floor(ar) == pytest.approx(1.0, abs=0.01)
 
 
-def test_slow_motion_is_not_its_own_repetition() -> None:
-    """Neighbouring samples of a slow motion are alike; only a valley of the difference is a repeat."""
-    t = np.arange(0.0, 300.0, 0.1)
-    q = np.sin(2.0 * np.pi * t / 400.0)[:, None]
-    assert repeat_period(t, q) is None
+def test_the_floor_of_runs_that_repeat_each_other() -> None:
+    """Four runs with one motion, none of which repeats itself; each starts at another instant."""
+    shown = []
+    for seed in range(0, 16, 4):
+        rows = without_model(*(run_of(seed + k, 80.0, 30.0, 0.6, 0.317 * k) for k in range(4)))
+        noise = noise_of(rows)
+        assert noise.source == REPETITION
+        assert np.all(noise.degrees < 3.0 * len(rows.t) / 4)  # six pairs, three new differences
+        shown.append(np.mean(noise.floor**2))
+    assert np.sqrt(np.mean(shown)) / true_floor(0.6) == pytest.approx(1.0, abs=0.03)
 
 
-@settings(max_examples=10, deadline=None, derandomize=True)
-@given(seeds)
-def test_differences_are_those_of_the_definition(seed: int) -> None:
-    x = np.random.default_rng(seed).normal(size=(200, 3))
-    lags = np.array([1, 7, 50, 150, 199])
-    expected = [np.sqrt(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags]
-    np.testing.assert_allclose(_differences(x, lags), expected, rtol=1e-9)
+def test_drift_and_events_are_no_noise() -> None:
+    run = run_of(3, 10.0, 80.0)
+    clean = noise_floor(without_model(run))
+    disturbed = run.tau + 0.02 * run.t[:, None]
+    disturbed[5000:5060, 2] += 30.0
+    noise = noise_of(without_model(replace(run, tau=disturbed)))
+    assert clean is not None
+    np.testing.assert_allclose(noise.floor, clean, rtol=0.05)
+    assert noise.suspect[:, 2].any()
+    assert not noise.suspect[:, [0, 1, 3, 4, 5]].any()
 
 
-@pytest.mark.parametrize("repeats", ["in one run", "in two runs"])
-def test_the_floor_is_the_noise_whatever_the_model_gets_wrong(repeats: str) -> None:
-    """A residual that repeats with the motion (model error) does not count, noise does."""
-    rng = np.random.default_rng(1)
-    sigma = np.array([0.1, 0.5, 2.0])
-    t = np.arange(0.0, 40.0, 0.03)
-    q = periodic(rng, t, 10.0 if repeats == "in one run" else 80.0)
-    model_error = 10.0 * np.tanh(q)
-    runs = []
-    for start in [0.0] if repeats == "in one run" else [0.0, 100.0]:
-        runs.append((t + start, q, model_error + sigma * rng.normal(size=q.shape)))
-    floor = noise_floor(runs)
-    assert floor is not None
-    # Reading white noise between samples averages neighbours: up to 1 / sqrt(2) below.
-    assert np.all(floor > 0.68 * sigma)
-    assert np.all(floor < 1.1 * sigma)
+def test_without_repetition_there_is_no_floor_but_a_guess() -> None:
+    """The guess has the model's error in it, and says so."""
+    rows = without_model(run_of(5, 80.0, 40.0))
+    assert noise_floor(rows) is None
+    guess = noise_of(rows)
+    assert guess.source == RESIDUAL
+    assert guess.measured_floor is None
+    assert np.all(guess.floor > 5.0 * true_floor(0.0))
 
 
-def test_the_floor_of_noise_in_the_band_is_unbiased() -> None:
-    """What compare() hands over has passed the low-pass and is sampled at twice its Nyquist rate."""
-    from sdp_vs_penalty.signals.kernels import Kernel
-
-    rng = np.random.default_rng(2)
-    kernel = Kernel(8.0, 1e-3)
-    raw = rng.normal(size=(120_000, 2))
-    band, _, _ = kernel.states(raw)
-    rows = band[::31]
-    t = np.linspace(0.0, 0.031 * (len(rows) - 1), len(rows))
-    q = periodic(rng, t, 10.0, 2)
-    floor = noise_floor([(t, q, rows + np.tanh(q))])
-    assert floor is not None
-    np.testing.assert_allclose(floor, rows.std(axis=0), rtol=0.12)
+def test_two_seconds_of_repetition_are_too_little() -> None:
+    assert noise_floor(without_model(run_of(6, 20.0, 23.0))) is None
 
 
-def test_there_is_no_floor_without_repetition() -> None:
-    rng = np.random.default_rng(0)
-    t = np.arange(0.0, 20.0, 0.03)
-    q = np.cumsum(rng.normal(size=(len(t), 2)), axis=0)
-    assert noise_floor([(t, q, q)]) is None
-    assert noise_floor([(t, q, q), (t, q[::-1], q)]) is None
+def test_whitening_makes_white_noise_of_unit_variance() -> None:
+    """The whitener of one run on another one's noise."""
+    noise = noise_of(without_model(run_of(8, 9.63, 160.0, 0.98)))
+    other = run_of(9, 9.63, 160.0, 0.98)
+    rows = without_model(replace(other, tau=other.tau - 20.0 * np.tanh(other.q)))
+    for j in range(JOINTS):
+        residual = rows.residual[:, j]
+        white = noise.whiten(residual, j, rows.pieces(j))
+        used = white[white != 0.0]
+        assert used.std() == pytest.approx(1.0, abs=0.06)
+        # An autoregression of order 4 stands for the low-pass and the noise's own colour together.
+        assert abs(correlation(used)) < 0.25 * correlation(residual)
 
 
-def test_long_logs_take_no_quadratic_time() -> None:
-    rng = np.random.default_rng(0)
-    t = np.arange(0.0, 3600.0, 0.031)  # an hour of rows
-    q = periodic(rng, t, 700.0, 6)
-    start = time.perf_counter()
-    period = repeat_period(t, q)
-    assert time.perf_counter() - start < 5.0  # all lags one by one would take minutes
-    assert period == pytest.approx(700.0, abs=1e-2)
+def correlation(x: Array) -> float:
+    """Of neighbouring values."""
+    return float(np.corrcoef(x[1:], x[:-1])[0, 1])

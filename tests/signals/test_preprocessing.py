@@ -23,6 +23,7 @@ from sdp_vs_penalty.signals.preprocessing import (
     filtered_torque,
     low_passed,
 )
+from sdp_vs_penalty.signals.runs import moving_joints
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
@@ -247,7 +248,7 @@ def test_a_real_arms_idle_joints_do_not_set_the_filters(data_folder: Path, joint
     """Files of the UR10e in which one joint is driven (joint 5's with its neighbour 6)."""
     rows = np.genfromtxt(data_folder / "ur10e" / f"ur-20_01_22-joint_{joint}.csv", delimiter=",")
     run = Measurements(rows[:, 0], rows[:, 1:7], rows[:, 13:19])
-    moving = preprocessing._moving_joints(run)
+    moving = moving_joints(run)
     assert (np.flatnonzero(moving) + 1).tolist() == ([2] if joint == 2 else [5, 6])
     alone = Measurements(run.t, run.q[:, moving], run.tau[:, moving])
     assert Preprocessing().resolve(run) == Preprocessing().resolve(alone)

@@ -84,7 +84,7 @@ def _show(report: Report) -> None:
 
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
     console.say(report.verdict, style="bold")
-    for f in report.findings:
+    for f in report.issues:
         word = f"[{colours[f.severity]}]{f.severity}[/]"
         console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
         fixed = " (--fix does it)" if f.repair is not None else ""

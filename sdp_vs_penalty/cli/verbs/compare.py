@@ -39,7 +39,8 @@ def verb(
     start, stop = time_window(window)
     runs = load_measurements(*data, start=start, stop=stop, names=estimate.robot.joint_names)
     results = compare(estimates, runs)
-    failures = where_it_fails(estimate, runs)
+    oldest = next(iter(estimates.values()))
+    failures = where_it_fails(estimate, runs, oldest.preprocessing)
     for result in results:
         console.say(result.verdict, style="bold")
     part = [] if window is None else ["--window", window]

@@ -111,15 +111,7 @@ def _words(model: Rung, j: int, unit: str) -> str:
     text += "."
     if not model.failures:
         return text
-    failure = model.failures[j]
-    best = sorted(failure["held_out_shares"].items(), key=lambda item: -item[1])[:2]
-    said = [f"{name} ({100.0 * share:.0f} %)" for name, share in best if share > 0.05]
-    if said:
-        text += f" It depends most on {' and on '.join(said)}."
-    lift = failure["reversal_lift"]
-    if lift is not None and lift > 1.3:
-        text += f" Near reversals of the joint it is {figure(lift, 2)} times larger than elsewhere."
-    return text
+    return " ".join([text, *model.failures[j]["sentences"]])
 
 
 def _heat(failures: list[dict[str, Any]]) -> None:

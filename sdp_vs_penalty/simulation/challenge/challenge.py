@@ -22,14 +22,16 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.diagnose import conclude
-from sdp_vs_penalty.diagnosis.fit import independent
-from sdp_vs_penalty.diagnosis.rows import DiagnosisRows, diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, search_through, white_rows
+from sdp_vs_penalty.diagnosis.fit import orthonormal
+from sdp_vs_penalty.diagnosis.ladder import search_through
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, white_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.simulation.challenge.cases import CLASSES, CaseClass, draw
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs, link_deviation, make_world
@@ -103,9 +105,8 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     estimate = quick_estimate(problem, model_runs, made.truth["model_effects"])
     begin = time.perf_counter()
     rows = diagnosis_rows(data, estimate, estimate.preprocessing)
-    stage = prepare(rows, estimate, case.frozen, seed)
-    stage = search_through(stage, estimate)
-    result = conclude(estimate, stage, made.runs[3], estimate.preprocessing)
+    state = search_through(prepare(rows, estimate, case.frozen, seed))
+    result = conclude(estimate, state, made.runs[3], estimate.preprocessing)
     seconds = time.perf_counter() - begin
     ideal = diagnosis_rows(concatenate(made.ideal[: case.runs]), estimate, estimate.preprocessing)
     floor = noise_std(rows, ideal)
@@ -119,7 +120,7 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
         "class": name,
         "seed": seed,
         "truth": made.truth["effects"],
-        "energy": hidden_energies(made, ideal, estimate, stage, case),
+        "energy": hidden_energies(made, ideal, estimate, state.stage, case),
         "deviation": [link_deviation(made, h) for h in made.hidden],
         "found": [
             {
@@ -187,7 +188,7 @@ def quick_estimate(problem: Problem, measurements: Measurements, effects: Sequen
 
 
 def hidden_energies(
-    made: HiddenRuns, ideal: DiagnosisRows, estimate: Estimate, stage: Stage, case: CaseClass
+    made: HiddenRuns, ideal: SegmentedRuns, estimate: Estimate, stage: Stage, case: CaseClass
 ) -> list[float]:
     """Energy of each hidden effect's torque, white by the tool's own whitener, the model partialled out.
 
@@ -195,10 +196,10 @@ def hidden_energies(
     follow there, less what it cannot follow of the robot without the effect, is the effect.
     """
 
-    def left_of(rows: DiagnosisRows) -> Array:
+    def left_of(rows: SegmentedRuns) -> Array:
         base = model_columns(rows, estimate, case.frozen)
         columns, target = white_rows(rows, stage.noise, base, rows.residual)
-        Q = independent(columns)
+        Q = orthonormal(columns)
         return np.asarray(target - Q @ (Q.T @ target))
 
     if not made.hidden:
@@ -216,7 +217,7 @@ def hidden_energies(
     return [float(np.sum((x - plain) ** 2)) if len(x) == len(plain) else float("nan") for x in left]
 
 
-def noise_std(logged: DiagnosisRows, ideal: DiagnosisRows) -> Array:
+def noise_std(logged: SegmentedRuns, ideal: SegmentedRuns) -> Array:
     """(n,) the true noise of the model's residual [N m or N], filtered like everything else.
 
     The residual of the log less that of perfect sensors: torque noise, and what quantisation and the

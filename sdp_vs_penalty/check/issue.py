@@ -1,4 +1,4 @@
-"""What the data check says: one finding a problem."""
+"""What the data check says: one issue a problem."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from sdp_vs_penalty.data.measurements import Measurements
 
 Array = NDArray[np.float64]
 
-#: Repairs one run; the finding's ``remedy`` says in words what it does.
+#: Repairs one run; the issue's ``remedy`` says in words what it does.
 Repair = Callable[[Measurements], Measurements]
 
 
 @dataclass(frozen=True)
-class Finding:
+class Issue:
     """kind : what is wrong, in two or three words; where : joints, channels, rows or instants.
 
     severity : "error" (identification would be meaningless), "warning" (it would be worse than it
         need be) or "note" (a fact worth knowing).
     what, remedy : one sentence each. certainty : "certain", "likely" or "possible", and why.
     repair : where mending is safe, how; figures : the numbers behind it.
-    gravity : where gravity points instead [m/s^2], for a finding about it.
+    gravity : where gravity points instead [m/s^2], for an issue about it.
     """
 
     kind: str

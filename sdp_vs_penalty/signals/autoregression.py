@@ -15,8 +15,8 @@ ORDER = 4
 _MEMORY, _STEPS = 64, 4
 
 
-def filtered(values: Array, ar: Array, pieces: Sequence[NDArray[np.intp]]) -> Array:
-    """Innovations of the autoregression; zero on the first ORDER rows of each piece."""
+def innovations(values: Array, ar: Array, pieces: Sequence[NDArray[np.intp]]) -> Array:
+    """values (M, ...) less what the autoregression predicts; zero on the first ORDER rows of a piece."""
     out = np.zeros_like(values)
     for piece in pieces:
         if len(piece) <= ORDER:
@@ -76,9 +76,9 @@ def beside(
             a = best = found
             break
     products = _expected_products(best, pieces, Q)
-    innovations = np.concatenate([[1.0], -found])
+    whitener = np.concatenate([[1.0], -found])
     used = sum(max(len(p) - ORDER, 0) for p in pieces)
-    size = sigma * np.sqrt((used - ORDER) / (innovations @ products @ innovations))
+    size = sigma * np.sqrt((used - ORDER) / (whitener @ products @ whitener))
     variance = _autocovariance(best)[0]
     seen = _expected_energy(best, pieces, Q) / variance
     return float(np.sqrt(energy / max(seen, 1.0))), best, float(size), Q.shape[1]

@@ -1,0 +1,115 @@
+"""What a search has come to, as one value: its picks and everything that follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.candidates import Candidate
+from sdp_vs_penalty.diagnosis.fit import Weighting, WhiteFit
+from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.stage import MISFIT, Stage
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.signals.autoregression import ORDER, autoregression
+from sdp_vs_penalty.signals.noise import Noise
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pick:
+    """A candidate that was added; gain : its cross-validated gain; exponent : of its Wald test;
+    rivals : candidates that it could not be told apart from when it was added."""
+
+    candidate: Candidate
+    gain: float
+    exponent: float
+    rivals: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """picks : in the order of adding; base : the model alone, on rows weighted as the picks leave
+    them; scaled : the library, weighted alike.
+
+    A search goes from state to state: nothing in one changes.
+    """
+
+    stage: Stage
+    picks: tuple[Pick, ...]
+    base: WhiteFit
+    scaled: Library
+
+    @classmethod
+    def start(cls, stage: Stage) -> SearchState:
+        """Before anything is picked."""
+        return _settled(stage, (), stage.plain_weighting, np.ones(stage.rows.n))
+
+    def with_picks(self, picks: Sequence[Pick]) -> SearchState:
+        """These picks instead, the joints' levels settled anew: a joint whose error they do not
+        explain counts by that error."""
+        return _settled(self.stage, tuple(picks), self.base.weighting, np.ones(self.stage.rows.n))
+
+    def without(self, k: int) -> SearchState:
+        """All picks but one, on rows weighted as before."""
+        return replace(self, picks=self.picks[:k] + self.picks[k + 1 :])
+
+    @property
+    def effects(self) -> list[Effect]:
+        """What was picked."""
+        return [p.candidate.effect for p in self.picks]
+
+    @cached_property
+    def fit(self) -> WhiteFit:
+        """The model with all picks."""
+        return _extended(self.base, self.picks)
+
+    def coloured(self, best: Candidate | None = None) -> SearchState:
+        """The same picks, with the colour taken out of the error that stays unexplained even with the
+        ``best`` candidate so far."""
+        fit, weighting = self.fit, self.base.weighting
+        if best is not None:
+            fit = fit.extended(fit.scaled(best.columns))
+        n = self.stage.rows.n
+        white = fit.residual.reshape(n, -1) * weighting.level[:, None]
+        colour = np.zeros((n, ORDER))
+        for j in range(n):
+            if weighting.level[j] ** 2 > MISFIT:
+                colour[j] = autoregression(white[j], weighting.pieces[j])[0]
+        weighting = replace(weighting, level=np.ones(n), colour=colour)
+        return _settled(self.stage, self.picks, weighting, weighting.noise_variance)
+
+    def contenders(self) -> list[Candidate]:
+        """The most plausible candidates beside the picks, best first."""
+        picked = [p.candidate for p in self.picks]
+        stage = self.stage
+        return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known)
+
+    def with_noise(self, noise: Noise) -> SearchState:
+        """The same picks with another idea of the noise, their columns whitened anew."""
+        stage = replace(self.stage, noise=noise)
+        picks = []
+        for pick in self.picks:
+            columns = stage.candidates.white_columns(pick.candidate.effect)
+            picks.append(replace(pick, candidate=replace(pick.candidate, columns=columns)))
+        return SearchState.start(stage).with_picks(picks)
+
+
+def _extended(fit: WhiteFit, picks: Sequence[Pick]) -> WhiteFit:
+    for pick in picks:
+        fit = fit.extended(fit.scaled(pick.candidate.columns))
+    return fit
+
+
+def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least: Array) -> SearchState:
+    """The joints' levels brought up to date with the picks; ``least`` (n,) : each one's smallest
+    variance."""
+    for _ in range(2):
+        fit = _extended(stage.fit(weighting), picks)
+        level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, least))
+        weighting = replace(weighting, level=level)
+    return SearchState(stage, picks, stage.fit(weighting), weighting.library(stage.white))

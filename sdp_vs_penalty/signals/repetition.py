@@ -1,0 +1,184 @@
+"""Where a motion comes back: after a period within a run, or again in another run.
+
+Whatever a model gets wrong comes back with the motion; noise is new each time. Everything that
+measures noise or tells it from error rests on the repeats found here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+from scipy.sparse import csgraph
+
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
+
+Array = NDArray[np.float64]
+
+#: Motions are alike if their positions differ by less than this share of each joint's motion.
+ALIKE = 0.01
+#: A joint that moves less than this share of the largest motion is compared with that instead.
+_IDLE = 0.01
+#: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
+_SHORTEST = 2.0
+#: How far a motion may slip from one run to another [s], and the steps in which it is looked for.
+_SLIP, _SLIP_STEP = 5.0, 0.1
+#: Fewest rows of a repeat: noise is compared with its own past over a few of them.
+_FEWEST = 8
+
+
+def motion_scale(q: Array) -> Array | None:
+    """(n,) size of each joint's motion, so that a small one counts too; None for no motion at all."""
+    size = q.std(axis=0)
+    return np.maximum(size, _IDLE * size.max()) if size.max() > 0.0 else None
+
+
+def repeat_period(t: Array, q: Array) -> float | None:
+    """The period T [s] after which a run repeats its motion, or None where it does not.
+
+    t (M,) s and q (M, n) of one run; the last ``_SHORTEST`` seconds at least must overlap.
+    """
+    span = t[-1] - t[0]
+    step = float(np.median(np.diff(t)))
+    grid = np.arange(t[0], t[-1], step)
+    scale = motion_scale(q)
+    if scale is None:
+        return None
+    x = np.column_stack([np.interp(grid, t, column) for column in (q / scale).T])
+    lags = np.arange(max(1, int(0.5 / step)), int((span - _SHORTEST) / step))
+    if len(lags) < 3:
+        return None
+    errors = _differences(x - x.mean(axis=0), lags)
+    # The first valley that reaches the ground, not its multiples. Between two lags the difference
+    # grows linearly, its square has the vertex of a parabola.
+    squares = errors**2
+    left, middle, right = squares[:-2], squares[1:-1], squares[2:]
+    bend = left - 2.0 * middle + right
+    valley = (middle <= left) & (middle <= right) & (bend > 0.0)
+    shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
+    ground = middle - 0.25 * (left - right) * shift
+    for k in np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2)):
+        period = float((lags[k + 1] + shift[k]) * step)
+        late = t >= t[0] + period
+        back = np.column_stack([np.interp(t[late] - period, t, column) for column in q.T])
+        if _difference(q[late], back, scale) < ALIKE:
+            return period
+    return None
+
+
+def _difference(q: Array, other: Array, scale: Array) -> float:
+    """Root mean square of the difference of two motions (M, n), each joint in units of its scale."""
+    return float(np.sqrt(np.mean(((q - other) / scale) ** 2)))
+
+
+def _differences(x: Array, lags: NDArray[np.int64]) -> Array:
+    """Root mean square of x[k + lag] - x[k] for each lag, by one correlation."""
+    n = len(x)
+    length = scipy.fft.next_fast_len(2 * n)
+    spectrum = scipy.fft.rfft(x, length, axis=0)
+    products = scipy.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1), length)[lags]
+    squares = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
+    total = squares[n - lags] + (squares[n] - squares[lags]) - 2.0 * products
+    return np.asarray(np.sqrt(np.maximum(total, 0.0) / ((n - lags) * x.shape[1])))
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Rows ``rows`` (indices into all rows) of a segment come back at the instants ``later`` of the
+    segment ``other``."""
+
+    rows: NDArray[np.intp]
+    other: int
+    later: Array
+
+
+def find_repeats(runs: SegmentedRuns) -> tuple[Repeat, ...]:
+    """Every pair of stretches with the same motion, inside segments and between them."""
+    out = []
+    starts = np.cumsum([0, *(len(s.t) for s in runs.segments)])
+    for k, segment in enumerate(runs.segments):
+        period = repeat_period(segment.t_dense, segment.q_dense)
+        if period is not None:
+            out += _pair(segment, segment, period, k, starts[k])
+        for m in range(k + 1, len(runs.segments)):
+            lag = _lag(segment, runs.segments[m])
+            if lag is not None:
+                out += _pair(segment, runs.segments[m], lag, m, starts[k])
+    return tuple(out)
+
+
+def _pair(a: Segment, b: Segment, shift: float, other: int, start: int) -> list[Repeat]:
+    """The rows of a whose motion b repeats ``shift`` seconds later."""
+    later = a.t + shift
+    inside = a.keep & (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
+    scale = motion_scale(a.q_dense)
+    if inside.sum() < _FEWEST or scale is None:
+        return []
+    q_a = CubicSpline(a.t_dense, a.q_dense)(a.t[inside])
+    q_b = CubicSpline(b.t_dense, b.q_dense)(later[inside])
+    alike = np.all(np.abs(q_a - q_b) < ALIKE * scale, axis=1)
+    index = start + np.flatnonzero(inside)[alike]
+    return [Repeat(index, other, later[inside][alike])] if len(index) >= _FEWEST else []
+
+
+def _lag(a: Segment, b: Segment) -> float | None:
+    """Clock difference after which b repeats a from its beginning on, or None."""
+    scale = motion_scale(a.q_dense)
+    if scale is None:
+        return None
+    step = float(a.t_dense[1] - a.t_dense[0])
+    q_b = CubicSpline(b.t_dense - b.t_dense[0], b.q_dense)
+    clock = a.t_dense - a.t_dense[0]
+    span = b.t_dense[-1] - b.t_dense[0]
+
+    def error(slip: float) -> float:
+        at = clock + slip
+        inside = (at >= 0.0) & (at <= span)
+        if inside.sum() * step < _SHORTEST:
+            return np.inf
+        some = np.flatnonzero(inside)[:: max(1, int(0.1 / step))]
+        return _difference(a.q_dense[some], q_b(at[some]), scale)
+
+    slips = np.arange(-_SLIP, _SLIP, _SLIP_STEP)
+    errors = np.array([error(s) for s in slips])
+    best = float(slips[int(np.argmin(errors))])
+    if errors.min() > 0.3:  # another motion; the same one is nearer even half a step beside
+        return None
+    near = (best - _SLIP_STEP, best + _SLIP_STEP)
+    fine = float(minimize_scalar(error, bounds=near, method="bounded").x)
+    return fine + b.t_dense[0] - a.t_dense[0] if error(fine) < ALIKE else None
+
+
+def later_rows(runs: SegmentedRuns, repeat: Repeat) -> NDArray[np.intp]:
+    """Among all rows the first at or after each instant at which the repeat comes back."""
+    start = sum(len(s.t) for s in runs.segments[: repeat.other])
+    times = runs.segments[repeat.other].t
+    return start + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
+
+
+def new_differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> int:
+    """How many of the differences say something new: of K instants with the same motion, K - 1.
+
+    Six equal runs make fifteen pairs and not more than five such differences an instant.
+    """
+    first = np.concatenate([r.rows for r in repeats])
+    second = np.concatenate([later_rows(runs, r) for r in repeats])
+    count = len(runs.t)
+    graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
+    return count - int(csgraph.connected_components(graph, directed=False)[0])
+
+
+def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
+    """The differences of all repeats, numbered through, as index arrays of uninterrupted rows."""
+    pieces, first = [], 0
+    for r in repeats:
+        index = first + np.arange(len(r.rows))
+        pieces += np.split(index, np.flatnonzero(np.diff(r.rows) != 1) + 1)
+        first += len(r.rows)
+    return pieces

@@ -1,0 +1,205 @@
+"""Measured runs cut into filtered segments: the rows on which noise is measured and models are judged.
+
+Three grids, all uniform:
+
+- the log's: positions become q, dq, ddq there, and the torque is low-passed there;
+- the column grid (30 times the low-pass's cut-off): columns of effects are computed there, fast
+  enough for a friction that turns round within milliseconds;
+- the rows: twice the cut-off, one row an independent sample. Columns and torque pass the same kernel,
+  so that a linear relation between them survives, the folding of what lies above the row rate included.
+
+Rows are dropped where the robot stands, and where the motion is sharper than the state filter can
+follow (a step in acceleration): there the states are wrong, not the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion
+from sdp_vs_penalty.signals.kernels import Kernel, convolve
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals.runs import Stretch, stretches
+
+Array = NDArray[np.float64]
+
+#: Rows and dense samples per period of the torque low-pass's cut-off.
+_ROW_RATE, _DENSE_RATE = 2.0, 8.0
+#: Motion counts as too sharp where two state filters disagree by this many robust deviations.
+_SHARP = 12.0
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One uninterrupted piece of a run.
+
+    motion : on the column grid; t (M,), torque (M, n) : the rows; keep (M,) : which of them count;
+    low_pass (M, N), dense (D, N) : from the column grid to the rows and to the dense grid t_dense
+    (D,), on which q_dense and torque_dense (D, n) are known: instants between its samples can be
+    read by interpolation.
+    """
+
+    run: int
+    motion: Motion
+    t: Array
+    torque: Array
+    keep: NDArray[np.bool_]
+    low_pass: sparse.csr_array
+    t_dense: Array
+    torque_dense: Array
+    dense: sparse.csr_array
+    q_dense: Array
+
+
+@dataclass(frozen=True)
+class SegmentedRuns:
+    """All segments of all runs, their rows stacked in order (M in all); rate : rows a second.
+
+    masked (M, n) : rows that do not count for a joint although its segment keeps them (events).
+    """
+
+    segments: tuple[Segment, ...]
+    n: int
+    cutoff: float
+    rate: float
+    names: tuple[str, ...]
+    masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
+
+    @property
+    def t(self) -> Array:
+        return np.concatenate([s.t for s in self.segments])
+
+    @property
+    def run(self) -> NDArray[np.int64]:
+        return np.concatenate([np.full(len(s.t), s.run) for s in self.segments])
+
+    @property
+    def segment(self) -> NDArray[np.int64]:
+        return np.concatenate([np.full(len(s.t), k) for k, s in enumerate(self.segments)])
+
+    @property
+    def dq(self) -> Array:
+        """(M, n) filtered velocities."""
+        return np.concatenate([s.low_pass @ s.motion.dq for s in self.segments])
+
+    @property
+    def torque(self) -> Array:
+        """(M, n) filtered measured torque."""
+        return np.concatenate([s.torque for s in self.segments])
+
+    @property
+    def residual(self) -> Array:
+        """(M, n) filtered measured less modelled torque."""
+        return np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in self.segments])
+
+    @property
+    def dense_residuals(self) -> list[Array]:
+        """The same on the dense grid, per segment (D, n)."""
+        return [s.torque_dense - s.dense @ s.motion.model_torque for s in self.segments]
+
+    @property
+    def keep(self) -> NDArray[np.bool_]:
+        """(M, n) which rows count for which joint."""
+        keep = np.repeat(np.concatenate([s.keep for s in self.segments])[:, None], self.n, axis=1)
+        return keep & ~self.masked if self.masked.size else keep
+
+    def pieces(self, joint: int) -> list[NDArray[np.intp]]:
+        """Index arrays of consecutive rows that count for a joint."""
+        segment, keep = self.segment, self.keep[:, joint]
+        index = np.arange(len(segment))
+        same = (segment[1:] == segment[:-1]) & (keep[1:] == keep[:-1])
+        return [p for p in np.split(index, np.flatnonzero(~same) + 1) if keep[p[0]]]
+
+    def with_masked(self, masked: NDArray[np.bool_]) -> SegmentedRuns:
+        return replace(self, masked=masked)
+
+    def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
+        """The same with a model's torque and links attached to each segment's motion."""
+        segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
+        return replace(self, segments=segments)
+
+    def blocks(self, effect: Effect) -> list[Block]:
+        """The effect's columns on the rows: blocks of (M, k)."""
+        return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
+
+    def column(self, effect: Effect, joint: int) -> Array:
+        """(M, k) columns of a joint's own torque only."""
+        for block in self.blocks(effect):
+            if block.joint == joint:
+                return block.columns
+        return np.zeros((len(self.t), len(effect.parameters)))
+
+    @staticmethod
+    def _stack(parts: Sequence[tuple[sparse.csr_array, list[Block]]]) -> list[Block]:
+        first = parts[0][1]
+        return [
+            Block(
+                block.joint,
+                block.parameters,
+                np.concatenate([low @ blocks[k].columns for low, blocks in parts]),
+            )
+            for k, block in enumerate(first)
+        ]
+
+
+def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
+    """Filter all runs; ``settings`` must be resolved. No segment where no run is long enough."""
+    assert settings.torque_cutoff is not None
+    segments: list[Segment] = []
+    rate, names = 0.0, []
+    for index, run in enumerate(measurements.runs()):
+        names.append(run.names[0])
+        filters = RunFilter(run, settings)
+        wider = Kernel(1.6 * filters.state.cutoff, filters.dt)
+        for part in stretches(run):
+            segment = _segment(index, part, filters, wider)
+            if segment is not None:
+                segments.append(segment)
+                rate = 1.0 / (filters.dt * filters.step(_ROW_RATE))
+    return SegmentedRuns(tuple(segments), measurements.n, settings.torque_cutoff, rate, tuple(names))
+
+
+def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Segment | None:
+    """One stretch filtered; None where it is too short, or nothing in it counts."""
+    state, column, stride = filters.state, filters.column, filters.stride
+    count = (part.count - 2 * state.half + stride - 1) // stride
+    # Rows begin where both low-passes are filled: that of the columns, and that of the torque.
+    half = max(filters.coarse.half, -((state.half - column.half) // stride))
+    step, dense_step = (filters.step(rate) // stride for rate in (_ROW_RATE, _DENSE_RATE))
+    if count < 2 * half + 1 + 2 * step:
+        return None
+    grid = state.half + stride * np.arange(count)
+    motion = filters.motion(part, state.half, part.count - state.half - 1)
+    rows = np.arange(half, count - half, step)
+    dense = np.arange(half, count - half, dense_step)
+    low_pass, low_dense = (filters.coarse.decimator(count, at) for at in (rows, dense))
+
+    # Two state filters that disagree on the acceleration: the motion is too sharp for them.
+    q = part.resampled(part.q, 0, part.count)
+    (second,) = convolve(q - q[:1], wider.second)
+    apart = np.abs(low_pass @ (motion.ddq - second[grid - wider.half]))
+    keep = filters.movement.at(motion.t[rows])
+    if not keep.any():
+        return None
+    scale = 1.4826 * np.median(apart[keep], axis=0)
+    keep &= ~np.any(apart > _SHARP * np.maximum(scale, 1e-12), axis=1)
+    if not keep.any():
+        return None
+    return Segment(
+        index,
+        motion,
+        motion.t[rows],
+        filters.torque(part, grid[rows]),
+        keep,
+        low_pass,
+        motion.t[dense],
+        filters.torque(part, grid[dense]),
+        low_dense,
+        motion.q[dense],
+    )

@@ -1,0 +1,89 @@
+"""Where a motion comes back: the period, and what counts as a repeat."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sdp_vs_penalty.signals.repetition import _differences, repeat_period
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def periodic(rng: np.random.Generator, t: np.ndarray, period: float, joints: int = 3) -> np.ndarray:
+    """Five harmonics a joint (N, joints)."""
+    w = 2.0 * np.pi / period * np.arange(1, 6)
+    a, b = rng.normal(size=(2, joints, 5)) / np.arange(1, 6)
+    return np.sin(np.outer(t, w)) @ a.T + np.cos(np.outer(t, w)) @ b.T
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seeds, st.floats(4.0, 9.0))
+def test_the_period_is_found_between_the_samples(seed: int, period: float) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(3.0, 24.0, 0.031)
+    q = periodic(rng, t, period) + 1e-4 * rng.normal(size=(len(t), 3))
+    assert repeat_period(t, q) == pytest.approx(period, abs=2e-3)
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seeds)
+def test_motion_without_repetition_has_no_period(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 20.0, 0.03)
+    q = np.sin(np.outer(t, rng.uniform(0.3, 4.0, 12))) @ rng.normal(size=(12, 3))
+    assert repeat_period(t, q + 0.3 * t[:, None]) is None
+
+
+def test_one_joint_that_does_not_repeat_is_enough_however_small_its_motion() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 20.0, 0.03)
+    q = periodic(rng, t, 5.0)
+    assert repeat_period(t, q) == pytest.approx(5.0, abs=2e-3)
+    q[:, 2] = 0.01 * np.sin(1.1 * t) * t / 20.0
+    assert repeat_period(t, q) is None
+
+
+def test_a_joint_that_only_flickers_does_not_hide_the_period() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 20.0, 0.03)
+    q = periodic(rng, t, 5.0)
+    q[:, 2] = 1e-6 * rng.normal(size=len(t))
+    assert repeat_period(t, q) == pytest.approx(5.0, abs=2e-3)
+
+
+def test_standing_still_and_short_runs_have_no_period() -> None:
+    t = np.arange(0.0, 10.0, 0.03)
+    assert repeat_period(t, np.zeros((len(t), 2))) is None
+    short = t[t < 2.5]
+    assert repeat_period(short, periodic(np.random.default_rng(0), short, 1.0)) is None
+
+
+def test_slow_motion_is_not_its_own_repetition() -> None:
+    """Neighbouring samples of a slow motion are alike; only a valley of the difference is a repeat."""
+    t = np.arange(0.0, 300.0, 0.1)
+    q = np.sin(2.0 * np.pi * t / 400.0)[:, None]
+    assert repeat_period(t, q) is None
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(seeds)
+def test_differences_are_those_of_the_definition(seed: int) -> None:
+    x = np.random.default_rng(seed).normal(size=(200, 3))
+    lags = np.array([1, 7, 50, 150, 199])
+    expected = [np.sqrt(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags]
+    np.testing.assert_allclose(_differences(x, lags), expected, rtol=1e-9)
+
+
+def test_long_logs_take_no_quadratic_time() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 3600.0, 0.031)  # an hour of rows
+    q = periodic(rng, t, 700.0, 6)
+    start = time.perf_counter()
+    period = repeat_period(t, q)
+    assert time.perf_counter() - start < 5.0  # all lags one by one would take minutes
+    assert period == pytest.approx(700.0, abs=1e-2)
