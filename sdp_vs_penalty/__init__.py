@@ -3,45 +3,82 @@
 from __future__ import annotations
 
 import importlib
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
+    from sdp_vs_penalty import effects as effects
+    from sdp_vs_penalty.check import check as check
+    from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
+    from sdp_vs_penalty.data.measurements import Measurements as Measurements
     from sdp_vs_penalty.diagnosis.adding import add as add
     from sdp_vs_penalty.diagnosis.comparison import compare as compare
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as diagnose
+    from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails as where_it_fails
+    from sdp_vs_penalty.errors import InputError as InputError
     from sdp_vs_penalty.estimation.estimate import Estimate as Estimate
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
+    from sdp_vs_penalty.estimation.excitation import excite as excite
     from sdp_vs_penalty.estimation.identify import identify as identify
+    from sdp_vs_penalty.export import export as export
+    from sdp_vs_penalty.problem.convert import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
+    from sdp_vs_penalty.problem.problem import Problem as Problem
+    from sdp_vs_penalty.report import report as report
+    from sdp_vs_penalty.simulation.hide import simulate as simulate
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
 _HOME = {
     "add": "diagnosis.adding",
+    "check": "check",
     "compare": "diagnosis.comparison",
+    "convert": "problem.convert",
     "diagnose": "diagnosis.diagnose",
     "Estimate": "estimation.estimate",
-    "load_estimate": "estimation.estimate",
+    "excite": "estimation.excitation",
+    "export": "export",
+    "fetch": "data.datasets",
     "identify": "estimation.identify",
+    "InputError": "errors",
+    "load_estimate": "estimation.estimate",
     "load_measurements": "data.files",
     "load_problem": "problem.load",
+    "Measurements": "data.measurements",
+    "Problem": "problem.problem",
+    "report": "report",
+    "simulate": "simulation.hide",
+    "where_it_fails": "diagnosis.where_it_fails",
 }
 __all__ = [
-    "Estimate",
     "__version__",
-    "add",
-    "compare",
-    "diagnose",
-    "identify",
-    "load_estimate",
-    "load_measurements",
-    "load_problem",
+    "effects",
+    *_HOME,
 ]
 
 
+class _Door(ModuleType):
+    """Three verbs share their names with the folders that hold them: here the name is the verb."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        # Python binds every imported subpackage to its parent; `check`, `export`, `report` stay free.
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Door
+
+
 def __getattr__(name: str) -> Any:
+    if name == "effects":
+        return importlib.import_module(f"{__name__}.effects")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -17,3 +17,9 @@ def install_command(extra: str) -> str:
 def missing_extra(what: str, extra: str) -> InputError:
     """The error of a verb whose optional part is not installed; ``what`` needs it."""
     return InputError(f"{what} the extra [{extra}]: {install_command(extra)}.")
+
+
+def given(value: object) -> str:
+    """A value as a message shows it: short, on one line."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -57,6 +57,7 @@ def test_the_wheel_holds_package_and_problems_only(wheel: Path) -> None:
     for folder in (ROOT / "problems").iterdir():
         assert f"sdp_vs_penalty/problems/{folder.name}/problem.toml" in names
     assert "sdp_vs_penalty/data/datasets.toml" in names
+    assert "sdp_vs_penalty/py.typed" in names
 
 
 def test_the_command_works_from_another_folder(

@@ -85,8 +85,7 @@ def headline() -> str:
             "Wilson's 95 % intervals (from [challenge](results/challenge.md)):",
             markdown(["class", "counted", "cases", "share", "interval", "to reach"], challenge()),
             "![Held-out error against seconds of training data](results/data.png)",
-            "[results/](results/README.md) holds the paper's tables and figures made again, and says "
-            "how each figure comes about.",
+            "[results/](results/README.md): regenerated paper tables and figures, with provenance.",
         ]
     )
 

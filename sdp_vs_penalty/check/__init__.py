@@ -9,16 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.check import clock, dynamics, events, excitation, scale, signals
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
 from sdp_vs_penalty.signals.runs import moving_joints
 
@@ -32,8 +37,8 @@ _EVENT_ROWS = 2000
 _WIDER = 3.0
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, repr=False)
+class Report(Shown):
     """issues : of one run, the gravest first; mended : the run with every safe repair made;
     unexplained : share of the torques' energy that the arm's dynamics leave over, after mending.
     """
@@ -53,6 +58,22 @@ class Report:
         """Errors and warnings, without notes."""
         return tuple(f for f in self.issues if f.severity != "note")
 
+    @property
+    def verdict(self) -> str:
+        """How many problems there are, and how well the arm's dynamics explain the torque."""
+        found = show.count(len(self.problems), "problem")
+        if self.unexplained is None:
+            return f"{self.run}: {found}; nothing to identify from"
+        share = 100.0 * self.unexplained**0.5
+        return f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque unexplained"
+
+    def _summary(self) -> Summary:
+        return self.verdict, [(f.severity, f.what) for f in self.issues]
+
+    def _table(self) -> Table | None:
+        rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
+        return (("kind", "where", "certainty", "remedy"), rows) if rows else None
+
     def to_dict(self) -> dict[str, Any]:
         return {
             "run": self.run,
@@ -63,27 +84,34 @@ class Report:
 
 
 def check(
-    problem: Problem,
-    measurements: Measurements,
+    problem: str | Path | Problem,
+    measurements: Source,
     preprocessing: Preprocessing | None = None,
     *,
     thorough: bool = True,
 ) -> list[Report]:
     """One report a run. The measurements need not be usable: clock and numbers are checked as well.
 
+    problem : a built-in name, a folder, a URDF file, or a Problem; measurements : whatever
+        :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than
+        the problem's.
     thorough : also look for one-off events and at the excitation; without, only for what would make
         an identification wrong (what `identify` does by itself).
     Raises InputError where robot and measurements differ in their number of joints, or every torque
     is zero.
     """
+    problem = as_problem(problem, "check(problem=...)")
+    measurements = as_measurements(
+        measurements, problem.robot.n, problem.robot.joint_names, "check(measurements=...)", usable=False
+    )
     if not np.any(measurements.tau):
         raise InputError(
             f"{measurements.names[0]}: every torque is zero: log the torque, or the current."
         )
     if measurements.n != problem.robot.n:
         raise InputError(
-            f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "
-            f"{problem.robot.n}: choose the problem that belongs to the file."
+            f"The measurements have {show.count(measurements.n, 'joint')}, the robot {problem.name} "
+            f"has {problem.robot.n}: choose the problem that belongs to the file."
         )
     settings = preprocessing or problem.preprocessing
     return [_check_run(problem, run, settings, thorough) for run in measurements.runs()]
@@ -104,7 +132,7 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
                 "error",
                 "the run",
                 f"{what or remedy}.",
-                "certain: the filters cannot be filled",
+                "certain: the filters need more",
                 remedy if what else "record a longer motion",
             )
         )
@@ -142,7 +170,7 @@ class _Work:
     def check_content(self, thorough: bool) -> float | None:
         """Everything behind the clock; returns what stays unexplained, None where nothing moves."""
         if len(self.run.t) < 10:
-            raise InputError(f"{self.run.names[0]}: only {len(self.run.t)} row(s) are usable.")
+            raise InputError(f"{self.run.names[0]}: fewer than 10 usable rows: record longer.")
         moving = moving_joints(self.run)
         if not moving.any():
             self.mend(signals.no_motion())

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.check.issue import Array, Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.signals.runs import moving_joints
@@ -58,9 +59,9 @@ def _missing(run: Measurements) -> Issue | None:
         "missing numbers",
         "error",
         f"row {_row(bad[0])}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
-        f"{len(bad)} row(s) hold something that is not a finite number.",
+        f"{show.count(len(bad), 'row')} with values that are not finite numbers.",
         "certain: read from the file",
-        "leave those rows out",
+        "delete those rows",
         lambda r: _rows(r, _finite(r)),
         {"rows": [_row(k) for k in bad[:100]]},
     )
@@ -87,7 +88,10 @@ def _time_unit(run: Measurements) -> Issue | None:
         sure = f"certain: dq is {ratio:.4g} times the derivative of q by this clock"
     if name is None:
         name = _unit_by_size(step, speed)
-        sure = f"likely: in seconds, one row in {step:.3g} s of a motion at {speed:.2g} rad/s (or m/s)"
+        sure = (
+            f"likely: if it were in seconds, there would be one row in {step:.3g} s of a motion "
+            f"at {speed:.2g} rad/s (or m/s)"
+        )
     if name == "seconds":
         return None
     unit = _TIME_UNITS[name]
@@ -159,13 +163,16 @@ def _backwards(run: Measurements) -> Issue | None:
     continuous = all(_continues(run, int(k)) for k in bad)
     if continuous and typical > 0.0:
         what = (
-            f"the clock is set back {len(bad)} time(s), by up to {-steps[bad].min():.3g} s, while the "
-            "motion goes on without a break."
+            f"the clock is set back {show.count(len(bad), 'time')}, by up to {-steps[bad].min():.3g} "
+            "s, while the motion continues without a break."
         )
-        remedy = "let time run on at the usual step there"
+        remedy = "continue the time at the usual step there"
     else:
-        what = f"time runs backwards {len(bad)} time(s), and the rows there do not continue the motion."
-        remedy = "leave out the rows that lie before one that was there already"
+        what = (
+            f"time runs backwards {show.count(len(bad), 'time')}, and the rows there do not "
+            "continue the motion."
+        )
+        remedy = "delete the rows whose time lies before that of an earlier row"
     return Issue(
         "time runs backwards",
         "error",
@@ -201,7 +208,7 @@ def _repeats(run: Measurements) -> Issue | None:
         "repeated time",
         "error",
         f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
-        f"{len(bad)} row(s) repeat a time; their values {kind}.",
+        f"{show.count(len(bad), 'row')} with a repeated time; the values {kind}.",
         "certain: read from the file",
         "keep the first of each",
         lambda r: _rows(r, np.concatenate([[True], np.diff(r.t) != 0.0])),
@@ -265,10 +272,10 @@ def _clock_step(run: Measurements) -> Issue | None:
         "warning",
         f"row {_row(jumps[0] + 1)} (t = {run.t[jumps[0]]:.4g} s)"
         + (f" and {len(jumps) - 1} more" if len(jumps) > 1 else ""),
-        f"the clock jumps ahead by up to {steps.max():.3g} s while the arm, in motion, stays where it "
-        "was: the clock was set, no sample is missing.",
-        "likely: the distance travelled is that of one ordinary step",
-        "let time run on at the usual step there",
+        f"the clock jumps ahead by up to {steps.max():.3g} s while the moving arm does not: the "
+        "clock was set, and no sample is missing.",
+        "likely: the distance travelled is that of one usual step",
+        "continue the time at the usual step there",
         repair,
         {"rows": [_row(k + 1) for k in jumps], "seconds": steps.tolist()},
     )
@@ -284,10 +291,10 @@ def _gap(run: Measurements) -> Issue | None:
         "warning",
         f"row {_row(long[0] + 1)} (t = {run.t[long[0]]:.4g} s)"
         + (f" and {len(long) - 1} more" if len(long) > 1 else ""),
-        f"{len(long)} gap(s) of up to {steps.max():.3g} s (the usual step is {typical:.3g} s); in all "
-        f"{steps.sum():.3g} s are missing.",
+        f"{show.count(len(long), 'gap')} of up to {steps.max():.3g} s (the usual step is "
+        f"{typical:.3g} s); in all {steps.sum():.3g} s are missing.",
         "certain: read from the file",
-        "nothing has to be done: the run is split there, and filters lose a second on either side",
+        "no action needed: the run is split there, and the filters lose a second on either side",
         None,
         {"rows": [_row(k + 1) for k in long[:100]], "seconds": steps[:100].tolist()},
     )
@@ -313,10 +320,11 @@ def _jitter(run: Measurements) -> Issue | None:
         "jittered time stamps",
         "warning",
         "column t",
-        f"the time steps vary by {100.0 * spread:.0f} %, yet the positions run {ratio:.0f} times "
-        "smoother over the row number than over these times: the samples are even, the stamps are not.",
-        "likely: a motion that jittered itself would be smoother over its own times",
-        f"give the rows even times, {typical:.6g} s apart",
+        f"the time steps vary by {100.0 * spread:.0f} %, but the positions are {ratio:.0f} times "
+        "smoother over the row number than over these times: the samples are evenly spaced, the "
+        "time stamps are not.",
+        "likely: if the sampling itself jittered, the motion would be smoother over the recorded times",
+        f"space the time stamps evenly, {typical:.6g} s apart",
         _even_times,
         {"jitter_percent": 100.0 * spread, "roughness_ratio": ratio},
     )

@@ -55,7 +55,7 @@ def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Issue]:
         "all torque channels",
         f"{100.0 * first:.0f} % of the energy of the moving joints' torques has nothing to do with how "
         "this arm should move under them, whatever its inertias and friction.",
-        "certain: no sign, order, unit or direction of gravity that was tried helps",
+        "certain: none of the tried signs, orders, units and directions of gravity helps",
         "check that this is the right robot, that the columns are joint torques, and that positions "
         "and torques come from the same recording",
         None,

@@ -45,8 +45,8 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
         "warning",
         where,
         what,
-        f"likely: undone, the error of the fit falls by {100.0 * (1.0 - np.sqrt(share)):.0f} %; it is "
-        "the same in both halves of the run",
+        f"likely: correcting it reduces the fit error by {100.0 * (1.0 - np.sqrt(share)):.0f} %; it "
+        "is the same in both halves of the run",
         remedy,
         lambda given: shifted(given, fit.seconds),
         {"seconds": fit.seconds, "std": fit.deviation, "error_share_left": share},
@@ -145,10 +145,10 @@ def knock(physics: Physics) -> Iterator[Issue]:
             "one-off event",
             "warning",
             f"t = {at:.3g} s, {joints_text(j for j, _ in joints)}",
-            f"something happens once, at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
-            f"there is {sizes}, over {_ALONE:g} times as large as at any other moment.",
-            "likely: an effect of the arm itself would come again",
-            f"leave out {_WIDTH:g} s around it",
+            f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error there "
+            f"is {sizes}, over {_ALONE:g} times that at any other moment.",
+            "likely: an effect of the arm itself would recur",
+            f"exclude {_WIDTH:g} s around it",
             without,
             {"t": at, "joints": [j + 1 for j, _ in joints]},
         )

@@ -32,10 +32,10 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
             "excitation",
             "note",
             "the motion",
-            f"of {total} base parameters {count['identifiable']} are identifiable and {count['weakly']} "
-            "weakly; none stays in the dark.",
+            f"all {total} base parameters are visible: {count['identifiable']} identifiable, "
+            f"{count['weakly']} weakly identifiable.",
             "likely: by a block bootstrap of this run",
-            "nothing has to be done",
+            "no action needed",
             None,
             figures,
         )
@@ -57,9 +57,10 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
         "poor excitation",
         "warning" if len(dark) > _FEW * total else "note",
         joints_text(joints) if joints else "the robot",
-        f"{len(dark)} of {total} base parameters cannot be seen in this motion, {'; '.join(texts)}.",
+        f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
+        f"{'; '.join(texts)}.",
         "likely: by a block bootstrap of this run",
-        "move these joints farther and faster and not in step with each other, or add runs that do",
+        "move these joints farther, faster and independently of each other, or add runs that do",
         None,
         figures,
     )

@@ -44,14 +44,14 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
 
     kind, mend = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
     what = (
-        f"gravity does not point along {_vector(robot.gravity)} of the base but {angle:.0f} degrees "
-        f"beside it, along {_vector((x, y, z))} m/s^2: {_mounting(angle)}."
+        f"gravity is {angle:.0f} degrees away from the assumed {_vector(robot.gravity)}, along "
+        f"{_vector((x, y, z))} m/s^2: {_mounting(angle)}."
     )
     if not earthly:
         kind, mend = "gravity of the problem", f"{mend}, or correct the problem's gravity"
         what = (
-            f"the problem says that gravity is {_vector(robot.gravity)} m/s^2, the torques hold a "
-            f"weight along {_vector((x, y, z))} m/s^2."
+            f"the problem assumes gravity {_vector(robot.gravity)} m/s^2, but the weight in the "
+            f"torques points along {_vector((x, y, z))} m/s^2."
         )
     yield propose(
         physics,
@@ -94,7 +94,7 @@ def hanging(physics: Physics) -> Hypothesis | None:
         f"identify with --gravity {x:g},{y:g},{z:g}",
     )
     made = propose(physics, apply, 1, texts, None, (x, y, z), angle_degrees=180.0, vector=[x, y, z])
-    sure = f"likely: as recorded, links would weigh less than nothing (correlation {agreement:.2f})"
+    sure = f"likely: as recorded, link masses would be negative (correlation {agreement:.2f})"
     return replace(made, issue=replace(made.issue, certainty=sure))
 
 

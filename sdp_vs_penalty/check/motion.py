@@ -77,7 +77,7 @@ def turned_or_exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator
             "position sign",
             name,
             f"the position of {name} has the wrong sign.",
-            f"turn the sign of q{j + 1} (and dq{j + 1})",
+            f"flip the sign of q{j + 1} (and dq{j + 1})",
         )
         same = np.arange(n)
         left = few.with_motion(scale, same).unexplained
@@ -89,8 +89,8 @@ def turned_or_exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator
         texts = (
             "position order",
             name,
-            f"the positions of {name} are exchanged.",
-            f"exchange q{a + 1} and q{b + 1} (and dq)",
+            f"the positions of {name} are swapped.",
+            f"swap q{a + 1} and q{b + 1} (and dq)",
         )
         left = few.with_motion(np.ones(n), order).unexplained
         tried.append((left, np.ones(n), order, texts, {"joints": [int(a) + 1, int(b) + 1]}))

@@ -40,14 +40,12 @@ def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
         swap = len(changed) == 2
         named = ", ".join(f"tau{order[j] + 1} is that of joint {j + 1}" for j in changed)
         what = (
-            f"the torques of {joints_text(changed)} are exchanged."
+            f"the torques of {joints_text(changed)} are swapped."
             if swap
             else f"the torque channels are in another order: {named}."
         )
         also = (
-            f", and turn the sign of joint(s) {', '.join(str(j + 1) for j in turned)}"
-            if len(turned)
-            else ""
+            f", and flip the sign of {', '.join(f'tau{j + 1}' for j in turned)}" if len(turned) else ""
         )
 
         def apply(p: Physics, order: Order = order, signs: Array = signs) -> Physics:

@@ -58,9 +58,9 @@ def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Issu
             "torque channel kind",
             "error",
             "all torque channels",
-            f"the torques are {1.0 / ratio:.3g} times too small for an arm of {_masses(problem)}: they "
-            "are motor currents, or torques on the motor's side of the gear.",
-            "likely: judged by the size alone",
+            f"the torques are {1.0 / ratio:.3g} times too small for an arm of {_masses(problem)}: "
+            "they are motor currents, or torques on the motor side of the gear.",
+            "likely: judged by size alone",
             "multiply each channel by its drive gain (N m per A, gear ratio included); if the torques "
             "are right, correct the problem's masses",
             None,
@@ -106,7 +106,7 @@ def _too_large(
         "all torque channels",
         f"the torques are too large, {' and '.join(parts)}: "
         f"{'their unit is not N m' if unit is None else f'they are in {unit[1]}'}.",
-        "likely: judged by the size alone",
+        "likely: judged by size alone",
         remedy + ("; if the torques are right, correct the problem's masses" if masses else ""),
         None if factor is None else (lambda r: replace(r, tau=r.tau * factor)),
         {"times_effort_limit": over, "times_nominal": ratio},
@@ -121,7 +121,7 @@ def _wrong_masses(ratio: float, over: float, problem: Problem) -> Issue:
         "the problem",
         f"the torques are {size} an arm of {_masses(problem)} needs, yet they reach {100.0 * over:.0f} "
         "% of the joints' effort limits, as torques do: the problem's masses are wrong.",
-        "likely: judged by the size alone",
+        "likely: judged by size alone",
         "correct total_mass in problem.toml (the inertials of a URDF)",
         None,
         {"times_effort_limit": over, "times_nominal": ratio},

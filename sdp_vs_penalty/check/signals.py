@@ -39,7 +39,7 @@ def no_motion() -> Iterator[Issue]:
         "no motion",
         "error",
         "all joints",
-        "no joint moves: nothing but friction at rest and weight in one pose is in these data.",
+        "no joint moves: these data contain only static friction and the weight in one pose.",
         "certain: the positions change by noise only",
         "record a motion of all joints",
     )
@@ -52,8 +52,9 @@ def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
             "idle joints",
             "warning",
             joints_text(np.flatnonzero(idle)),
-            f"{joints_text(np.flatnonzero(idle))} never move(s): friction and inertia about that axis "
-            "cannot be seen, and the torque sensor there shows stiction.",
+            f"{joints_text(np.flatnonzero(idle))} never {'moves' if idle.sum() == 1 else 'move'}: "
+            "friction and inertia about that axis are not identifiable, and the torque there is "
+            "stiction.",
             "certain: the positions change by noise only",
             "move every joint, or add a run that does",
             None,
@@ -67,9 +68,9 @@ def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
             "stand-still",
             "warning" if most else "note",
             f"{100.0 * at_rest:.0f} % of the run",
-            f"the arm stands still for {seconds:.3g} s in all; these rows are not used.",
+            f"the arm stands still for {seconds:.3g} s in total; these rows are not used.",
             "certain: no joint moves for half a second",
-            "cut them off, or record a longer motion" if most else "nothing has to be done",
+            "cut these rows off, or record a longer motion" if most else "no action needed",
             None,
             {"share": at_rest, "seconds": seconds},
         )
@@ -113,10 +114,10 @@ def _saturation(run: Measurements, robot: Robot) -> Iterator[Issue]:
                 "warning",
                 f"tau{j + 1}, rows {start + 2} to {start + 1 + length}"
                 + (f" and {count - length} more rows" if count > length else ""),
-                f"tau{j + 1} is stuck at its {side} value, {limit:.6g} {robot.torque_units[j]}, for up "
-                f"to {length} samples on end ({count} in all): the channel is clipped.",
+                f"tau{j + 1} is stuck at its {side} value, {limit:.6g} {robot.torque_units[j]}, for "
+                f"up to {length} consecutive samples ({count} in total): the channel is clipped.",
                 f"likely: elsewhere it is never constant for more than {elsewhere + 1} samples",
-                "record again with a larger range, or slower; cut those rows out until then",
+                "record again with a larger range, or slower; delete those rows until then",
                 None,
                 {"joint": j + 1, "limit": float(limit), "samples": count},
             )
@@ -149,8 +150,8 @@ def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> I
                 "quantisation",
                 "warning",
                 f"{name}{j + 1}",
-                f"{name}{j + 1} comes in steps of {step:.3g} {unit}, which makes noise of about "
-                f"{100.0 * share:.0f} % of the {seen} below {cutoff:.3g} Hz.",
+                f"{name}{j + 1} is quantised in steps of {step:.3g} {unit}, which adds noise of "
+                f"about {100.0 * share:.0f} % of the {seen} below {cutoff:.3g} Hz.",
                 "likely: the steps are read from the file, the noise is estimated",
                 "log more digits, or move faster; a lower cut-off helps a little",
                 None,
@@ -177,7 +178,7 @@ def _sample_rate(run: Measurements) -> Iterator[Issue]:
         "low sample rate",
         "warning",
         "column t",
-        f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples a second are too few to "
+        f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second are too few to "
         f"differentiate it twice: {30.0 * highest:.0f} Hz are needed.",
         "certain: from the spectrum of the positions",
         "log faster, or move slower",
@@ -207,7 +208,7 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
         ratio = float(own @ other / (own @ own))
         left = float(np.linalg.norm(other - ratio * own) / max(float(np.linalg.norm(other)), 1e-300))
         if left > 0.3:
-            wrong.setdefault("something else than the velocity of that joint", []).append(int(j))
+            wrong.setdefault("not the velocity of that joint", []).append(int(j))
             continue
         if abs(ratio - 1.0) < 0.1:
             continue
@@ -227,7 +228,7 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
             "velocity channel",
             "warning",
             ", ".join(f"dq{j + 1}" for j in joints),
-            f"the velocity of {joints_text(joints)} is {name}, measured by the derivative of the "
+            f"the velocity of {joints_text(joints)} is {name}, compared with the derivative of the "
             "position.",
             "certain: both were compared over the whole run"
             if mendable

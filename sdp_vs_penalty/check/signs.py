@@ -82,7 +82,7 @@ def _flip(physics: Physics, joints: list[int], certainty: str | None = None) -> 
             "torque sign",
             joints_text(joints),
             f"the torque of {'every joint' if every else joints_text(joints)} has the wrong sign.",
-            "turn the sign of " + ", ".join(f"tau{j + 1}" for j in joints),
+            "flip the sign of " + ", ".join(f"tau{j + 1}" for j in joints),
         ),
         lambda run: replace(run, tau=run.tau * signs),
         joints=[j + 1 for j in joints],

@@ -103,9 +103,9 @@ def _check(name: str, theta: Array) -> LinkCheck:
     margin = float(np.linalg.eigvalsh(pseudo)[0])
     if mass <= 0.0:
         empty = mass == 0.0 and not theta.any()
-        verdict = "consistent" if empty else "the mass is negative"
+        verdict = "consistent" if empty else "negative mass"
         if mass == 0.0 and not empty:
-            verdict = "no mass, and yet a moment of inertia"
+            verdict = "moment of inertia without mass"
         return LinkCheck(name, mass, 0.0 if empty else float("nan"), margin, verdict)
     about_com = inertia.inertia_matrix(inertia.barycentric_from_standard(theta)[4:])
     triangle = float(inertia.triangle_margin(theta))
@@ -116,7 +116,7 @@ def _check(name: str, theta: Array) -> LinkCheck:
     nearest = nearest_inertia(about_com)
     com = theta[1:4] / mass
     negative = np.linalg.eigvalsh(about_com)[0] < -ROUNDING * abs(scale)
-    verdict = "a moment of inertia is negative" if negative else "the triangle inequality is violated"
+    verdict = "negative moment of inertia" if negative else "triangle inequality violated"
     distance = float(np.linalg.norm(about_com - nearest))
     return LinkCheck(name, mass, triangle, margin, verdict, Inertial(mass, com, nearest), distance)
 
@@ -148,7 +148,7 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
             write_inertial(document, links[check.link], check.nearest)
         elif not check.consistent:
             raise InputError(
-                f"{path}: link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict}), and "
-                "only you can know the right one: correct it in the file."
+                f"{path}: link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict}): "
+                "correct it in the file, because no inertia is nearest to it."
             )
     write_bytes(out, document.edited())

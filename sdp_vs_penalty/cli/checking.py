@@ -1,4 +1,4 @@
-"""The cheap part of the data check, before a model is fitted."""
+"""The fast part of the data check, before a model is fitted."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ if TYPE_CHECKING:
 
 
 def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
-    """The cheap part of the check, before an identification: warnings go to stderr, a line each.
+    """The fast part of the check, before an identification: warnings go to stderr, a line each.
 
-    Raises InputError where to identify would be meaningless.
+    Raises InputError where an identification would be meaningless.
     """
+    from sdp_vs_penalty import show
     from sdp_vs_penalty.check import check
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.errors import InputError
@@ -22,13 +23,11 @@ def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
     errors = [(r.run, f) for r in reports for f in r.issues if f.severity == "error"]
     if errors:
         run, f = errors[0]
-        more = f"; {len(errors) - 1} more error(s)" if len(errors) > 1 else ""
-        fixed = ", its --fix mends it" if f.repair is not None else ""
+        more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
         raise InputError(
-            f"{run}: {f.what.rstrip('.')}: {f.remedy}{more} (`sdp-vs-penalty check` says more{fixed}), "
-            "or identify all the same with --no-check."
+            f"{run}: {f.what.rstrip('.')}: {f.remedy}{more} (details: `sdp-vs-penalty check`): fix the "
+            "data (`check --fix`), or pass --no-check to identify anyway."
         )
     for report in reports:
         for f in report.problems:
-            text = f"{f.severity}: {report.run}: {f.what} (`sdp-vs-penalty check` says more)"
-            console.err.print(text, markup=False, soft_wrap=True)
+            console.warn(f"{f.severity}: {report.run}: {f.what} (details: `sdp-vs-penalty check`)")

@@ -1,4 +1,4 @@
-"""The command line. Heavy imports happen inside the verbs, so that --help answers at once."""
+"""The command line. A verb is imported when it is used: --help answers at once."""
 
 from __future__ import annotations
 
@@ -6,30 +6,23 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.arguments import expand_many
-from sdp_vs_penalty.cli.command import VerbCommand
 from sdp_vs_penalty.cli.errors import explain
+from sdp_vs_penalty.cli.group import VerbGroup
 from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.version import __version__
-
-#: Every file of verbs/, in the order in which --help shows them.
-VERBS = (
-    "tables", "identify", "compare", "list", "fetch", "check", "convert", "export", "check_urdf",
-    "report", "figures", "excite", "shootout", "export_sdp", "verify", "diagnose", "add", "simulate",
-    "challenge", "page",
-)  # fmt: skip
 
 app = typer.Typer(
     name="sdp-vs-penalty",
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,  # plain text: formatting it takes longer than everything else
+    cls=VerbGroup,
 )
 
 
@@ -50,11 +43,6 @@ def _root(
     """Identify a robot's dynamics: the LMI-SDP and penalty-based retrieval, each with a certificate."""
     if context.invoked_subcommand is None:
         print(context.get_help())
-
-
-for _name in VERBS:
-    _verb = import_module(f"sdp_vs_penalty.cli.verbs.{_name}").verb
-    app.command(_name.replace("_", "-"), cls=VerbCommand)(_verb)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -7,24 +7,43 @@ from typing import Annotated
 
 import typer
 
+PROBLEM_HELP = "Built-in name, folder with a problem.toml, or URDF file."
+
+Problem = Annotated[str, typer.Argument(help=PROBLEM_HELP)]
+Model = Annotated[
+    Path, typer.Argument(metavar="model.json", help="Model written by `identify` or `add`.")
+]
 Data = Annotated[
     list[Path],
     typer.Option(
-        "--data", metavar="RUN.csv ...", help="Runs: .csv, .npz, or a folder of the authors' log."
+        "--data",
+        metavar="RUN.csv ...",
+        help="Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag, or the Panda authors' folder.",
     ),
 ]
 Test = Annotated[
-    Path | None, typer.Option("--test", metavar="TEST.csv", help="A run for the held-out error only.")
+    Path | None, typer.Option("--test", metavar="TEST.csv", help="Run for the held-out error only.")
 ]
 Window = Annotated[
     str | None,
-    typer.Option(metavar="START:STOP", help="Part of each data run to use, in seconds from its start."),
+    typer.Option(metavar="START:STOP", help="Part of each run to use, in seconds from its start."),
 ]
 TestWindow = Annotated[
-    str | None, typer.Option(metavar="START:STOP", help="Part of the test run to use, likewise.")
+    str | None,
+    typer.Option(metavar="START:STOP", help="Part of the test run to use, in seconds from its start."),
 ]
 Frozen = Annotated[
-    bool, typer.Option("--frozen", help="Keep the model's parameters: the only way to see a payload.")
+    bool,
+    typer.Option("--frozen", help="Fixed model parameters: the only way to identify a payload."),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+Gravity = Annotated[
+    str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, in m/s^2.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Random seed.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Traceback of an error.")]
+
+
+def json_option(what: str) -> object:
+    """--json FILE, which also writes ``what``."""
+    return typer.Option("--json", metavar="out.json", help=f"JSON file for the {what}.")

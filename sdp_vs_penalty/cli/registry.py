@@ -15,15 +15,15 @@ def listing(kind: str) -> Listing:
     return _KINDS[kind]()
 
 
-#: Columns of a long listing that fit beside each other; all of them are shown of a single thing.
-_SHORT = {"effects": 2}
+#: Which columns of a long listing are shown beside each other; all of them are of a single name.
+_SHORT = {"effects": (0, 1), "solvers": (0, 1, 3), "engines": (0, 1, 3), "datasets": (0, 2, 3)}
 
 
 def short_listing(kind: str) -> Listing:
-    """The columns to choose by: a line or two a name."""
+    """The columns to choose by: a line or two a name in 80 columns."""
     headings, rows = listing(kind)
-    columns = _SHORT.get(kind, len(headings))
-    return headings[:columns], [row[:columns] for row in rows]
+    columns = _SHORT.get(kind, range(len(headings)))
+    return tuple(headings[k] for k in columns), [tuple(row[k] for k in columns) for row in rows]
 
 
 def details(kind: str, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:

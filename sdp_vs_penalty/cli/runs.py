@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.cli.arguments import time_window
 from sdp_vs_penalty.errors import InputError
 
@@ -21,18 +22,20 @@ def runs_for(
     from sdp_vs_penalty.data.plausibility import check_plausible
 
     robot = estimate.robot
-    names = [joint.name for joint in robot.joints]
+    names = robot.joint_names
     start, stop = time_window(window)
     first, last = time_window(test_window, "--test-window")
     if test is None and test_window is not None:
-        raise InputError(f"--test-window {test_window!r}: say with --test which run it is a part of.")
+        raise InputError(
+            f"--test-window {test_window!r}: name the run that it is a part of with --test."
+        )
     runs = load_measurements(*data, start=start, stop=stop, names=names)
     held_out = None if test is None else load_measurements(test, start=first, stop=last, names=names)
     for given in (runs, held_out):
         if given is not None and given.n != robot.n:
             raise InputError(
-                f"{given.names[0]}: the file has {given.n} joint(s), the model {robot.n}: choose the "
-                "model that belongs to it."
+                f"{given.names[0]}: the file has {show.count(given.n, 'joint')}, the model "
+                f"{robot.n}: choose the model that belongs to it."
             )
         if given is not None:
             check_plausible(robot, given)

@@ -46,10 +46,11 @@ def cache_folder() -> Path:
 def fetch(
     name: str, folder: str | Path | None = None, base: str | None = None, say: Say = _silent
 ) -> list[Path]:
-    """Download a data set (once) and write its runs; returns the paths of the RUN.csv files.
+    """Download a data set once and write its runs; returns the paths of the RUN.csv files.
 
-    folder : where to keep it (default: the user's cache); base : an address with GitHub's layout of
-    raw files (default: SDP_VS_PENALTY_MIRROR, else GitHub); say : hears what could not be used.
+    name : one of `sdp-vs-penalty list datasets`; folder : where to keep it (default: the user's
+    cache); base : an address with GitHub's layout of raw files (default: SDP_VS_PENALTY_MIRROR, else
+    GitHub); say : called with what could not be used.
     Raises InputError where a file cannot be downloaded or is not the one that was pinned.
     """
     chosen = dataset(name)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
@@ -32,9 +33,10 @@ def load_measurements(
     parts = []
     for path in map(Path, paths):
         part = read_run(path, joints, names)
-        _check(path, part)
+        word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
+        check_usable(path, part, word, first)
         parts.append(part)
-    _refuse_twice(paths, parts)
+    refuse_twice(paths, parts)
     whole = parts[0] if len(parts) == 1 else concatenate(parts)
     if start > 0.0 or np.isfinite(stop):
         for run in whole.runs():
@@ -70,13 +72,13 @@ def read_run(
     part: Measurements = home.read(path, Choice(names, topic, rename))
     if joints is not None and part.n != joints:
         raise InputError(
-            f"{path}: the file has {part.n} joint(s), the robot has {joints}: "
-            "choose the problem that belongs to this file."
+            f"{path}: the file has {show.count(part.n, 'joint')}, the robot has {joints}: choose the "
+            "problem that belongs to this file."
         )
     return part
 
 
-def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
+def refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
     """The same samples again would count as a repetition without noise."""
     if len(parts) < 2:  # nothing to compare with: no need to hash the samples
         return
@@ -87,11 +89,13 @@ def _refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) ->
             raise InputError(f"{path}: holds the same samples as {paths[other]}: name each run once.")
 
 
-def _check(path: Path, m: Measurements) -> None:
-    """InputError for what makes a run useless: too short, not finite, a clock that does not run."""
+def check_usable(path: str | Path, m: Measurements, word: str = "sample", first: int = 1) -> None:
+    """InputError for what makes a run useless: too short, not finite, a clock that does not advance.
+
+    path : what messages call the run; word, first : how they count its samples.
+    """
     if len(m.t) < 2:
-        raise InputError(f"{path}: the run has {len(m.t)} sample(s): record longer.")
-    word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
+        raise InputError(f"{path}: the run has {show.count(len(m.t), 'sample')}: record longer.")
     for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
         if values is None:
             continue
@@ -109,8 +113,8 @@ def _check(path: Path, m: Measurements) -> None:
         how = "repeats" if steps[row] == 0 else "runs backwards"
         raise InputError(
             f"{path}: {word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
-            f"{m.t[row + 1]:.6g} s; {int(np.sum(steps <= 0))} such {word}(s)): delete them, or cut the "
-            "file there."
+            f"{m.t[row + 1]:.6g} s; {show.count(int(np.sum(steps <= 0)), f'such {word}')}): delete "
+            "them, or cut the file there."
         )
 
 

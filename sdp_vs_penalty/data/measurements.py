@@ -10,13 +10,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.show import Shown, Summary
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Measurements:
+@dataclass(frozen=True, repr=False)
+class Measurements(Shown):
     """One or more runs of one robot.
 
     t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
@@ -38,6 +40,18 @@ class Measurements:
     @property
     def samples(self) -> int:
         return len(self.t)
+
+    def _summary(self) -> Summary:
+        runs = self.runs()
+        lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
+        steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
+        rate = f", {1.0 / np.median(steps):.4g} Hz" if len(steps) and np.median(steps) > 0.0 else ""
+        title = f"Measurements: {show.count(len(runs), 'run')}, {show.count(self.n, 'joint')}"
+        return title, [
+            ("runs", ", ".join(self.names)),
+            ("length", ", ".join(f"{x:.4g}" for x in lengths) + f" s{rate}, {self.samples} samples"),
+            ("columns", "t, q, tau" if self.dq is None else "t, q, dq, tau"),
+        ]
 
     def runs(self) -> list[Measurements]:
         """The single runs, in order."""

@@ -38,8 +38,9 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                 _check_range(run, j, joint)
             elif joint.kind == "revolute" and np.ptp(q) > _UNLIMITED and _returns(q):
                 raise InputError(
-                    f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} goes to "
-                    f"and fro over {np.ptp(q) / _TURN:.0f} turns: convert degrees to radians."
+                    f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} "
+                    f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees; "
+                    "convert to radians."
                 )
 
 

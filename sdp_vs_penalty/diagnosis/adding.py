@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
@@ -21,6 +23,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import certify, certify_beside, covariance, on_bounds, versions
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
@@ -30,9 +33,9 @@ Array = NDArray[np.float64]
 
 
 def add(
-    estimate: Estimate,
+    estimate: Estimate | str | Path,
     effects: str | Diagnosis | Sequence[Finding | str],
-    measurements: Measurements,
+    measurements: Source,
     *,
     frozen: bool = False,
     seed: int = 0,
@@ -40,7 +43,8 @@ def add(
 ) -> Estimate:
     """The model with effects more, identified again by its own method under its problem's constraints.
 
-    estimate : the model to extend; measurements : the runs to identify it from again.
+    estimate : the model to extend, or its model.json; measurements : the runs to identify it from
+    again, whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes.
     effects : ``name[:joints][@shape=value]``, several separated by commas, or what :func:`diagnose`
     found: all of it or some of its findings. A shape constant that is not given is estimated, joint by
     joint. frozen : keep all other parameters; so it is also done with what a frozen model was diagnosed
@@ -48,6 +52,10 @@ def add(
     absorb it. seed : of the method; progress : called with a short text of where the work stands.
     Raises InputError for an effect that the model already has, or that cannot act.
     """
+    estimate = as_estimate(estimate, "add(estimate=...)")
+    measurements = as_measurements(
+        measurements, names=estimate.robot.joint_names, what="add(measurements=...)"
+    )
     estimate.require_joints(measurements)
     if isinstance(effects, Diagnosis):
         frozen, effects = frozen or effects.frozen, effects.effects

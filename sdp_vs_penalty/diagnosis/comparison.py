@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.rows import with_estimate
+from sdp_vs_penalty.diagnosis.show import fit_verdict, plot_errors, plot_residual
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sources import Models, as_estimates
+from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_torque
 from sdp_vs_penalty.signals.segments import segmented
@@ -25,12 +28,28 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Signals:
+    """What a comparison compares, behind the filter: t (M,) s; q, dq, measured, modelled (M, n)."""
+
+    t: Array
+    q: Array
+    dq: Array
+    measured: Array
+    modelled: Array
+
+    @property
+    def residual(self) -> Array:
+        """(M, n) measured minus modelled torque [N m or N]."""
+        return self.measured - self.modelled
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """One model against measurements, all joints in the same stated band.
 
     rmse [N m or N], mse, r2 (1 - mse / variance of the measured torque): (n,) each; noise_floor
     (n,) or None where no motion repeats; relative_error_percent: 100 |tau - tau_hat| / |tau| over
-    all joints; band_hz: the low-pass that both sides passed.
+    all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows themselves.
     """
 
     name: str
@@ -40,6 +59,39 @@ class Comparison:
     noise_floor: Array | None
     relative_error_percent: float
     band_hz: float
+    signals: Signals = field(compare=False)
+
+    @property
+    def verdict(self) -> str:
+        """How well the model explains these measurements, in one sentence."""
+        said = fit_verdict(self.relative_error_percent, self.rmse, self.noise_floor)
+        return f"{self.name} {said}"
+
+    def plot(self, joint: int | None = None, against: str = "time", axes: Any = None) -> Any:
+        """Draw each joint's error beside the noise floor, or one joint's residual; returns the axes.
+
+        joint : counts from 1; against : "time", "position" or "velocity", for one joint's residual.
+        Raises InputError without matplotlib (extra [plot]), or for another joint or quantity.
+        """
+        if joint is None:
+            return plot_errors(axes, {self.name: self.rmse}, self.noise_floor)
+        if joint not in range(1, len(self.rmse) + 1):
+            raise InputError(f"plot(joint={joint}): the robot has joints 1 to {len(self.rmse)}.")
+        j, s = joint - 1, self.signals
+        x = {"time": s.t, "position": s.q[:, j], "velocity": s.dq[:, j]}.get(against)
+        if x is None:
+            raise InputError(f"plot(against={against!r}): time, position or velocity is needed.")
+        unit = {"time": "s", "position": "rad or m", "velocity": "rad/s or m/s"}[against]
+        label = f"{against} of joint {joint} [{unit}]" if against != "time" else "time [s]"
+        title = f"{self.name}: RMSE {self.rmse[j]:.3g}"
+        return plot_residual(axes, x, s.residual[:, j], label, title)
+
+    def _summary(self) -> Summary:
+        return f"Comparison: {self.verdict}", [
+            ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
+            *_floor_row(self.noise_floor),
+            ("band", f"below {self.band_hz:.3g} Hz"),
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -55,40 +107,84 @@ class Comparison:
         }
 
 
+class Comparisons(list[Comparison]):
+    """Comparisons of several models with the same measurements: a list that can show itself."""
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a model and joint (from 1): rmse, r2, noise_floor."""
+        import pandas
+
+        rows = [
+            {
+                "model": c.name,
+                "joint": j + 1,
+                "rmse": c.rmse[j],
+                "r2": c.r2[j],
+                "noise_floor": np.nan if c.noise_floor is None else c.noise_floor[j],
+            }
+            for c in self
+            for j in range(len(c.rmse))
+        ]
+        return pandas.DataFrame(rows).set_index(["model", "joint"])
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the errors of all models joint by joint, beside the noise floor; returns the axes.
+
+        Raises InputError without matplotlib (extra [plot]).
+        """
+        return plot_errors(axes, {c.name: c.rmse for c in self}, self[0].noise_floor)
+
+    def __repr__(self) -> str:
+        if len(self) == 1:
+            return repr(self[0])
+        return "\n".join(["Comparisons", *(f"  {c.verdict}" for c in self[:4])])
+
+    def _repr_html_(self) -> str:
+        return "".join(f"<p>{escape(c.verdict)}</p>" for c in self) + self.to_frame().to_html()
+
+
+def _floor_row(floor: Array | None) -> list[tuple[str, str]]:
+    return [] if floor is None else [("noise floor", ", ".join(f"{x:.3g}" for x in floor))]
+
+
 def _number(x: float) -> float | None:
     """JSON knows no NaN: what is undefined (no torque at all) is null."""
     return float(x) if np.isfinite(x) else None
 
 
 def compare(
-    models: Estimate | Sequence[Estimate] | Mapping[str, Estimate],
-    measurements: Measurements,
+    models: Models,
+    measurements: Source,
     preprocessing: Preprocessing | None = None,
     *,
-    noise_from: Measurements | None = None,
-) -> list[Comparison]:
+    noise_from: Source | None = None,
+) -> Comparisons:
     """Compare one or several models with the same measurements.
 
+    models : an Estimate or a model.json, a sequence of them, or a mapping from names to them.
+    measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
+        a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters: those of the first model, or ``preprocessing``.
     noise_from : the runs whose repetition shows the noise floor (default: the measurements).
+    Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
     Raises InputError where a model and the measurements have different numbers of joints.
     """
-    if isinstance(models, Estimate):
-        models = {models.method: models}
-    elif not isinstance(models, Mapping):
-        models = {f"{k + 1} ({m.method})": m for k, m in enumerate(models)}
-    if not models:
-        raise InputError("No model to compare: name at least one model.json.")
-    settings = preprocessing or next(iter(models.values())).preprocessing
+    models = as_estimates(models, "compare(models=...)")
+    first = next(iter(models.values()))
+    measurements = as_measurements(
+        measurements, names=first.robot.joint_names, what="compare(measurements=...)"
+    )
+    settings = preprocessing or first.preprocessing
     settings = settings.resolve(measurements)
     assert settings.torque_cutoff is not None
-    repeated = segmented(measurements if noise_from is None else noise_from, settings)
-    out = []
+    given = measurements if noise_from is None else as_measurements(noise_from)
+    repeated = segmented(given, settings)
+    out = Comparisons()
     for name, model in models.items():
         if model.robot.n != measurements.n:
             raise InputError(
-                f"model {name} is of a robot with {model.robot.n} joint(s), the measurements have "
-                f"{measurements.n}: choose the model that belongs to them."
+                f"model {name} is of a robot with {show.count(model.robot.n, 'joint')}, the "
+                f"measurements have {measurements.n}: choose the model that belongs to them."
             )
         check_plausible(model.robot, measurements)
         runs = [filtered_torque(run, model.model, settings) for run in measurements.runs()]
@@ -102,28 +198,12 @@ def compare(
             r2 = np.where(torque.var(axis=0) > 0.0, 1.0 - mse / torque.var(axis=0), np.nan)
             relative = 100.0 * np.linalg.norm(error) / np.linalg.norm(torque)
         floor = noise_floor(with_estimate(repeated, model))
-        out.append(
-            Comparison(name, np.sqrt(mse), mse, r2, floor, float(relative), settings.torque_cutoff)
-        )
+        t, q, dq = (np.concatenate([getattr(rows.motion, x) for rows in runs]) for x in ("t", "q", "dq"))
+        signals = Signals(t, q, dq, torque, torque - error)
+        band = settings.torque_cutoff
+        rmse = np.sqrt(mse)
+        out.append(Comparison(name, rmse, mse, r2, floor, float(relative), band, signals))
     return out
-
-
-def comparison_frame(comparisons: Sequence[Comparison]) -> pandas.DataFrame:
-    """Comparisons side by side: one row a model and joint (from 1), for a notebook."""
-    import pandas
-
-    rows = [
-        {
-            "model": c.name,
-            "joint": j + 1,
-            "rmse": c.rmse[j],
-            "r2": c.r2[j],
-            "noise_floor": np.nan if c.noise_floor is None else c.noise_floor[j],
-        }
-        for c in comparisons
-        for j in range(len(c.rmse))
-    ]
-    return pandas.DataFrame(rows).set_index(["model", "joint"])
 
 
 def predicted(rows: Rows, theta: Array) -> Array:

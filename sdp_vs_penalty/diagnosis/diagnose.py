@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis import explanations
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
@@ -25,6 +27,7 @@ from sdp_vs_penalty.diagnosis.scoring import score_library
 from sdp_vs_penalty.diagnosis.stage import prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
@@ -34,9 +37,9 @@ INVISIBLE = 0.999
 
 
 def diagnose(
-    estimate: Estimate,
-    measurements: Measurements,
-    test: Measurements | None = None,
+    estimate: Estimate | str | Path,
+    measurements: Source,
+    test: Source = None,
     *,
     frozen: bool = False,
     seed: int = 0,
@@ -44,14 +47,20 @@ def diagnose(
 ) -> Diagnosis:
     """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
 
-    estimate : the model in question; measurements : the runs to search in; test : a run only for the
-    held-out errors (without it, folds that no selection saw).
+    estimate : the model in question, or its model.json; measurements : the runs to search in, whatever
+    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; test : a run only for the held-out
+    errors (without it, folds that no selection saw).
     frozen : keep the model's parameters, so that changes of the links
     show (a payload); otherwise they are refitted along with every candidate. seed : of the random
     signs that the tests compare with; progress : called with a short text of where the search stands.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
+    estimate = as_estimate(estimate, "diagnose(estimate=...)")
+    names = estimate.robot.joint_names
+    measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
+    if test is not None:
+        test = as_measurements(test, names=names, what="diagnose(test=...)")
     for what, m in (("measurements", measurements), ("test run", test)):
         if m is not None:
             estimate.require_joints(m, what)

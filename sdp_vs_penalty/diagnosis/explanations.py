@@ -37,12 +37,12 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
         if effect.whole_robot
         else "joint " + "+".join(str(j + 1) for j in effect.joints)
     )
-    amount = f"{size:.4g} +- {std:.1g}" + ("" if unit == "-" else f" {unit}")
+    amount = f"{size:.4g} ± {std:.1g}" + ("" if unit == "-" else f" {unit}")
     head = f"{effect.name} on {where}: {amount}"
     head += f" ({effect.constants})" if effect.constants else ""
     text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
     if rivals:
-        text += f" These data cannot tell it from {', '.join(rivals)}."
+        text += f" Indistinguishable in these data from {', '.join(rivals)}."
     return text
 
 
@@ -72,13 +72,13 @@ def remarks(noise_source: str, doubted: Sequence[str], held_out: str) -> tuple[s
     out = []
     if noise_source == "residual":
         out.append(
-            "No motion repeats, so the noise is not known apart from the model's error: that nothing "
-            "more is missing is a weaker statement here; record a run with more than one period."
+            'No motion repeats, so noise and model error cannot be separated; "nothing missing" '
+            "is weaker evidence. Record a run with more than one period."
         )
     out += doubted
     if held_out == "folds":
         out.append(
-            "Held-out errors come from outer folds: the search was repeated without each of them; where "
-            "that found fewer effects its last error is repeated. A test run (--test) shows each step."
+            "Held-out errors come from outer folds: the search was repeated without each of them; "
+            "steps a fold did not reach repeat its last error. A test run (--test) shows each step."
         )
     return tuple(out)

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import Event
+from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
+from sdp_vs_penalty.show import Shown, Summary, Table
 
 Array = NDArray[np.float64]
 
@@ -110,8 +112,8 @@ class Invisible:
         return cls(str(data["effect"]), joints, float(data["absorbed_share"]))
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
     adding; noise_floor (n,) of the filtered torque; events : what happened once.
 
@@ -153,6 +155,41 @@ class Diagnosis:
             kind = "confident finding" if confident and self.effects else "finding"
             raise InputError(f"there is no {kind} to add.")
         return replace(self, effects=chosen)
+
+    @property
+    def headline(self) -> str:
+        """What is missing, in one sentence."""
+        found = [(f.effect, f.joints, f.confidence) for f in self.effects]
+        return diagnosis_verdict(self.verdict == UNKNOWN, found, self.noise_source == "repetition")
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the held-out error over the noise floor as the effects are added; returns the axes.
+
+        Raises InputError without matplotlib (extra [plot]).
+        """
+        steps = ["the model", *(f"+ {f.text.partition('@')[0]}" for f in self.effects)]
+        errors = [f.held_out_rmse_before for f in self.effects] + [self.held_out_rmse]
+        return plot_ladder(axes, steps, np.array(errors), self.noise_floor)
+
+    def _summary(self) -> Summary:
+        before = self.effects[0].held_out_rmse_before if self.effects else self.held_out_rmse
+        rows = [("held-out RMSE", ", ".join(f"{x:.3g}" for x in before))]
+        if self.effects:
+            rows.append(("with the findings", ", ".join(f"{x:.3g}" for x in self.held_out_rmse)))
+        name = "noise floor" if self.noise_source == "repetition" else "noise (estimated)"
+        return self.headline, [*rows, (name, ", ".join(f"{x:.3g}" for x in self.noise_floor))]
+
+    def _table(self) -> Table:
+        rows = [
+            (
+                f.text,
+                f"{f.size:.3g} ± {f.std:.1g} {f.unit}",
+                f.confidence,
+                ", ".join(f.indistinguishable_from),
+            )
+            for f in self.effects
+        ]
+        return ("effect", "size", "confidence", "indistinguishable from"), rows
 
     def to_dict(self) -> dict[str, Any]:
         """findings.json; :meth:`from_dict` restores the same diagnosis."""

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.stage import label_rows
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
@@ -114,16 +117,23 @@ def _number(x: float) -> float | None:
 
 
 def where_it_fails(
-    estimate: Estimate,
-    measurements: Measurements,
+    estimate: Estimate | str | Path,
+    measurements: Source,
     preprocessing: Preprocessing | None = None,
     *,
     noise_from: Measurements | None = None,
 ) -> list[JointFailure]:
-    """One JointFailure a joint; noise_from : as in :func:`~.comparison.compare`.
+    """One JointFailure a joint: what its residual depends on, and when it is large.
 
+    estimate : the model, or its model.json; measurements : whatever
+    :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
+    model's; noise_from : as in :func:`~.comparison.compare`.
     Raises InputError where the measurements are not of this robot.
     """
+    estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
+    measurements = as_measurements(
+        measurements, names=estimate.robot.joint_names, what="where_it_fails(measurements=...)"
+    )
     estimate.require_joints(measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     rows = diagnosis_rows(measurements, estimate, settings)

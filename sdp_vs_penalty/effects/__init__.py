@@ -82,3 +82,15 @@ def _lookup(name: str) -> type[Effect]:
         raise InputError(
             f"effect {name!r} is unknown; there are: {', '.join(effect_types())}."
         ) from None
+
+
+def __getattr__(name: str) -> Any:
+    """The effects' classes, such as ``effects.PreslidingHysteresis``."""
+    found = {kind.__name__: kind for kind in effect_types().values()}
+    if name not in found:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return found[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *(kind.__name__ for kind in effect_types().values())})

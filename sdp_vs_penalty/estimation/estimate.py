@@ -9,17 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate
 
@@ -33,8 +36,8 @@ Array = NDArray[np.float64]
 FORMAT = 2
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, repr=False)
+class Estimate(Shown):
     """theta (p,) of a model, with how it came about.
 
     problem : the bounds and the prior that it was identified under, which travel with it; covariance
@@ -70,6 +73,50 @@ class Estimate:
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""
         return self.model.torque(self.theta, motion)
+
+    def predict(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike | None = None) -> Array:
+        """Torque (N, n) [N m or N] at states q, dq, ddq, each (N, n) [rad, rad/s, rad/s^2; m].
+
+        t : (N,) instants [s], needed where an effect depends on time or on earlier motion.
+        Raises InputError for arrays of other shapes, and where t is needed.
+        """
+        names = ("q", "dq", "ddq")
+        states = tuple(np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq))
+        for name, x in zip(names, states, strict=True):
+            if x.shape != states[0].shape or x.shape[1:] != (self.robot.n,):
+                raise InputError(
+                    f"predict({name}=...): shape {np.shape(x)}, but q, dq and ddq must all be "
+                    f"(N, {self.robot.n})."
+                )
+        if t is None:
+            timed = [e.name for e in self.model.effects if e.has_memory or "t0" in e.shape]
+            if timed:
+                raise InputError(f"predict(): {timed[0]} depends on time: pass t, (N,) in seconds.")
+            t = np.zeros(len(states[0]))
+        times = np.asarray(t, float)
+        if times.shape != (len(states[0]),):
+            raise InputError(f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows.")
+        return self.torque(Motion(times, states[0], states[1], states[2]))
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw link masses and the other effects' parameters, with two standard deviations.
+
+        axes : one for each effect (default: a new figure); returns them.
+        Raises InputError without matplotlib (extra [plot]).
+        """
+        return plot_parameters(self.model.parameters, self.theta, self.standard_deviations, axes)
+
+    def _summary(self) -> Summary:
+        title = f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)} parameters"
+        return title, [
+            ("effects", ", ".join(e.name for e in self.model.effects)),
+            ("data", f"{self.provenance['samples']} samples of {', '.join(self.provenance['runs'])}"),
+            *self.certificate.summary()[::2][:2],
+        ]
+
+    def _table(self) -> Table:
+        rows = parameter_rows(self.model.parameters, self.theta, self.standard_deviations)
+        return ("parameter", "value", "unit", "effect"), rows
 
     def to_frame(self) -> pandas.DataFrame:
         """The parameters as a table, indexed by name: value, std, unit, effect, joint."""
@@ -116,8 +163,8 @@ class Estimate:
         """Raises InputError unless the measurements have as many joints as the robot."""
         if measurements.n != self.robot.n:
             raise InputError(
-                f"The {what} have {measurements.n} joint(s), the model's robot has {self.robot.n}: "
-                "choose the model that belongs to them."
+                f"The {what} have {show.count(measurements.n, 'joint')}, the model's robot has "
+                f"{self.robot.n}: choose the model that belongs to them."
             )
 
     def save(self, path: str | Path) -> None:

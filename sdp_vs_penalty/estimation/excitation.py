@@ -27,6 +27,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot.robot import Robot
@@ -104,9 +105,13 @@ class Excitation:
     condition: float
     history: tuple[float, ...]
 
+    def save(self, path: str | Path) -> None:
+        """Write t, q, dq, ddq at 1 kHz as CSV, whole or not at all."""
+        save_trajectory(self.trajectory, path)
 
-def optimise_excitation(
-    problem: Problem,
+
+def excite(
+    problem: str | Path | Problem,
     *,
     limits: Limits | None = None,
     start: FourierTrajectory | None = None,
@@ -122,11 +127,15 @@ def optimise_excitation(
 ) -> Excitation:
     """A trajectory that excites the base parameters of a problem as evenly as the limits allow.
 
+    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     limits : default the robot's own; start : where to begin (its frequency, duration and blend are
-    kept), default a random trajectory of the given shape; effects : whose columns count, default the
-    problem's (base parameters of the links, friction, ...); objective : one of OBJECTIVES.
+    kept), default a random trajectory with this number of ``harmonics`` of ``frequency`` [rad/s],
+    ``duration`` and ``blend`` [s]; effects : whose columns count, default the problem's (base
+    parameters of the links, friction, ...); objective : "condition" or "d-optimal"; iterations : at
+    most; seed : of the random start; progress : called with the condition number so far.
     Raises InputError for limits that admit no trajectory, or an objective that does not exist.
     """
+    problem = as_problem(problem, "excite(problem=...)")
     if objective not in OBJECTIVES:
         raise InputError(f"objective {objective!r} is unknown; there are: {', '.join(OBJECTIVES)}.")
     bounds = Limits.of_robot(problem.robot) if limits is None else limits

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -17,15 +20,16 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.black_box import BlackBox, compress_black_box
+from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
 def identify(
-    problem: Problem,
-    measurements: Measurements | BlackBox,
+    problem: str | Path | Problem,
+    measurements: Source | BlackBox,
     method: str | Estimator = DEFAULT_METHOD,
     *,
     effects: str | Sequence[str] | Sequence[Effect] | None = None,
@@ -36,6 +40,9 @@ def identify(
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
+    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
+        a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
     effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
         the problem's); weighting : "noise" divides each joint's rows by its residual in a first
@@ -45,10 +52,15 @@ def identify(
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
     """
+    problem = as_problem(problem, "identify(problem=...)")
+    if not isinstance(measurements, BlackBox):
+        measurements = as_black_box(measurements, problem.robot.n) or as_measurements(
+            measurements, problem.robot.n, problem.robot.joint_names, "identify(measurements=...)"
+        )
     if measurements.n != problem.robot.n:
         raise InputError(
-            f"The measurements have {measurements.n} joint(s), the robot {problem.name} has "
-            f"{problem.robot.n}: choose the problem that belongs to the file."
+            f"The measurements have {show.count(measurements.n, 'joint')}, the robot {problem.name} "
+            f"has {problem.robot.n}: choose the problem that belongs to the file."
         )
     estimator = make_estimator(method)
     if isinstance(measurements, BlackBox):

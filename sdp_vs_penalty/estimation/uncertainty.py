@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model
@@ -155,8 +156,8 @@ def of_regression(
         raise InputError(f"level {level:g} and draws {draws}: a level below 1 and at least 20 draws.")
     if len(regression.blocks) < 4:
         raise InputError(
-            f"The measurements make {len(regression.blocks)} time block(s), at least 4 are needed for "
-            "intervals: record longer."
+            f"The measurements contain {show.count(len(regression.blocks), 'time block')}, but "
+            "intervals need 4: record longer."
         )
     nominal, bound = problem.nominal(model), problem.parameter_bound(model)
     first = nearest_least_squares(regression.least_squares(), nominal, bound)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.export.content import Content
 from sdp_vs_penalty.export.mjcf import make_mjcf
 from sdp_vs_penalty.export.numpy_function import make_function
@@ -20,21 +21,25 @@ FORMATS = {".urdf": "URDF", ".xml": "MuJoCo's MJCF", ".json": "plain JSON", ".py
 _WHOLE: dict[str, Callable[[Estimate], bytes]] = {".json": make_sidecar, ".py": make_function}
 
 
-def export(estimate: Estimate, out: str | Path, urdf: str | Path | None = None) -> tuple[str, ...]:
+def export(
+    estimate: Estimate | str | Path, out: str | Path, urdf: str | Path | None = None
+) -> tuple[str, ...]:
     """Write a model in the format of the suffix: .urdf, .xml (MJCF), .json, or .py (NumPy function).
 
+    estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
         other byte is kept; for ``out`` with the suffix .urdf only.
     Returns the effects that the format has no place for (they are in the .json and the .py).
     Raises InputError for another suffix, an inconsistent inertial, or a URDF of another robot.
     """
+    estimate = as_estimate(estimate, "export(estimate=...)")
     out = Path(out)
     suffix = out.suffix.lower()
     if suffix not in FORMATS:
         known = ", ".join(f"{key} ({what})" for key, what in FORMATS.items())
-        raise InputError(f"{out}: the suffix chooses the format, and there are: {known}.")
+        raise InputError(f"{out}: unknown suffix: choose one of {known}.")
     if urdf is not None and suffix != ".urdf":
-        raise InputError(f"{out}: --urdf edits a URDF file, so that --out must end in .urdf.")
+        raise InputError(f"{out}: an edited URDF must end in .urdf: rename it, or leave the URDF out.")
     if suffix in _WHOLE:
         write_bytes(out, _WHOLE[suffix](estimate))
         return ()

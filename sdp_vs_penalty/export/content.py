@@ -40,8 +40,8 @@ class Content:
         model, robot = estimate.model, estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
-                f"model {estimate.problem.name}: there is no rigid_body in it, so that there are no "
-                "inertias to write: export it as .json or .py."
+                f"model {estimate.problem.name}: the model has no rigid_body effect, so there are no "
+                "inertias to export: write .json or .py instead."
             )
         links = np.stack(
             [
@@ -79,8 +79,8 @@ def require_consistent(link: Array, name: str) -> None:
     if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(float(np.trace(pseudo)), 0.0):
         raise InputError(
             f"{name}: the inertial is not physically consistent (smallest eigenvalue of its "
-            f"pseudo-inertia {smallest:.3g}), and simulators refuse or explode with such a body: "
-            "identify with a method that imposes consistency (lmi-sdp, penalty)."
+            f"pseudo-inertia {smallest:.3g}), and simulators reject such a body or diverge: identify "
+            "with a method that imposes consistency (lmi-sdp, penalty)."
         )
 
 

@@ -58,7 +58,7 @@ def posed(
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
         raise InputError(
-            f"method {method} is not one SDP: take lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic."
+            f"method {method} is not a single SDP: choose lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic."
         )
     robot = load_problem(problem)
     names = [joint.name for joint in robot.robot.joints]

@@ -9,6 +9,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers, require_consistent
 from sdp_vs_penalty.export.splice import Document
@@ -161,8 +162,8 @@ def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
     """For each joint of the file the model's joint: by name where all names agree, else in order."""
     if theirs.n != mine.n:
         raise InputError(
-            f"{path}: the file has {theirs.n} moving joint(s), the model {mine.n}: "
-            "give the URDF of the robot that was identified."
+            f"{path}: the file has {show.count(theirs.n, 'moving joint')}, the model {mine.n}: give "
+            "the URDF of the robot that was identified."
         )
     names = [joint.name for joint in mine.joints]
     if sorted(names) == sorted(joint.name for joint in theirs.joints):
@@ -197,8 +198,9 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
             )
         if apart > _SAME_AXIS:
             raise InputError(
-                f"{path}: the axis of joint {joint.name!r} lies {1e3 * apart:.3g} mm beside that of "
-                f"joint {other.name!r} of the model: give the URDF of the robot that was identified."
+                f"{path}: the axis of joint {joint.name!r} lies {1e3 * apart:.3g} mm away from that "
+                f"of joint {other.name!r} of the model: give the URDF of the robot that was "
+                "identified."
             )
         same = np.array_equal(relation, np.eye(4))
         out[index] = links[order[index]] if same else inertia.transform(relation) @ links[order[index]]

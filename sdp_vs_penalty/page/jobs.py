@@ -12,6 +12,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
 from sdp_vs_penalty.data.files import load_measurements, save
@@ -82,7 +83,7 @@ def robot(request: Request, progress: Progress) -> Answer:
     return {
         "title": problem.title
         if problem.folder is not None
-        else f"{problem.robot.n} joint(s) from URDF",
+        else f"{show.count(problem.robot.n, 'joint')}, from URDF",
         "name": problem.name,
         "n": problem.robot.n,
         "joints": [j.name for j in problem.robot.joints],
@@ -161,8 +162,8 @@ def open_model(request: Request, progress: Progress) -> Answer:
     estimate = load_estimate(request["model"])
     if estimate.robot.n != runs.train.n:
         raise InputError(
-            f"{request['model']}: is of a robot with {estimate.robot.n} joint(s), the runs have "
-            f"{runs.train.n}: choose the model that belongs to them."
+            f"{request['model']}: is of a robot with {show.count(estimate.robot.n, 'joint')}, the "
+            f"runs have {runs.train.n}: choose the model that belongs to them."
         )
     return asdict(summary(estimate, runs, Path(request["out"]), 0.0, progress))
 
@@ -272,7 +273,7 @@ def _runs(request: Request) -> Runs:
     """
     chosen = request["runs"]
     if not chosen:
-        raise InputError("No run is there to identify from: add measurements first.")
+        raise InputError("No run to identify from: add measurements first.")
     loaded = load_measurements(*(Path(request["folder"]) / run["file"] for run in chosen))
     train, test = [], []
     for run, part in zip(chosen, loaded.runs(), strict=True):
@@ -284,7 +285,7 @@ def _runs(request: Request) -> Runs:
         else:
             (test if run["use"] == "test" else train).append(replace(part, names=(run["name"],)))
     if not train:
-        raise InputError("No run is there to identify from: use at least one for it.")
+        raise InputError("No run to identify from: use at least one for it.")
     return Runs(concatenate(train), concatenate(test) if test else None, loaded)
 
 

@@ -70,7 +70,7 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
     is free where that is taken. Raises InputError for a folder that is none, or a port that is taken.
     """
     if folder is not None and not folder.is_dir():
-        raise InputError(f"{folder}: not a folder: name the folder with your runs, or none.")
+        raise InputError(f"{folder}: not a folder: name the folder with your runs, or leave it out.")
     listener = _listen(port)
     chosen = listener.getsockname()[1]
     page = Page(folder)
@@ -194,8 +194,7 @@ async def _build(page: Page, session: Session) -> None:
     client.on_delete(leave)
     client.on_exception(
         lambda error: session.say(
-            f"An error of the program's own ({type(error).__name__}): nothing was changed; try again, "
-            "and report it."
+            f"Internal error ({type(error).__name__}): nothing was changed; try again, and report it."
         )
     )
 
@@ -204,14 +203,16 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
     name, length = uploads.shown_name(given), request.headers.get("content-length", "")
     try:
         if kind != "runs" and session.busy:
-            raise InputError(f"{name}: wait until the work is done, or cancel it, and drop it again.")
+            raise InputError(
+                f"{name}: wait until the job is done, or cancel it, and drop the file again."
+            )
         announced = int(length) if length.isdigit() else None
         path = await uploads.receive(session.folder, name, announced, _body(request), kind)
     except InputError as error:
         session.say(str(error))
         return JSONResponse({"error": str(error)}, 400)
     except OSError as error:
-        session.say(f"{name}: cannot be kept ({error.strerror}): make room on the disk.")
+        session.say(f"{name}: cannot be stored ({error.strerror}): free disk space.")
         return JSONResponse({"error": str(error.strerror)}, 507)
     if kind == "robot":
         session.choose_robot(str(path), name)

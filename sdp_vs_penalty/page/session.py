@@ -77,7 +77,7 @@ class Session(State):
         """Use a run for training, for testing, or not at all ("")."""
         if self.busy:
             self.refusals += 1
-            self.say("Wait until the work is done, or cancel it.", error=False)
+            self.say("Wait until the job is done, or cancel it.", error=False)
             return
         for run in self.runs:
             if run["file"] == file:
@@ -92,11 +92,11 @@ class Session(State):
 
         async def do() -> None:
             if not self.effects:
-                raise InputError("No effect is chosen: rigid_body is where a model begins.")
+                raise InputError("No effect is chosen: choose at least rigid_body.")
             if self.meaningless and not self.anyway:
                 raise InputError(
-                    f"{self.meaningless[0]} (`sdp-vs-penalty check RUN --fix` mends what it can); "
-                    "or tick that you want to identify all the same."
+                    f"{self.meaningless[0]} (`sdp-vs-penalty check RUN --fix` repairs what it can); "
+                    'or tick "Identify anyway".'
                 )
             answer = await self._job(
                 "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
@@ -231,8 +231,8 @@ class Session(State):
         except Exception as error:
             self.notice = Notice(
                 (
-                    f"An error of the program's own ({type(error).__name__}): nothing was changed; try "
-                    "again, and report it.",
+                    f"Internal error ({type(error).__name__}): nothing was changed; try again, and "
+                    "report it.",
                 )
             )
         finally:
@@ -286,7 +286,7 @@ class Session(State):
 
     def _current(self) -> str:
         if self.model is None:
-            raise InputError("No model is there yet: identify one first.")
+            raise InputError("No model yet: identify one first.")
         return self.model.file
 
     def _next_file(self) -> str:

@@ -43,7 +43,7 @@ def suffix_of(name: str, allowed: tuple[str, ...]) -> str:
     suffix = Path(name).suffix.lower()
     if suffix in allowed:
         return suffix
-    raise InputError(f"{name}: files of this kind are not read; there are: {', '.join(allowed)}.")
+    raise InputError(f"{name}: files of this kind cannot be read; choose one of: {', '.join(allowed)}.")
 
 
 def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:
@@ -67,7 +67,7 @@ async def receive(
     kept = [p for p in folder.rglob("*") if p.is_file()]
     room = LARGEST_SESSION - sum(p.stat().st_size for p in kept)
     if len(kept) >= MOST_FILES or (length or 0) > room:
-        raise InputError(f"{name}: this page has taken as many files as it can: start over.")
+        raise InputError(f"{name}: this page has reached its limit of files: start over.")
     path = folder / f"file-{secrets.token_hex(8)}{suffix}"
     size = 0
     try:

@@ -1,4 +1,4 @@
-"""What a tab shows of its session, and what the steps may ask of the tab."""
+"""View state of one tab (selected joint, run, methods), and what the steps may ask of the tab."""
 
 from __future__ import annotations
 

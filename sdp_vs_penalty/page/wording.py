@@ -54,10 +54,10 @@ def held(violation: Mapping[str, float]) -> str:
     """Which constraints hold, from the worst violations of those that are convex and of the others."""
     if violation["convex"] > 0.0:
         return f"violated by {figure(violation['convex'], 2)}"
-    return "all hold" if violation["other"] == 0.0 else "all convex ones hold"
+    return "all hold" if violation["other"] == 0.0 else "all convex constraints hold"
 
 
 def physics(finding: Finding) -> str:
     """The sentences of a finding that say what it is, without its size and its rivals."""
     text = finding.explanation.partition(". ")[2]
-    return text.partition(" These data cannot tell it from")[0]
+    return text.partition(" Indistinguishable in these data from")[0]

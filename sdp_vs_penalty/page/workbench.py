@@ -33,10 +33,10 @@ class Workbench:
         """Everything once; afterwards :meth:`redraw` keeps it up to date."""
         self._header()
         with tag("main", style="page", tabindex="-1") as self._main:
-            tag("h1", "Identify your robot, see what the model misses, add it")
+            tag("h1", "Identify your robot, see what the model is missing, add it")
             tag(
                 "p",
-                "Work down the page. Everything is computed on this computer and nothing leaves it.",
+                "Work down the page. Everything is computed on this computer, and no data leave it.",
                 "lead",
             )
             for k, step in enumerate(STEPS, start=1):
@@ -77,7 +77,7 @@ class Workbench:
             self._lead_on()
 
     def _header(self) -> None:
-        self._skip = tag("a", "To the content", "skip")
+        self._skip = tag("a", "Skip to content", "skip")
         with tag("header", style="top"):
             with tag("div", style="inner"):
                 tag("span", "sdp-vs-penalty", "brand")
@@ -99,7 +99,7 @@ class Workbench:
                     self._links[step.anchor] = link
 
     def _dock(self) -> None:
-        with tag("div", style="dock", aria_label="What is going on", role="region"):
+        with tag("div", style="dock", aria_label="Status", role="region"):
             self._said = tag("p", "", "unseen", role="status", aria_live="polite")
             self._alert = tag("div", style="notice", role="alert")
             self._news = tag("div", style="notice", role="status")

@@ -48,8 +48,8 @@ def do(request: dict[str, Any], progress: Any) -> dict[str, Any]:
     except Exception as error:
         what = (str(error).splitlines() or [""])[0]
         return {
-            "error": f"An error of the program's own ({type(error).__name__}: {what[:200]}): nothing "
-            "was changed; try other data or settings, and report it."
+            "error": f"Internal error ({type(error).__name__}: {what[:200]}): nothing was changed; "
+            "try other data or settings, and report it."
         }
 
 

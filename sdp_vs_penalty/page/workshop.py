@@ -1,4 +1,4 @@
-"""Workers, one a job: the next one is always started already, and a job is cancelled by killing its."""
+"""Workers, one per job: the next one is always started in advance; cancelling a job kills its worker."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from sdp_vs_penalty.errors import InputError
 
 #: A dead worker without an answer: the system ends processes that want too much memory.
 _DIED = (
-    "The work was ended by the system, most likely for want of memory: nothing was changed; "
-    "use fewer or shorter runs."
+    "The job was killed, probably for lack of memory: nothing was changed; use fewer or shorter runs."
 )
 
 

@@ -104,7 +104,7 @@ def _table(section: str, data: Mapping[str, Any], fields: Mapping[str, Field]) -
         if length == "joints":
             length = len(joints) if isinstance(joints, list) else None
         if length is not None and len(value) != length:
-            needed = "one a joint, as in a" if field.length == "joints" else f"write {field.hint}"
+            needed = "one per joint, as in a" if field.length == "joints" else f"write {field.hint}"
             raise InputError(f"{label} has {len(value)} entries, {length} are needed: {needed}.")
 
 

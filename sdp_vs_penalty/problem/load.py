@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.problem.folder import load_folder
 from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import DEFAULT_LINK_MASS, Problem, default_mass
@@ -23,6 +23,22 @@ def problems_folder() -> Path:
 
 def problem_names() -> list[str]:
     return sorted(p.parent.name for p in problems_folder().glob("*/problem.toml"))
+
+
+def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
+    """A Problem as it is, or that of a built-in name, a folder or a URDF file.
+
+    what : how messages call it, such as "identify(problem=...)". Raises InputError as
+    :func:`load_problem` does, and naming what was given where it is none of these.
+    """
+    if isinstance(source, Problem):
+        return source
+    if isinstance(source, str | Path):
+        return load_problem(source)
+    raise InputError(
+        f"{what.replace('...', given(source))}: no problem: give a built-in name "
+        f"({', '.join(problem_names())}), a folder with a problem.toml, a URDF file, or a Problem."
+    )
 
 
 def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> Problem:

@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
@@ -60,8 +61,8 @@ class CentreOfMassCone:
         return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
 
 
-@dataclass(frozen=True)
-class Problem:
+@dataclass(frozen=True, repr=False)
+class Problem(Shown):
     """What is known of a robot before anything is measured.
 
     box : (n, 10, 2) lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about
@@ -124,6 +125,15 @@ class Problem:
             return self.effects
         return DEFAULT_EFFECTS + (("rotor_inertia",) if self.torque_side == "motor" else ())
 
+    def _summary(self) -> Summary:
+        joints = [f"{j.name} ({j.kind})" for j in self.robot.joints]
+        gravity = ", ".join(f"{x:.4g}" for x in self.robot.gravity)
+        return f"Problem: {self.name}, {self.title}", [
+            ("joints", f"{len(joints)}: {', '.join(joints)}"),
+            ("torque", f"measured on the {self.torque_side} side; gravity ({gravity}) m/s^2"),
+            ("default effects", ", ".join(self.default_effects)),
+        ]
+
     def model(self, effects: str | Sequence[str] | Sequence[Effect] | None = None) -> Model:
         """The model of this robot with effects given by name, as objects, or the defaults."""
         chosen: Any = self.default_effects if effects is None else effects
@@ -132,7 +142,7 @@ class Problem:
         return Model(self.robot, tuple(chosen))
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
-        """The robot mounted otherwise; other parameters are then independent than those named."""
+        """Same robot, other mounting; drops the named base parameters if gravity's direction changed."""
         x, y, z = (float(v) for v in gravity)
         turned = not np.allclose(np.cross(gravity, self.robot.gravity), 0.0)
         independent = None if turned else self.independent

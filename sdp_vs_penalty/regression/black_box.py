@@ -13,10 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats.npz import numeric_arrays
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -115,8 +117,8 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
             )
     if joints is not None and n != joints:
         raise InputError(
-            f"{path}: the file has {n} joint(s), the robot has {joints}: choose the problem that "
-            "belongs to this file."
+            f"{path}: the file has {show.count(n, 'joint')}, the robot has {joints}: choose the "
+            "problem that belongs to this file."
         )
     difference = np.abs(mass_matrix - np.swapaxes(mass_matrix, 1, 2)).max(axis=(1, 2))
     worst = int(np.argmax(difference))
@@ -175,6 +177,14 @@ def load_configurations(path: str | Path, joints: int) -> Array:
     if q.shape[1] != joints or not np.all(np.isfinite(q)):
         raise InputError(f"{path}: {q.shape[1]} finite numbers a line where {joints} are needed.")
     return q
+
+
+def as_black_box(source: Any, joints: int | None = None) -> BlackBox | None:
+    """The black box in a path, or a list of one; None for anything else."""
+    paths = source if isinstance(source, list | tuple) else [source]
+    if not all(isinstance(path, str | Path) for path in paths):
+        return None
+    return load_answers(paths, joints)
 
 
 def load_answers(paths: Sequence[str | Path], joints: int | None = None) -> BlackBox | None:

@@ -1,17 +1,21 @@
-"""One self-contained HTML file about one or several models: :func:`make_report` is the verb."""
+"""One self-contained HTML file about one or several models: :func:`report` is the verb."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, uncertainty
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.report import evidence, parameters, sections
 from sdp_vs_penalty.report.document import page
 from sdp_vs_penalty.report.section import Material
@@ -28,6 +32,36 @@ _SECTIONS = (
     evidence.data_check,
     evidence.provenance,
 )
+
+
+def report(
+    models: Models,
+    measurements: Source,
+    out: str | Path,
+    *,
+    commands: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> None:
+    """Write a report: one HTML file that needs nothing else.
+
+    models : an Estimate or a model.json, a sequence of them in the order in which effects were added,
+        or a mapping from names to them; measurements : the runs to judge them on, whatever
+        :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; out : the .html file to write.
+    commands : how it was made, for its last section; progress : called with a short text.
+    Raises InputError where models and measurements do not belong together, or plotly is missing.
+    """
+    check_name(Path(out))
+    named = as_estimates(models, "report(models=...)")
+    names = next(iter(named.values())).robot.joint_names
+    runs = as_measurements(measurements, names=names, what="report(measurements=...)")
+    made = make_report(named, runs, commands=commands, progress=progress)
+    write_text(out, made)
+
+
+def check_name(out: Path) -> None:
+    """InputError for a file to write that is no HTML file."""
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{out}: the report is an HTML file: choose a name that ends in .html.")
 
 
 def make_report(

@@ -45,8 +45,9 @@ def certificate(material: Material) -> Section:
         ],
     ]
     body = text(
-        "Violations of every family of constraints, also of those that a method did not receive; the "
-        "lower bound follows from dual multipliers by arithmetic of our own, whatever a solver claims."
+        "Violations of every family of constraints, including those that a method did not receive. "
+        "The lower bound is computed here from dual multipliers, independently of what a solver "
+        "claims."
     )
     body += table(["", *material.models], rows)
     for name, e in material.models.items():
@@ -71,7 +72,7 @@ def data_check(material: Material) -> Section:
         problems = report.problems
         parts.append(f"<h3>{escape(report.run)}</h3>")
         if not problems:
-            parts.append(text("No problem found."))
+            parts.append(text("No problems found."))
         for f in report.issues:
             parts.append(
                 f'<div class="finding {escape(f.severity)}"><b>{escape(f.kind)}</b> '
@@ -102,4 +103,4 @@ def provenance(material: Material) -> Section:
             rows.append((name, what, value))
     body = table(("model", "", ""), rows, numbers_from=3)
     body += f"<pre>{escape(chr(10).join(material.commands))}</pre>"
-    return Section("provenance", "How it was made", body)
+    return Section("provenance", "Provenance", body)

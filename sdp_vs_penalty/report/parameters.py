@@ -26,13 +26,13 @@ def parameters(material: Material) -> Section:
     percent = 100.0 * known.level
     base, standard = counts(known.base), counts(known.standard)
     body = text(
-        f"Values are those of {material.last_name}; {percent:.0f} % intervals are what these runs say "
-        "by themselves (least squares, block bootstrap), without constraints. Of "
-        f"{len(known.base)} base parameters (the combinations that make torque) "
-        f"{base['identifiable']} are identifiable, {base['weakly']} weakly, {base['not seen']} not "
-        f"seen; of {len(known.standard)} standard ones {standard['identifiable']}, {standard['weakly']} "
-        f"and {standard['not seen']}: the others have values that physics allows, not values that were "
-        "measured."
+        f"Values are those of {material.last_name}; {percent:.0f} % intervals come from these runs "
+        f"alone (least squares, block bootstrap), without constraints. Of {len(known.base)} base "
+        f"parameters (the combinations that torques determine) {base['identifiable']} are "
+        f"identifiable, {base['weakly']} weakly, {base['not seen']} not; of {len(known.standard)} "
+        f"standard parameters {standard['identifiable']}, {standard['weakly']} and "
+        f"{standard['not seen']}. Parameters that are not identifiable have values that physics "
+        "allows, not measured ones."
     )
     heads = ("parameter", "verdict", "value", "from", "to", "unit")
     body += table(heads, [_row(i) for i in known.base], numbers_from=2)
@@ -49,13 +49,13 @@ def arm(material: Material) -> Section:
     """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and its margins."""
     estimate = material.last
     if not len(estimate.model.rigid_indices):
-        return Section("arm", "Links", text("This model has no rigid_body."))
+        return Section("arm", "Links", text("This model has no rigid_body effect."))
     robot, links = estimate.robot, estimate.links
     plot = _picture(robot, links, joint_poses(robot, material.measurements.q.mean(axis=0)))
     caption = (
-        "The uniform ellipsoids that have the identified masses and inertias, in the runs' mean pose. "
-        "One that leaves the picture belongs to a link that these data hardly see. A link of zero "
-        "thickness would be a rod or a sheet: possible on paper only."
+        "Uniform ellipsoids with the identified masses and inertias, in the runs' mean pose. An "
+        "ellipsoid that leaves the picture belongs to a link that these data hardly determine. Zero "
+        "thickness (a rod or a sheet) is unphysical."
     )
     return Section("arm", "Links on the arm", figure(plot, caption, 520) + _margins(robot, links))
 

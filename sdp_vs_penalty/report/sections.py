@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
@@ -35,9 +36,10 @@ def summary(material: Material) -> Section:
     m = material.measurements
     seconds = sum(float(run.t[-1] - run.t[0]) for run in m.runs())
     body = text(
-        f"{material.last.robot.name}, {material.last.robot.n} joint(s). Judged on {len(m.names)} "
-        f"run(s), {len(m.t)} samples, {seconds:.3g} s: {', '.join(m.names)}. Both sides of every "
-        f"comparison passed the same low-pass at {material.comparisons[0].band_hz:.3g} Hz."
+        f"{material.last.robot.name}, {show.count(material.last.robot.n, 'joint')}. Judged on "
+        f"{show.count(len(m.names), 'run')}, {len(m.t)} samples, {seconds:.3g} s: "
+        f"{', '.join(m.names)}. Measured and modelled torques passed the same low-pass at "
+        f"{material.comparisons[0].band_hz:.3g} Hz."
     )
     heads = ("model", "method", "parameters", "relative error", "constraints", "certified gap")
     return Section("summary", "Summary", body + table(heads, rows, numbers_from=2))
@@ -64,13 +66,11 @@ def torques(material: Material) -> Section:
         keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
         _add_band(plot, material, index, t, keep)
         start = float(t[-1]) + 1.0
-    caption = (
-        "Left: measured torque and each model's. Right: what is left of it. Click a name to hide it."
-    )
+    caption = "Left: measured and modelled torque. Right: the residuals. Click a name to hide it."
     if material.uncertainty is not None:
         caption += (
             f" Shaded: where {100.0 * material.uncertainty.level:.0f} % of the errors of "
-            f"{material.last_name} should lie, by its parameters' uncertainty and its noise."
+            f"{material.last_name} should lie, given its parameters' uncertainty and the noise."
         )
     return Section("torques", "Measured against modelled", figure(plot, caption, 90 + 150 * n))
 
@@ -126,7 +126,7 @@ def ladder(material: Material) -> Section:
         new = [e.text for e in estimate.model.effects if e.text not in known]
         made.append((name, estimate.method, ", ".join(new) or "the same effects"))
         known |= set(new)
-    body = table(("model", "method", "effects that are new"), made, numbers_from=3)
+    body = table(("model", "method", "new effects"), made, numbers_from=3)
     if len(names) > 1:
         errors = [c.rmse for c in material.comparisons]
         plot = ladder_figure(names, errors, material.last.robot.torque_units)

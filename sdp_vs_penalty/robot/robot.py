@@ -81,7 +81,7 @@ class Robot:
         names = [joint.name for joint in self.joints]
         for name in names:
             if names.count(name) > 1:
-                raise InputError(f"robot {self.name}: joint {name} is there {names.count(name)} times.")
+                raise InputError(f"robot {self.name}: joint {name} appears {names.count(name)} times.")
         open_branch: list[int] = []  # from the base to the last joint
         for i, joint in enumerate(self.joints):
             while open_branch and open_branch[-1] != joint.parent:
@@ -96,6 +96,10 @@ class Robot:
     @property
     def n(self) -> int:
         return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.joints)
 
     @property
     def position_units(self) -> tuple[str, ...]:

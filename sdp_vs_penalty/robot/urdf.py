@@ -11,6 +11,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.robot import inertia
@@ -46,7 +47,7 @@ class _Reader:
         if len(values) != len(default) or not np.all(np.abs(values) < _LARGEST):
             raise self.fail(
                 f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}> must hold "
-                f"{len(default)} finite number(s), below {_LARGEST:g}"
+                f"{show.count(len(default), 'finite number')}, below {_LARGEST:g}"
             )
         return values
 
@@ -77,9 +78,7 @@ class _Reader:
         element = joint.find(which)
         link = None if element is None else element.get("link")
         if link not in links:
-            raise self.fail(
-                f"joint {joint.get('name')!r} names link {link!r}, which the file does not have"
-            )
+            raise self.fail(f"joint {joint.get('name')!r} names link {link!r}, which is not in the file")
         return str(link)
 
     def inertial(self, link: Any) -> Array:
@@ -176,7 +175,7 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     try:
         reader.visit(links, children, base, -1, np.eye(4))
     except RecursionError:
-        raise reader.fail("the links hang on each other in too long a chain") from None
+        raise reader.fail("the chain of links is too long") from None
     for name in links:
         if name not in reader.reached:
             raise reader.fail(f"link {name!r} is in a loop of joints apart from the base {base!r}")
@@ -212,7 +211,7 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
             if not name:
                 raise reader.fail(f"line {element.sourceline}, a <{tag}> has no name")
             if names.count(name) > 1:
-                raise reader.fail(f"{tag} {name!r} is there {names.count(name)} times")
+                raise reader.fail(f"{tag} {name!r} appears {names.count(name)} times")
     links = {link.get("name"): link for link in root.findall("link")}
     children: dict[str, list[Any]] = {name: [] for name in links}
     carried: set[str] = set()
@@ -220,8 +219,8 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
         parent, child = reader.end(element, "parent", links), reader.end(element, "child", links)
         if child in carried:
             raise reader.fail(
-                f"link {child!r} hangs on two joints (joint {element.get('name')!r} closes a loop); "
-                "only trees can be identified, cut the loop"
+                f"link {child!r} has two parent joints (joint {element.get('name')!r} closes a "
+                "loop); only trees can be identified: cut the loop"
             )
         carried.add(child)
         children[parent].append(element)

@@ -46,7 +46,7 @@ def absent(module: ModuleType) -> str | None:
     kind, what = module.REQUIRES
     missing = shutil.which(what) is None if kind == "program" else importlib.util.find_spec(what) is None
     if missing:
-        return f"the {kind} {what} is not installed; {installed_by(module)} brings it"
+        return f"the {kind} {what} is not installed (source: {installed_by(module)})"
     if hasattr(module, "licence"):
         reason: str | None = module.licence()
         return reason

@@ -26,14 +26,15 @@ from scipy import sparse
 from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
 from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Certificate:
+@dataclass(frozen=True, repr=False)
+class Certificate(Shown):
     """violations : worst violation of each family, in its own units (kg, kg m, kg m^2, ...).
 
     loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of
@@ -61,7 +62,7 @@ class Certificate:
         return max(self.violations.values(), default=0.0)
 
     def __str__(self) -> str:
-        """Everything in words, a line each; repr has every digit."""
+        """Everything in words, a line each."""
         families = ", ".join(f"{family} {value:.2g}" for family, value in self.violations.items())
         lines = self.summary()
         lines.insert(1, ("violation by family", families or "there are no constraints"))
@@ -70,6 +71,9 @@ class Certificate:
         if self.lower is not None:
             lines.insert(4, ("certified lower bound", f"{self.lower:.9g}"))
         return "\n".join(["certificate", *(f"  {name:22} {text}" for name, text in lines)])
+
+    def _summary(self) -> Summary:
+        return "Certificate", self.summary()[:4]
 
     def summary(self) -> list[tuple[str, str]]:
         """What matters of it: names and texts."""

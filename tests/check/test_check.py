@@ -183,7 +183,7 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
     "clock set back": (shifted_clock(-1.5), "time runs backwards", "set back", "error"),
     "missing samples": (gap, "gap in time", "0.8", "warning"),
     "rows twice": (repeated, "repeated time", "copies", "error"),
-    "not a number": (holed, "missing numbers", "2 row(s)", "error"),
+    "not a number": (holed, "missing numbers", "2 rows", "error"),
     "saturation": (clipped, "saturation", "tau2", "warning"),
     "quantisation": (coarse, "quantisation", "q3", "warning"),
     "a knock": (knocked, "one-off event", "t = 12", "warning"),
@@ -438,7 +438,7 @@ def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixtu
     out = tmp_path / "out.json"
     assert run_cli("check", bad, "--problem", "two_link", "--json", out, "--fix", mended) == 1
     shown = capsys.readouterr().out
-    for words in ("joint 2", "How sure: ", "What to do: turn the sign of tau2 (--fix does it)"):
+    for words in ("joint 2", "How sure: ", "What to do: flip the sign of tau2 (--fix does it)"):
         assert words in shown
     report = json.loads(out.read_text())["runs"][0]
     assert report["meaningless"] is True
@@ -481,7 +481,7 @@ def test_identify_refuses_meaningless_data_by_itself(
     said = capsys.readouterr().err
     assert not model.exists()
     assert len(said.splitlines()) == 1
-    for words in ("bad.csv: the torque of joint 2 has the wrong sign: turn", "--fix", "--no-check"):
+    for words in ("bad.csv: the torque of joint 2 has the wrong sign: flip", "--fix", "--no-check"):
         assert words in said
     assert run_cli("identify", "two_link", "--data", bad, "--no-check", *to) == 0
     assert model.exists()

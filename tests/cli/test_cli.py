@@ -71,7 +71,7 @@ def assert_one_sentence(err: str, *words: str) -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="no resource usage of children")
 def test_help_answers_at_once() -> None:
-    """Under half a second of processor time, so that a busy machine does not fail the test."""
+    """The promise; 0.05 s of processor time on the machine where this was written."""
     import resource
 
     seconds = []
@@ -81,7 +81,7 @@ def test_help_answers_at_once() -> None:
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert "identify" in result.stdout
-    assert min(seconds) < 0.5
+    assert min(seconds) < 0.2
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -99,7 +99,7 @@ def test_help_imports_nothing_heavy() -> None:
 def test_help_of_every_verb_has_an_example(run: Run, verb: str) -> None:
     code, out, _ = run(verb, "--help")
     assert code == 0
-    assert f"Example: sdp-vs-penalty {verb}" in out
+    assert f"Example:\n    sdp-vs-penalty {verb}" in out
 
 
 def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_simulate_never_overwrites_runs_of_the_users_own(run: Run, tmp_path: Pat
     hide = ("simulate", "two_link", "--hide", "joint_spring:1", "--out")
     code, _, err = run(*hide, own)
     assert code == 2
-    assert_one_sentence(err, "run2.csv is there already", "another folder")
+    assert_one_sentence(err, "run2.csv exists already", "another folder")
     assert [path.name for path in own.iterdir()] == ["run2.csv"]
     assert (own / "run2.csv").read_text() == "mine"
     for _ in range(2):
@@ -236,7 +236,7 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
         (["identify", "two_link", "--window", "4:1"], ["--window", "START:STOP"]),
         (["identify", "two_link", "--window", "100:200"], ["run1.csv", "100 s"]),
         (["identify", "two_link", "--seed", "-1"], ["--seed"]),
-        (["identify", "panda"], ["run1.csv", "2 joint(s)", "7"]),
+        (["identify", "panda"], ["run1.csv", "2 joints", "7"]),
     ],
 )
 def test_identify_refuses_in_one_sentence(
@@ -293,7 +293,7 @@ def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
     findings = ("--json", tmp_path / "findings.json")
     report = ("report", model, "--data", runs[0], "--out")
     for arguments, words in (
-        ((*add, runs[0], "--test", other), ["panda.csv", "7 joint(s)", "2"]),
+        ((*add, runs[0], "--test", other), ["panda.csv", "7 joints", "2"]),
         ((*add, degrees), ["degrees.csv", "degrees"]),
         ((*add, runs[0], "--test-window", "0:1"), ["--test-window", "--test"]),
         (("diagnose", model, "--data", degrees, *findings), ["degrees.csv", "degrees"]),

@@ -75,4 +75,4 @@ def test_export_writes_files_that_solve_to_the_same_optimum(
     assert ".dat-s" in capsys.readouterr().err
     penalty = ("--method", "penalty", "--data", tmp_path / "run.csv", "--out", tmp_path / "a.cbf")
     assert run("export-sdp", "two_link", *penalty) == 2
-    assert "not one SDP" in capsys.readouterr().err
+    assert "not a single SDP" in capsys.readouterr().err

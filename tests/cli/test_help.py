@@ -11,14 +11,13 @@ import pytest
 import typer.main
 from small_runs import small_run, write_bag, write_run
 
+import sdp_vs_penalty
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.problem.problem import Problem
 
+ROOT = Path(sdp_vs_penalty.__file__).parent
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-EXAMPLES = {
-    verb: re.findall(r"Example: \[cyan\](.*?)\[/cyan\]", command.help, re.DOTALL)
-    for verb, command in COMMANDS.items()
-}
+EXAMPLES = {verb: re.findall(r"Example:\n  (.*)", command.epilog) for verb, command in COMMANDS.items()}
 #: In the order in which one example makes what the next one reads.
 RUN = (
     *("identify", "compare", "check", "list", "export", "check-urdf", "convert", "add", "report"),
@@ -26,6 +25,27 @@ RUN = (
 )
 #: Minutes, the network, a window or a proof: their own tests run them.
 NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "page", "verify"}
+
+
+def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixture[str]) -> None:
+    files = {path.stem.replace("_", "-") for path in (ROOT / "cli" / "verbs").glob("[!_]*.py")}
+    assert set(EXAMPLES) == files
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert {line.split()[0] for line in lines if line.startswith("  ")} >= files
+    assert max(map(len, lines)) <= 80
+
+
+def test_every_option_is_described_by_a_noun_phrase() -> None:
+    """One sentence or more that begins with a capital letter and no preposition."""
+    for verb, command in COMMANDS.items():
+        for parameter in command.params:
+            text = getattr(parameter, "help", None)
+            assert text, f"{verb} {parameter.name}"
+            assert text[0].isupper() or text.startswith("."), f"{verb} {parameter.name}: {text}"
+            assert text.split()[0] not in {"Of", "At", "For", "Whose", "Which", "See"}, (verb, text)
+            assert text.endswith("."), f"{verb} {parameter.name}: {text}"
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))

@@ -89,7 +89,8 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     (from_file,) = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
     assert " joint_spring:2" in as_text
     assert "--from 'the findings.json'" in from_file
-    before, text, file = (load_estimate(Path(f"model{k}.json")) for k in ("", "2", "3"))
+    written = [shlex.split(command)[-1] for command in (as_text, from_file)]
+    before, text, file = (load_estimate(Path(name)) for name in ("model.json", *written))
     np.testing.assert_array_equal(text.theta, file.theta)
     assert len(text.theta) > len(before.theta)
     bounds = load_problem(source).constraints(text.model)
@@ -188,7 +189,7 @@ def _json(found: Diagnosis) -> str:
     [
         ("", "either EFFECT or --from"),
         ("joint_spring:1 --from findings.json", "either EFFECT or --from"),
-        ("joint_spring:1 --only 1", "name its file"),
+        ("joint_spring:1 --only 1", "name it with --from"),
         ("--from findings.json --only 1 --confident", "exclude each other"),
         ("--from findings.json --only 1;2", "--only '1;2'"),
         ("--from findings.json --only 13", "findings.json: finding 13 does not exist, there are 12"),

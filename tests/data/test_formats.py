@@ -82,7 +82,7 @@ def test_convert_from_each_to_each(tmp_path: Path, capsys: pytest.CaptureFixture
             second = tmp_path / f"b{target}"
             assert run_cli("convert", first, "--out", second) == 0
             same(run, load_measurements(second))
-    assert "50 samples of 3 joint(s), velocities" in capsys.readouterr().out
+    assert "50 samples of 3 joints, velocities" in capsys.readouterr().out
 
 
 def run_cli(*arguments: object) -> int:
@@ -96,7 +96,7 @@ def test_matlab_variables_of_other_names_and_shapes(tmp_path: Path) -> None:
     run = some_run(2)
     path, out = tmp_path / "data.mat", tmp_path / "run.csv"
     savemat(path, {"time": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
-    with pytest.raises(InputError, match=r"q or tau \(there are: force, gain, qm, time\)"):
+    with pytest.raises(InputError, match=r"q or tau \(columns: force, gain, qm, time\)"):
         load_measurements(path)
     assert run_cli("convert", path, "--out", out, "--rename", "t=time,q=qm,tau=force") == 0
     assert load_measurements(out).data_hash == run.data_hash
@@ -114,7 +114,7 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(
     savemat(path, {"t": run.t, "qm": run.q, "force": run.tau})
     assert run_cli("identify", "emps", "--data", path, "--out", tmp_path / "model.json") == 2
     said = capsys.readouterr().err
-    assert "nothing is called q or tau (there are: force, qm, t)" in said
+    assert "no column q or tau (columns: force, qm, t)" in said
     (command,) = re.findall("`sdp-vs-penalty (.*)`", said)
     words = command.replace("q=NAME", "q=qm").replace("tau=NAME", "tau=force").split()
     words[-1] = str(tmp_path / words[-1])
@@ -125,9 +125,17 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("mine.csv", "0.1,2,3\n0.2,2,3\n", ["row 1 holds 3 numbers", "no header", "convert --rename"]),
-        ("mine.csv", "0.1;2;3;4\n0.2;2;3;4\n", ["row 1 holds 4 numbers", "no header", "commas"]),
-        ("mine.csv", "0.1 2 -3e-4\n", ["row 1 holds 3 numbers", "no header"]),
+        (
+            "mine.csv",
+            "0.1,2,3\n0.2,2,3\n",
+            ["3 numbers instead of a header", "convert --rename"],
+        ),
+        (
+            "mine.csv",
+            "0.1;2;3;4\n0.2;2;3;4\n",
+            ["4 numbers instead of a header", "commas"],
+        ),
+        ("mine.csv", "0.1 2 -3e-4\n", ["row 1 holds 3 numbers instead of a header"]),
         ("mine.csv", "t;q1;tau1\n0;1;2\n", ["3 names by semicolons", "commas"]),
         ("mine.csv", "t\tq1\ttau1\n0\t1\t2\n", ["3 names by white space", "commas"]),
         ("ur-20_02_12-50sec_12harm.csv", "0.1,2\n", ["raw file", "sdp-vs-penalty fetch ur10e"]),
@@ -270,7 +278,7 @@ def test_hdf5_and_other_matlab_surprises(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="q 2, tau 3"):
         load_measurements(path)
     savemat(path, {"t": np.arange(4.0), "q": np.zeros((4, 2)) * 1j, "tau": np.zeros((4, 2))})
-    with pytest.raises(InputError, match="nothing is called q "):
+    with pytest.raises(InputError, match="no column q "):
         load_measurements(path)
 
 
@@ -344,7 +352,7 @@ def test_other_compressed_files_cannot_burst_either(kind: str, tmp_path: Path) -
         from pyarrow import parquet
 
         parquet.write_table(arrow.table({"t": zeros, "q1": zeros, "tau1": zeros}), path)
-    with pytest.raises(InputError, match="MiB: measurements do not compress so well"):
+    with pytest.raises(InputError, match="MiB: measurements never compress that much"):
         load_measurements(path)
 
 
@@ -385,7 +393,7 @@ def test_an_mcap_chunk_cannot_burst_either(tmp_path: Path) -> None:
         writer.write(connection, 1, store.serialize_cdr(message, kind))
     assert (folder / "bag.mcap").stat().st_size < 10**6
     for path in (folder, folder / "bag.mcap"):
-        with pytest.raises(InputError, match=r"bag\.mcap: unpacks from .* MiB: measurements do not"):
+        with pytest.raises(InputError, match=r"bag\.mcap: unpacks from .* MiB: measurements never"):
             read_run(path)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from small_runs import small_run
 
 from sdp_vs_penalty import compare, identify
-from sdp_vs_penalty.diagnosis.comparison import comparison_frame
 from sdp_vs_penalty.paper.tables.table import Column, Table
 from sdp_vs_penalty.problem.problem import Problem
 
@@ -18,7 +17,7 @@ def test_frames_hold_the_same_numbers(two_link: Problem) -> None:
     assert frame.loc["m2", "value"] == estimate.theta[10]
     assert frame.loc["m2", "unit"] == "kg"
     comparisons = compare({"a": estimate, "b": estimate}, run)
-    table = comparison_frame(comparisons)
+    table = comparisons.to_frame()
     assert table.loc[("b", 2), "rmse"] == comparisons[1].rmse[1]
 
 

@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimation.excitation import (
     BaseRegressor,
     Limits,
     _Search,
-    optimise_excitation,
+    excite,
     save_trajectory,
     shrunk,
 )
@@ -53,7 +53,7 @@ def test_an_optimised_trajectory_keeps_any_limits(
     problem = load_problem("two_link")
     lower = np.array(low)
     limits = Limits(lower, lower + span, np.array(velocity), np.array(acceleration))
-    found = optimise_excitation(problem, limits=limits, duration=duration, seed=seed, iterations=2)
+    found = excite(problem, limits=limits, duration=duration, seed=seed, iterations=2)
     t = np.linspace(0.0, duration, 2 * round(1000 * duration) + 1)
     q, dq, ddq = found.trajectory.states(t)
     assert np.all(q >= limits.lower - 1e-6)
@@ -83,7 +83,7 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(
     limits = Limits.of_trajectory(paper)
     before = BaseRegressor.of(panda).condition(paper)
     assert 105.0 < before < 125.0  # the paper's own figure is 109 to 122, depending on the basis
-    found = optimise_excitation(panda, limits=limits, start=paper, iterations=12)
+    found = excite(panda, limits=limits, start=paper, iterations=12)
     assert found.condition < 0.75 * before
     assert limits.excess(found.trajectory) <= 1.0
     assert found.trajectory.duration == paper.duration
@@ -94,7 +94,7 @@ def test_d_optimal_raises_the_information(two_link: Problem) -> None:
     limits = Limits.of_robot(two_link.robot)
     start = shrunk(random_trajectory(two_link.robot, 0, 8.0), limits)
     regressor = BaseRegressor.of(two_link, "rigid_body")
-    found = optimise_excitation(
+    found = excite(
         two_link, limits=limits, start=start, effects="rigid_body", objective="d-optimal", iterations=8
     )
     t = np.arange(0.0, 8.0, 0.05)
@@ -125,9 +125,9 @@ def test_limits_that_admit_no_trajectory_are_refused(
 
 def test_other_input_is_refused(two_link: Problem) -> None:
     with pytest.raises(InputError, match="objective"):
-        optimise_excitation(two_link, objective="loud")
+        excite(two_link, objective="loud")
     with pytest.raises(InputError, match="duration"):
-        optimise_excitation(two_link, duration=0.5)
+        excite(two_link, duration=0.5)
 
 
 def test_a_robot_can_play_the_file(two_link: Problem, tmp_path: Path) -> None:

@@ -195,7 +195,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(context: BrowserContext, 
     page.set_input_files(key("drop-robot"), arm)
     page.wait_for_selector(key("drop-runs"))
     text = page.inner_text("[data-step=robot]")
-    assert "my arm.urdf: arm, 2 joint(s)" in text
+    assert "my arm.urdf: arm, 2 joints" in text
     assert "turn [N m], slide [N]" in text
     # Whatever the names said, files are in the session's own folder under names of ours.
     (root,) = server.temporary.glob("sdp-vs-penalty-page-*")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Seed, Test, TestWindow, Window
+from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Model, Seed, Test, TestWindow, Window
 from sdp_vs_penalty.cli.runs import runs_for
 from sdp_vs_penalty.errors import InputError
 
@@ -16,24 +16,20 @@ if TYPE_CHECKING:
 
 
 def verb(
-    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify or add.")],
+    model: Model,
     data: Data,
     out: Annotated[Path, typer.Option(metavar="model2.json", help="File to write the model to.")],
     effect: Annotated[
         str | None,
-        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Several: separated by commas."),
+        typer.Argument(metavar="EFFECT[:joints][@shape=value]", help="Effects, separated by commas."),
     ] = None,
     findings: Annotated[
         Path | None,
-        typer.Option(
-            "--from", metavar="findings.json", help="The effects that diagnose --json has found."
-        ),
+        typer.Option("--from", metavar="findings.json", help="Effects found by `diagnose --json`."),
     ] = None,
-    confident: Annotated[
-        bool, typer.Option("--confident", help="Of the findings the confident ones only.")
-    ] = False,
+    confident: Annotated[bool, typer.Option("--confident", help="Confident findings only.")] = False,
     only: Annotated[
-        str | None, typer.Option(metavar="1,3", help="Of the findings those of these numbers.")
+        str | None, typer.Option(metavar="1,3", help="Numbers of the findings to add.")
     ] = None,
     test: Test = None,
     frozen: Frozen = False,
@@ -44,8 +40,8 @@ def verb(
 ) -> None:
     """Add effects to a model and identify it again, under all constraints.
 
-    The effects are named, or taken from what diagnose has found: --from findings.json.
-    Example: [cyan]sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json[/cyan]
+    The effects are named, or come from a diagnosis: --from findings.json.
+    Example: sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis import add as run
@@ -60,12 +56,12 @@ def verb(
         judge = measurements if held_out is None else held_out
         before, after = compare({"before": estimate, "after": bigger}, judge)
         bigger.save(out)
-    for e in bigger.model.effects[len(estimate.model.effects) :]:
-        console.out.print(f"added: {e.text}", markup=False)
-    console.certificate(bigger)
     what = "the training data" if test is None else str(test)
-    printing.before_after(before.rmse, after.rmse, after.noise_floor, estimate.robot.torque_units, what)
-    console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+    printing.before_after(before, after, estimate.robot.torque_units, what)
+    for e in bigger.model.effects[len(estimate.model.effects) :]:
+        console.say(f"added: {e.text}")
+    printing.certificate(bigger)
+    console.written(out)
 
 
 def _effects(
@@ -75,10 +71,10 @@ def _effects(
     from sdp_vs_penalty.diagnosis.findings import load_diagnosis
 
     if (effect is None) == (findings is None):
-        raise InputError("Name what to add, either EFFECT or --from findings.json.")
+        raise InputError("Nothing to add: name either EFFECT or --from findings.json.")
     if findings is None:
         if confident or only is not None:
-            raise InputError("--confident and --only choose from the findings of --from: name its file.")
+            raise InputError("--confident and --only select findings of a file: name it with --from.")
         return effect or ""
     if confident and only is not None:
         raise InputError("--confident and --only exclude each other: leave one out.")
@@ -87,7 +83,7 @@ def _effects(
         numbers = None if only is None else [int(word) for word in only.split(",")]
     except ValueError:
         raise InputError(
-            f"--only {only!r}: numbers of findings are needed, separated by commas, like 1,3."
+            f"--only {only!r}: write the findings' numbers separated by commas, like 1,3."
         ) from None
     try:
         return found.selected(numbers, confident)

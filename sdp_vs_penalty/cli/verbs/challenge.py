@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.options import Debug, Seed
 
-if TYPE_CHECKING:
-    pass
-
 
 def verb(
     cases: Annotated[int, typer.Option(min=1, help="Cases of each class.")] = 20,
     seed: Seed = 0,
-    problem: Annotated[str, typer.Option(help="The robot to simulate.")] = "panda",
+    problem: Annotated[str, typer.Option(help="Robot to simulate.")] = "panda",
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for challenge.*.")] = Path("results"),
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
-    only: Annotated[str | None, typer.Option(metavar="a,b", help="Only these classes.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    only: Annotated[str | None, typer.Option(metavar="a,b", help="Classes; default: all.")] = None,
     debug: Debug = False,
 ) -> None:
     """Score diagnose on simulated measurements with hidden effects.
 
-    Example: [cyan]sdp-vs-penalty challenge --cases 20 --seed 0[/cyan]
+    Example: sdp-vs-penalty challenge --cases 20 --seed 0
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.simulation.challenge.challenge import run_challenge

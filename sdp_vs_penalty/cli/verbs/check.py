@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.arguments import numbers
-from sdp_vs_penalty.cli.options import Debug
+from sdp_vs_penalty.cli.options import PROBLEM_HELP, Debug, Gravity, json_option
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,29 +18,23 @@ if TYPE_CHECKING:
 
 
 def verb(
-    data: Annotated[list[Path], typer.Argument(metavar="RUN.csv ...", help="The runs to check.")],
-    problem: Annotated[
-        str, typer.Option(help="A built-in name, a folder with a problem.toml, or a URDF file.")
-    ],
-    gravity: Annotated[
-        str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, m/s^2.")
-    ] = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="out.json", help="Write the findings to this file.")
-    ] = None,
+    data: Annotated[list[Path], typer.Argument(metavar="RUN.csv ...", help="Runs to check.")],
+    problem: Annotated[str, typer.Option(help=PROBLEM_HELP)],
+    gravity: Gravity = None,
+    json_file: Annotated[Path | None, json_option("findings")] = None,
     fix: Annotated[
         Path | None,
         typer.Option(
             metavar="fixed.csv",
-            help="Write a mended copy (a folder for several runs); data stay as they are.",
+            help="Repaired copy to write, a folder for several runs; the originals stay as they are.",
         ),
     ] = None,
     debug: Debug = False,
 ) -> None:
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
-    Exit code 1 where to identify would be meaningless.
-    Example: [cyan]sdp-vs-penalty check run.csv --problem panda --fix mended.csv[/cyan]
+    Exit code 1 where an identification would be meaningless.
+    Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
     """
     from sdp_vs_penalty.check import check
     from sdp_vs_penalty.cli import console
@@ -56,40 +51,42 @@ def verb(
     with console.progress("checking") as progress:
         for path in data:
             progress(path.name)
-            run = read_run(path, robot.robot.n, [j.name for j in robot.robot.joints])
-            reports += check(robot, run)
+            reports += check(robot, read_run(path, robot.robot.n, robot.robot.joint_names))
+    for report in reports:
+        _show(report)
+    mounting = [] if gravity is None else ["--gravity", gravity]
+    if fix is None and any(f.repair for report in reports for f in report.problems):
+        to = _beside(data)
+        console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
+    if fix is not None:
+        for path, report in zip(data, reports, strict=True):
+            target = fix if len(data) == 1 else fix / f"{path.stem}.csv"
+            save(report.mended, target)
+            console.written(target)
     if json_file is not None:
         content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
         write_text(json_file, json.dumps(content, indent=1) + "\n")
-    for path, report in zip(data, reports, strict=True):
-        _show(report)
-        if fix is not None:
-            target = fix if len(data) == 1 else fix / f"{path.stem}.csv"
-            save(report.mended, target)
-            console.out.print(f"written: {target}", markup=False, soft_wrap=True)
+        console.written(json_file)
     if any(report.meaningless for report in reports):
         raise typer.Exit(1)
+
+
+def _beside(data: Sequence[Path]) -> Path:
+    """Where repaired copies go by default: beside the one run, or into a folder beside the first."""
+    first = data[0]
+    return first.with_name(f"{first.stem}_fixed.csv" if len(data) == 1 else "fixed")
 
 
 def _show(report: Report) -> None:
     from rich.markup import escape
 
-    from sdp_vs_penalty.cli.console import out
+    from sdp_vs_penalty.cli import console
 
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
-    if report.unexplained is None:
-        verdict = "nothing to identify from"
-    else:
-        verdict = (
-            f"the arm's dynamics leave {100.0 * report.unexplained**0.5:.2g} % of the torque unexplained"
-        )
-    out.print(
-        f"[bold]{escape(report.run)}[/bold]: {len(report.problems)} problem(s); {verdict}",
-        soft_wrap=True,
-    )
+    console.say(report.verdict, style="bold")
     for f in report.issues:
         word = f"[{colours[f.severity]}]{f.severity}[/]"
-        out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
+        console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
         fixed = " (--fix does it)" if f.repair is not None else ""
         for text in (f.what, f"How sure: {f.certainty}.", f"What to do: {f.remedy}{fixed}."):
-            out.print(f"    {escape(text)}", soft_wrap=True)
+            console.say(f"    {text}")

@@ -9,26 +9,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
+from sdp_vs_penalty.cli.options import Debug, json_option
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.check.urdf import LinkCheck
 
 
 def verb(
-    urdf: Annotated[Path, typer.Argument(metavar="robot.urdf", help="The file to check.")],
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="out.json", help="Write the figures to this file.")
-    ] = None,
+    urdf: Annotated[Path, typer.Argument(metavar="robot.urdf", help="File to check.")],
+    json_file: Annotated[Path | None, json_option("figures")] = None,
     fix: Annotated[
         Path | None,
-        typer.Option(metavar="fixed.urdf", help="Write a copy with the nearest consistent inertials."),
+        typer.Option(metavar="fixed.urdf", help="Copy to write, with the nearest consistent inertials."),
     ] = None,
     debug: Debug = False,
 ) -> None:
-    """Check the inertials of a URDF: which bodies cannot exist, by how much, and the nearest that can.
+    """Check the inertials of a URDF: which bodies are impossible, by how much, the nearest possible.
 
-    Exit code 1 where one cannot. Example: [cyan]sdp-vs-penalty check-urdf robot.urdf[/cyan]
+    Exit code 1 where one is impossible.
+    Example: sdp-vs-penalty check-urdf robot.urdf
     """
     from sdp_vs_penalty.check.urdf import check_urdf, massless_links, write_nearest
     from sdp_vs_penalty.cli import console
@@ -45,46 +44,52 @@ def verb(
     _urdf_table(checks)
     for c in checks:
         if c.unlikely:
-            console.out.print(
-                f"{c.link}: can exist, but {c.mass:.3g} kg with this inertia lie {c.gyration:.3g} m "
-                "from their centre. Torques of a link that hardly moves do not tell its mass from its "
-                "inertia; `identify --method lmi-sdp-entropic` keeps both in proportion.",
-                markup=False,
+            console.explain(
+                f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m for "
+                f"{c.mass:.3g} kg. The torques of a link that hardly moves do not determine its mass "
+                "and inertia separately; `identify --method lmi-sdp-entropic` keeps them in proportion."
             )
     if massless:
-        console.out.print(
-            f"No inertial, though a joint moves them: {', '.join(massless)}. Simulators refuse or drop "
-            "such links; `identify` needs none to begin with, and `export --urdf` adds them.",
-            markup=False,
+        console.explain(
+            f"Moving links without an inertial: {', '.join(massless)}. Simulators refuse or drop such "
+            "links. `identify` does not need inertials, and `export --urdf` adds them."
         )
     if fix is not None:
         write_nearest(urdf, checks, fix)
-        console.out.print(f"written: {fix}", markup=False, soft_wrap=True)
+        console.written(fix)
     if not all(check.consistent for check in checks):
         raise typer.Exit(1)
 
 
 def _urdf_table(checks: Sequence[LinkCheck]) -> None:
-    """One row a link: margins, verdict, and the nearest consistent inertia where one is needed."""
-    from rich.markup import escape
+    """The verdict; one row a link; the nearest consistent inertia where one is needed."""
+    from sdp_vs_penalty import show
+    from sdp_vs_penalty.cli import console
 
-    from sdp_vs_penalty.cli.console import out, titled_table
-
-    table = titled_table("Inertials")
-    for heading in ("link", "mass [kg]", "triangle margin [kg m^2]", "pseudo-inertia margin", "verdict"):
-        table.add_column(heading, justify="left" if heading in ("link", "verdict") else "right")
-    for c in checks:
-        numbers = [f"{c.mass:.4g}", f"{c.triangle_margin:.3g}", f"{c.pseudo_inertia_margin:.3g}"]
-        table.add_row(escape(c.link), *numbers, c.verdict)
-    out.print(table)
+    broken = [c.link for c in checks if not c.consistent]
     if not checks:
-        out.print("The file has no inertial at all.")
+        console.say("The file has no inertials.", style="bold")
+        return
+    verdict = f"{show.count(len(checks), 'inertial')} checked: "
+    verdict += f"{', '.join(broken)} physically impossible." if broken else "all are consistent."
+    console.say(verdict, style="bold")
+    rows = [
+        (
+            c.link,
+            c.verdict,
+            console.number(c.mass, 4),
+            console.number(c.triangle_margin),
+            console.number(c.pseudo_inertia_margin),
+        )
+        for c in checks
+    ]
+    heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
+    console.table("Inertials: mass and margins (negative: violated)", heads, rows, words=2)
     for c in checks:
         if c.nearest is not None:
-            out.print(
+            console.explain(
                 f"{c.link}: nearest consistent inertia about the centre of mass, axes of the link "
-                f"(Frobenius norm, {c.distance:.3g} kg m^2 away; mass and centre of mass kept):",
-                markup=False,
+                f"(Frobenius norm, {c.distance:.3g} kg m^2 away; mass and centre of mass kept):"
             )
             for key, value in c.nearest.urdf_attributes.items():
-                out.print(f'  {key}="{value}"', markup=False, soft_wrap=True)
+                console.say(f'  {key}="{value}"')

@@ -4,45 +4,52 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.arguments import time_window
-from sdp_vs_penalty.cli.options import Data, Debug, Window
-
-if TYPE_CHECKING:
-    pass
+from sdp_vs_penalty.cli.options import Data, Debug, Verbose, Window, json_option
 
 
 def verb(
-    models: Annotated[list[Path], typer.Argument(metavar="model.json ...", help="Written by identify.")],
+    models: Annotated[
+        list[Path],
+        typer.Argument(metavar="model.json ...", help="Models written by `identify` or `add`."),
+    ],
     data: Data,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="out.json", help="Write the figures to this file.")
-    ] = None,
+    json_file: Annotated[Path | None, json_option("figures")] = None,
     window: Window = None,
+    verbose: Verbose = False,
     debug: Debug = False,
 ) -> None:
-    """Compare models with runs: each joint's error beside the noise, where the last model fails.
+    """Compare models with runs: each joint's error beside the noise, and where the last model fails.
 
-    Example: [cyan]sdp-vs-penalty compare model.json --data test.csv --json out.json[/cyan]
+    Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.files import load_measurements
-    from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
+    from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
 
     estimates = {str(path): load_estimate(path) for path in models}
-    start, stop = time_window(window)
     newest, estimate = list(estimates.items())[-1]
-    names = [joint.name for joint in estimate.robot.joints]
-    measurements = load_measurements(*data, start=start, stop=stop, names=names)
-    results = compare_models(estimates, measurements)
+    start, stop = time_window(window)
+    runs = load_measurements(*data, start=start, stop=stop, names=estimate.robot.joint_names)
+    results = compare(estimates, runs)
     oldest = next(iter(estimates.values()))
-    failures = where_it_fails(estimate, measurements, oldest.preprocessing)
+    failures = where_it_fails(estimate, runs, oldest.preprocessing)
+    for result in results:
+        console.say(result.verdict, style="bold")
+    part = [] if window is None else ["--window", window]
+    console.next_step(["diagnose", newest, "--data", *data, *part])
+    units = estimate.robot.torque_units
+    printing.comparison(results, units)
+    printing.where_it_fails(failures, units, newest)
+    if verbose:
+        printing.failure_tables(failures)
     if json_file is not None:
         content = {
             "models": [result.to_dict() for result in results],
@@ -50,7 +57,4 @@ def verb(
             "where_it_fails_of": newest,
         }
         write_text(json_file, json.dumps(content, indent=1) + "\n")
-    console.comparison_tables(results, estimate.robot.torque_units)
-    printing.where_it_fails(failures, estimate.robot.torque_units, newest)
-    if json_file is not None:
-        console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+        console.written(json_file)

@@ -1,39 +1,41 @@
-"""The verb diagnose: which effects a model misses."""
+"""The verb diagnose: which effects a model is missing."""
 
 from __future__ import annotations
 
 import json
-import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
-
-from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Seed, Test, TestWindow, Window
+from sdp_vs_penalty.cli.options import (
+    Data,
+    Debug,
+    Frozen,
+    Model,
+    Seed,
+    Test,
+    TestWindow,
+    Verbose,
+    Window,
+    json_option,
+)
 from sdp_vs_penalty.cli.runs import runs_for
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sdp_vs_penalty.diagnosis.findings import Finding
 
 
 def verb(
-    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify.")],
+    model: Model,
     data: Data,
     test: Test = None,
     frozen: Frozen = False,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="findings.json", help="Write the findings there.")
-    ] = None,
+    json_file: Annotated[Path | None, json_option("findings")] = None,
     window: Window = None,
     test_window: TestWindow = None,
     seed: Seed = 0,
+    verbose: Verbose = False,
     debug: Debug = False,
 ) -> None:
-    """Name the physical effects that a model misses.
+    """Name the physical effects that a model is missing.
 
-    Example: [cyan]sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv[/cyan]
+    Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis import diagnose as run
@@ -49,21 +51,20 @@ def verb(
     options += [] if test is None else ["--test", str(test)]
     options += [] if test_window is None else ["--test-window", test_window]
     options += ["--frozen"] if frozen else []
-
-    def add_command(shown: Sequence[Finding]) -> str:
+    add: list[str] = []
+    if result.effects:
+        shown = printing.worth_showing(result.effects)
         what = [",".join(f.text for f in shown)]
         if json_file is not None:
             what = ["--from", str(json_file)]
             if len(shown) < len(result.effects):
                 what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
-        words = ["sdp-vs-penalty", "add", str(model), *what, *options]
-        return shlex.join([*words, "--out", str(_next_to(model))])
-
+        add = ["add", str(model), *what, *options, "--out", str(_next_to(model))]
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
-    printing.diagnosis(result, estimate.robot.torque_units, add_command)
+    printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
     if json_file is not None:
-        console.out.print(f"written: {json_file}", markup=False, soft_wrap=True)
+        console.written(json_file)
 
 
 def _next_to(model: Path) -> Path:

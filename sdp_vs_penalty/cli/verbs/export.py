@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
-
-if TYPE_CHECKING:
-    pass
+from sdp_vs_penalty.cli.options import Debug, Model
 
 
 def verb(
-    model: Annotated[Path, typer.Argument(metavar="model.json", help="Written by identify.")],
+    model: Model,
     out: Annotated[
         Path,
         typer.Option(
@@ -26,32 +23,25 @@ def verb(
         Path | None,
         typer.Option(
             metavar="robot.urdf",
-            help="Your own URDF: only its inertials, damping and friction are replaced.",
+            help="Your own URDF, of which only inertials, damping and friction are replaced.",
         ),
     ] = None,
     debug: Debug = False,
 ) -> None:
-    """Take a model to a simulator or a controller; refuses an inertial that is physically impossible.
+    """Export a model to a simulator or a controller; a physically impossible inertial is refused.
 
-    Example: [cyan]sdp-vs-penalty export model.json --out robot.urdf[/cyan]
+    Example: sdp-vs-penalty export model.json --out robot.urdf
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.export import export
 
-    left_out = export(load_estimate(model), out, urdf)
-    console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+    left_out = export(model, out, urdf)
+    console.written(out)
     if urdf is None and out.suffix.lower() in (".urdf", ".xml"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
-        console.err.print(
-            "moving links are named link1, link2 ...: a model.json knows only the joints' names"
-            f"{own if out.suffix.lower() == '.urdf' else ''}.",
-            markup=False,
-            soft_wrap=True,
+        console.warn(
+            "Moving links are named link1, link2 ...: a model.json holds only the joints' names"
+            f"{own if out.suffix.lower() == '.urdf' else ''}."
         )
     if left_out:
-        console.err.print(
-            f"{out.suffix} has no place for: {', '.join(left_out)}; export to .json or .py has them.",
-            markup=False,
-            soft_wrap=True,
-        )
+        console.warn(f"{out.suffix} files cannot hold {', '.join(left_out)}; .json and .py files can.")

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
-
-if TYPE_CHECKING:
-    pass
+from sdp_vs_penalty.cli.options import Data, Debug, Problem
 
 
 def verb(
-    problem: Annotated[str, typer.Argument(help="A built-in name, a folder, or a URDF file.")],
-    data: Annotated[list[Path], typer.Option("--data", metavar="RUN.csv ...", help="Measured runs.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="A .dat-s (sparse SDPA) or .cbf file.")],
-    method: Annotated[str, typer.Option(help="lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic.")] = "lmi-sdp",
-    effects: Annotated[str | None, typer.Option(metavar="a,b,c", help="As for identify.")] = None,
+    problem: Problem,
+    data: Data,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="File to write: .dat-s (sparse SDPA) or .cbf.")
+    ],
+    method: Annotated[
+        str, typer.Option(help="Method: lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic.")
+    ] = "lmi-sdp",
+    effects: Annotated[
+        str | None, typer.Option(metavar="a,b,c", help="Effects, as for `identify`.")
+    ] = None,
     debug: Debug = False,
 ) -> None:
-    """Write the identification SDP as a file for a solver that is not in the list.
+    """Write the identification SDP as a file for another solver.
 
-    Example: [cyan]sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf[/cyan]
+    Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.export.sdp import export_sdp as write
@@ -32,4 +35,4 @@ def verb(
     conic = posed(problem, data, method, effects)
     write(conic, out)
     rows, columns = conic.A.shape
-    console.out.print(f"written: {out} ({columns} variables, {rows} rows)", markup=False, soft_wrap=True)
+    console.written(out, f"{columns} variables, {rows} rows")

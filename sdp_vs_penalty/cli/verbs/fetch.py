@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.options import Debug
 
-if TYPE_CHECKING:
-    pass
-
 
 def verb(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[panda|ur10e|emps] ...", help="Default: all.")
+        list[str] | None,
+        typer.Argument(metavar="[panda|ur10e|emps] ...", help="Data sets; default: all."),
     ] = None,
     folder: Annotated[
-        Path | None, typer.Option(help="Where to keep the files; default: the user's cache.")
+        Path | None, typer.Option(help="Folder for the files; default: the user's cache.")
     ] = None,
     debug: Debug = False,
 ) -> None:
     """Download public measurements and write them as RUN.csv files; prints their paths.
 
-    Example: [cyan]sdp-vs-penalty fetch emps[/cyan]
+    Example: sdp-vs-penalty fetch emps
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.datasets import DATASETS, cache_folder, dataset
@@ -40,4 +38,4 @@ def verb(
         for path in paths:
             print(path)
     kept = folder or cache_folder()
-    print(f"sdp-vs-penalty: tables find them with SDP_VS_PENALTY_DATA={kept}", file=sys.stderr)
+    print(f"sdp-vs-penalty: for the tables, set SDP_VS_PENALTY_DATA={kept}", file=sys.stderr)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.options import Debug
-
-if TYPE_CHECKING:
-    pass
 
 
 class FigureBudget(StrEnum):
@@ -23,17 +20,18 @@ class FigureBudget(StrEnum):
 
 def verb(
     numbers: Annotated[
-        list[int] | None, typer.Argument(metavar="[1 2 3 5 ... 10]", help="Default: all.")
+        list[int] | None,
+        typer.Argument(metavar="[1 2 3 5 ... 10]", help="Figure numbers; default: all."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
     budget: Annotated[
-        FigureBudget, typer.Option(help="quick, or longer motions and more instants.")
+        FigureBudget, typer.Option(help="Effort: quick, or paper (longer motions, more instants).")
     ] = FigureBudget.quick,
     debug: Debug = False,
 ) -> None:
-    """Draw the paper's figures as PNG and PDF, with simulated and, where at hand, measured data.
+    """Regenerate the paper's figures as PNG and PDF, from simulated and, if available, measured data.
 
-    Example: [cyan]sdp-vs-penalty figures 1 10 --out results[/cyan]
+    Example: sdp-vs-penalty figures 1 10 --out results
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.figures import make_figures

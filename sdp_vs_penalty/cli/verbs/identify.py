@@ -10,7 +10,7 @@ import typer
 
 from sdp_vs_penalty.cli.arguments import numbers, time_window
 from sdp_vs_penalty.cli.checking import refuse_meaningless
-from sdp_vs_penalty.cli.options import Data, Debug, Window
+from sdp_vs_penalty.cli.options import Data, Debug, Gravity, Problem, Seed, Window
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,36 +18,36 @@ if TYPE_CHECKING:
 
 
 def verb(
-    problem: Annotated[
-        str, typer.Argument(help="A built-in name, a folder with a problem.toml, or a URDF file.")
-    ],
+    problem: Problem,
     data: Data,
     out: Annotated[Path, typer.Option(metavar="model.json", help="File to write the model to.")],
-    method: Annotated[str, typer.Option(help="See `sdp-vs-penalty list methods`.")] = "lmi-sdp",
+    method: Annotated[str, typer.Option(help="Method, of `sdp-vs-penalty list methods`.")] = "lmi-sdp",
     effects: Annotated[
         str | None,
-        typer.Option(metavar="a,b,c", help="See `sdp-vs-penalty list effects`; default: the problem's."),
+        typer.Option(
+            metavar="a,b,c",
+            help="Effects, of `sdp-vs-penalty list effects`; default: the problem's.",
+        ),
     ] = None,
-    gravity: Annotated[
-        str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, m/s^2.")
-    ] = None,
+    gravity: Gravity = None,
     solver: Annotated[
-        str | None, typer.Option(help="Of the SDP methods: see `sdp-vs-penalty list solvers`.")
+        str | None,
+        typer.Option(help="Solver of the SDP methods, of `sdp-vs-penalty list solvers`."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    seed: Seed = 0,
     window: Window = None,
     no_check: Annotated[
         bool,
-        typer.Option("--no-check", help="Identify even where the check says it is meaningless."),
+        typer.Option("--no-check", help="Identification without the data check."),
     ] = False,
     debug: Debug = False,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
 
-    The cheap part of `check` runs first: its errors stop the identification (exit code 2).
-    Example: [cyan]sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json[/cyan]
+    The fast part of `check` runs first; its errors stop the identification (exit code 2).
+    Example: sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json
     """
-    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
@@ -60,7 +60,7 @@ def verb(
     start, stop = time_window(window)
     with console.progress("reading the measurements") as progress:
         answers = load_answers(data, joints=robot.robot.n)
-        names = [joint.name for joint in robot.robot.joints]
+        names = robot.robot.joint_names
         given = answers or load_measurements(
             *data, joints=robot.robot.n, start=start, stop=stop, names=names
         )
@@ -77,8 +77,8 @@ def verb(
         fit = None
         if isinstance(given, Measurements):
             fit = compare_models({estimate.method: estimate}, given)[0]
-    console.estimate_summary(estimate, fit, seconds)
-    console.out.print(f"written: {out}", markup=False, soft_wrap=True)
+    printing.estimate(estimate, fit, seconds)
+    console.written(out)
 
 
 def _estimator(method: str, solver_name: str | None) -> Estimator:
@@ -92,6 +92,6 @@ def _estimator(method: str, solver_name: str | None) -> Estimator:
     if solver_name is None:
         return estimator
     if not hasattr(estimator, "solver"):
-        raise InputError(f"--solver {solver_name}: method {method} solves no SDP; leave --solver out.")
+        raise InputError(f"--solver {solver_name}: method {method} solves no SDP: leave --solver out.")
     solver(solver_name)
     return replace(estimator, solver=solver_name)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.options import Debug
-
-if TYPE_CHECKING:
-    pass
 
 
 class Kind(StrEnum):
@@ -25,13 +22,13 @@ class Kind(StrEnum):
 
 
 def verb(
-    what: Annotated[Kind, typer.Argument(help="Which names to list.")],
-    name: Annotated[str | None, typer.Argument(help="Everything about this one.")] = None,
+    what: Annotated[Kind, typer.Argument(help="Kind of names to list.")],
+    name: Annotated[str | None, typer.Argument(help="One name, for all about it.")] = None,
     debug: Debug = False,
 ) -> None:
     """List the names that the other verbs take, or say all about one of them.
 
-    Example: [cyan]sdp-vs-penalty list effects presliding_hysteresis[/cyan]
+    Example: sdp-vs-penalty list effects presliding_hysteresis
     """
     from sdp_vs_penalty.cli import console, registry
 
@@ -39,8 +36,6 @@ def verb(
         console.details(*registry.details(what.value, name))
         return
     headings, rows = registry.short_listing(what.value)
-    console.listing(what.value, headings, rows)
+    console.listing(headings, rows)
     if len(headings) < len(registry.listing(what.value)[0]):
-        console.out.print(
-            f"More about one of them: sdp-vs-penalty list {what.value} NAME", soft_wrap=True
-        )
+        console.say(f"All about one of them: sdp-vs-penalty list {what.value} NAME")

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import InputError
 
-if TYPE_CHECKING:
-    pass
-
-
 _QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
 
 
 def verb(
     solvers: Annotated[
-        str | None, typer.Option(metavar="a,b,...", help="Default: all that are installed.")
+        str | None, typer.Option(metavar="a,b,...", help="Solvers; default: all that are installed.")
     ] = None,
     problems: Annotated[
         str,
@@ -27,27 +23,30 @@ def verb(
     ] = "panda,two_link,ur10e,chains,hostile",
     accuracy: Annotated[
         str | None,
-        typer.Option(metavar="1e-4,1e-8", help="What to ask of solvers; default 1e-4,1e-6,1e-8."),
+        typer.Option(metavar="1e-4,1e-8", help="Accuracies to ask for; default: 1e-4,1e-6,1e-8."),
     ] = None,
     time_limit: Annotated[
         float | None,
-        typer.Option(metavar="SECONDS", help="Processor time of a run; default 60, quick 10."),
+        typer.Option(metavar="SECONDS", help="Processor time of each run; default: 60, quick 10."),
     ] = None,
-    memory: Annotated[float, typer.Option(metavar="GB", help="For each run.")] = 4.0,
+    memory: Annotated[float, typer.Option(metavar="GB", help="Memory of each run.")] = 4.0,
     quick: Annotated[bool, typer.Option("--quick", help="A few instances, one accuracy.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder; runs that it holds are not done again.")] = Path(
+    out: Annotated[Path, typer.Option(help="Folder; runs that it holds are not repeated.")] = Path(
         "results/shootout"
     ),
     scheduler: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Of a Dask cluster; default: here.")
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler; default: this computer."),
     ] = None,
-    jobs: Annotated[int, typer.Option(min=0, help="Runs at a time here; 0: one a core.")] = 0,
-    show: Annotated[bool, typer.Option("--list", help="List instances and solvers.")] = False,
+    jobs: Annotated[
+        int, typer.Option(min=0, help="Parallel runs on this computer; 0: one per core.")
+    ] = 0,
+    show: Annotated[bool, typer.Option("--list", help="List of instances and solvers.")] = False,
     debug: Debug = False,
 ) -> None:
     """Run SDP solvers on identification problems and judge each answer by a proved interval.
 
-    Example: [cyan]sdp-vs-penalty shootout --quick --out shootout[/cyan]
+    Example: sdp-vs-penalty shootout --quick --out shootout
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout import runner, summary
@@ -71,14 +70,14 @@ def verb(
     with runner.progress_bar() as progress:
         outcome = runner.run(setup, progress)
     for note in outcome.notes:
-        console.err.print(note, markup=False, soft_wrap=True)
+        console.warn(note)
     written = summary.write_summary(
         out, outcome.results.rows, limit, outcome.absent, outcome.not_applicable
     )
     for sentence in summary.sentences(outcome.results.rows, limit):
-        console.out.print(sentence, markup=False, soft_wrap=True)
+        console.say(sentence)
     for path in (outcome.results.path, *written):
-        console.out.print(f"written: {path}", markup=False, soft_wrap=True)
+        console.written(path)
 
 
 def _list() -> None:
@@ -87,9 +86,9 @@ def _list() -> None:
     from sdp_vs_penalty.shootout.instances import catalogue
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
-    console.listing("instances", ("name", "group", ""), rows)
+    console.listing(("instance", "group", ""), rows)
     people = [(c.name, c.absent or "here", c.description) for c in contestants().values()]
-    console.listing("solvers", ("name", "here", "what it is"), people)
+    console.listing(("solver", "here", "what it is"), people)
 
 
 def _words(text: str) -> list[str]:

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import InputError
 
-if TYPE_CHECKING:
-    pass
-
-
-_TABLES_HELP = "Default: these four; also VII (--problem two_link), errata, methods, data."
+_TABLES_HELP = "Tables; default: these four; also VII (--problem two_link), errata, methods, data."
 
 
 class Budget(StrEnum):
@@ -29,15 +25,19 @@ def verb(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="[III IV VIII IX ...]", help=_TABLES_HELP)
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help="I to IX and what goes with them.")] = False,
-    problem: Annotated[str | None, typer.Option(help="two_link or panda.")] = None,
-    budget: Annotated[Budget, typer.Option(help="quick, or as many runs as the paper.")] = Budget.quick,
+    every: Annotated[
+        bool, typer.Option("--all", help="All tables: I to IX, errata, methods, data.")
+    ] = False,
+    problem: Annotated[str | None, typer.Option(help="Problem: two_link or panda.")] = None,
+    budget: Annotated[
+        Budget, typer.Option(help="Effort: quick, or paper (as many runs as there).")
+    ] = Budget.quick,
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
     debug: Debug = False,
 ) -> None:
     """Regenerate the paper's comparison tables.
 
-    Example: [cyan]sdp-vs-penalty tables III --out results[/cyan]
+    Example: sdp-vs-penalty tables III --out results
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.tables import all_tables, make_tables
@@ -45,7 +45,7 @@ def verb(
     if every:
         if names or problem:
             raise InputError(
-                "--all makes every table with its own problem: leave names and --problem out."
+                "--all makes every table with its own problem: leave out names and --problem."
             )
         names = list(all_tables())
     with console.progress("tables") as progress:

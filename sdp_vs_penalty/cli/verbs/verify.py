@@ -21,7 +21,7 @@ def verb(
     """Check proofs of optimality in exact arithmetic, independently of every solver.
 
     Exit code 1 if one is refused. The checker is one file on Python's standard library alone.
-    Example: [cyan]sdp-vs-penalty verify proof.json[/cyan]
+    Example: sdp-vs-penalty verify proof.json
     """
     import json
 
@@ -46,7 +46,7 @@ def verb(
             else:
                 low, high = (float(x) for x in found)
                 text = f"accepted: {path}: the optimum lies in [{low!r}, {high!r}]"
-        console.out.print(text, markup=False, soft_wrap=True)
-    console.err.print(f"checker: {verify_proof.__file__}", markup=False, soft_wrap=True)
+        console.say(text)
+    console.warn(f"checker: {verify_proof.__file__}")
     if refused:
         raise typer.Exit(1)

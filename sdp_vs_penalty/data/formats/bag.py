@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats.columns import LARGEST, Choice, check_size
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -45,7 +46,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         what = (str(error).splitlines() or [type(error).__name__])[0]
         cut = ""
         if "end magic" in what or "Truncated" in what:
-            cut = "; it is cut off, `mcap recover` saves what there is"
+            cut = "; it is truncated: `mcap recover` saves what is left"
         raise InputError(f"{path}: not a readable ROS bag or MCAP file ({what[:200]}){cut}.") from error
 
 
@@ -132,8 +133,9 @@ def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> l
             out += [float(values[k]) for k in at]
         elif needed:
             raise InputError(
-                f"{path}: a message has {len(values)} value(s) of {field} for {len(message.name)} "
-                "joints; identification needs position and effort of every joint."
+                f"{path}: a message has {show.count(len(values), 'value')} of {field} for "
+                f"{len(message.name)} joints; identification needs position and effort of every "
+                "joint."
             )
         else:
             out += [float("nan")] * len(names)

@@ -48,23 +48,31 @@ def check_size(path: Path, unpacked: int, packed: int) -> None:
         )
     if unpacked > _WORTH_A_LOOK and unpacked > _TIGHTEST * packed:
         raise InputError(
-            f"{path}: unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements do "
-            "not compress so well, this is no file of them."
+            f"{path}: unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements "
+            "never compress that much, so this file holds something else."
         )
 
 
 def from_columns(
-    path: Path, columns: Mapping[str, Array], rename: Mapping[str, str] | None
+    path: str | Path,
+    columns: Mapping[str, Array],
+    rename: Mapping[str, str] | None,
+    *,
+    remedy: str | None = None,
+    what: str | None = None,
 ) -> Measurements:
     """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau; others are ignored.
 
-    Raises InputError where t, q or tau is not there, or lengths differ.
+    path : names the run; what : how messages call it (default: the path); remedy : what to do about
+    missing columns (default: the `convert` command for the file).
+    Raises InputError where t, q or tau is missing, or lengths differ.
     """
+    what = what or str(path)
     names = dict(rename or {})
     for ours, theirs in names.items():
         if theirs not in columns:
             known = ", ".join(sorted(columns)) or "none"
-            raise InputError(f"{path}: there is no {theirs!r} to take as {ours} (there are: {known}).")
+            raise InputError(f"{what}: no column {theirs!r} to take as {ours} (columns: {known}).")
     named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
 
     given = {"t": named.get("t"), **{group: _block(named, group) for group in ("q", "dq", "tau")}}
@@ -72,9 +80,9 @@ def from_columns(
     if missing:
         known = ", ".join(sorted(columns)) or "none"
         pairs = ",".join(f"{group}=NAME" for group in missing)
+        command = f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`"
         raise InputError(
-            f"{path}: nothing is called {' or '.join(missing)} (there are: {known}): say what they are "
-            f"called, with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`."
+            f"{what}: no column {' or '.join(missing)} (columns: {known}): {remedy or command}."
         )
     t = np.ravel(named["t"])
     blocks = {}
@@ -85,16 +93,16 @@ def from_columns(
         if block.shape[0] != len(t) and block.ndim == 2 and block.shape[1] == len(t):
             block = block.T
         if block.shape[0] != len(t):
-            raise InputError(f"{path}: {group} has {block.shape[0]} rows, t has {len(t)}.")
+            raise InputError(f"{what}: {group} has {block.shape[0]} rows, t has {len(t)}.")
         blocks[group] = np.ascontiguousarray(block)
     widths = {group: block.shape[1] for group, block in blocks.items()}
     if len(set(widths.values())) != 1:
         raise InputError(
-            f"{path}: the groups have different numbers of joints: "
+            f"{what}: the groups have different numbers of joints: "
             + ", ".join(f"{group} {width}" for group, width in widths.items())
             + "."
         )
-    return Measurements(t, blocks["q"], blocks["tau"], blocks.get("dq"), None, (path.name,))
+    return Measurements(t, blocks["q"], blocks["tau"], blocks.get("dq"), None, (Path(path).name,))
 
 
 def _block(named: Mapping[str, Array], group: str) -> Array | None:

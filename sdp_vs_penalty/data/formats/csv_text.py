@@ -36,7 +36,8 @@ def lines(path: Path) -> Iterator[str]:
                     raise InputError(binary)
                 if len(line) == _LONGEST:
                     raise InputError(
-                        f"{path}: row {number} is endless; measurements are CSV text or .npz."
+                        f"{path}: row {number} is too long for a table; measurements are CSV text or "
+                        ".npz."
                     )
                 yield line.rstrip("\n")
     except UnicodeDecodeError as error:
@@ -70,12 +71,12 @@ def _no_header(path: Path, count: int) -> str:
     known = [d.name for d in DATASETS.values() if path.name in {Path(f.path).name for f in d.files}]
     if known:
         return (
-            f"row 1 holds numbers, there is no header: this is a raw file of the data set {known[0]}, "
-            f"which `sdp-vs-penalty fetch {known[0]}` downloads and writes as RUN.csv."
+            "row 1 holds numbers instead of a header: this is a raw file of the data set "
+            f"{known[0]}, which `sdp-vs-penalty fetch {known[0]}` downloads and writes as RUN.csv."
         )
     return (
-        f"row 1 holds {count} numbers, there is no header: put {HEADER} above them and separate cells "
-        "by commas, or name the columns as you like and use `sdp-vs-penalty convert --rename`."
+        f"row 1 holds {count} numbers instead of a header: put {HEADER} above them and separate "
+        "cells by commas, or use any column names and `sdp-vs-penalty convert --rename`."
     )
 
 

@@ -47,7 +47,7 @@ def _read_npz(path: Path) -> Measurements:
     lengths = {name: a.shape for name, a in arrays.items()}
     if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
         raise InputError(
-            f"{path}: the arrays differ in length ({lengths}); all need one entry a sample."
+            f"{path}: the arrays differ in length ({lengths}); all need one entry per sample."
         )
 
     def group(prefix: str) -> Array:

@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
 
 _VERDICTS = {
-    "effect_missing": "Something is missing, and the library explains what can be seen of it.",
+    "effect_missing": "The model is missing an effect; the findings below account for all visible "
+    "error.",
     "nothing_missing": "Nothing is missing that these measurements could show.",
-    "unknown_effect": "Repeatable error remains that no effect of the library explains.",
+    "unknown_effect": "Something unknown is missing: repeatable error remains that no effect of the "
+    "library explains.",
 }
 
 
@@ -43,7 +45,7 @@ def _draw(view: View) -> None:
         again = "Diagnose" if found is None else "Diagnose again"
         button(again, session.diagnose, "diagnose", "primary" if found is None else "")
         check(
-            "Keep the model as it is (the only way to see a payload)",
+            "Keep the model fixed (the only way to see a payload)",
             session.frozen,
             freeze,
             "frozen",
@@ -51,8 +53,8 @@ def _draw(view: View) -> None:
     if found is None:
         tag(
             "p",
-            "Every effect of the library is tried on the error, and named only if it holds on data that "
-            "were not used to choose it.",
+            "Every effect of the library is tried on the error, and named only if it holds on data "
+            "that did not select it.",
             "soft",
         )
         return
@@ -87,7 +89,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             tag("p", physics(finding))
         rivals = finding.indistinguishable_from
         if rivals:
-            tag("p", f"These data cannot tell it from: {', '.join(rivals)}.", "rivals")
+            tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.remarks:
             tag("p", f"Weak: {'; '.join(finding.remarks)}.", "soft")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
@@ -112,7 +114,7 @@ def _fall(before: float, after: float, floor: float, known: bool, joint: int, un
     """Held-out error before and after as two bars, the noise as a line across both."""
     largest = max(before, after, floor, 1e-300)
     with tag("div", style="fall"):
-        tag("span", f"Held-out error of joint {joint + 1}, fitted anew without constraints", "what")
+        tag("span", f"Held-out error of joint {joint + 1}, refitted without constraints", "what")
         for name, value in (("before", before), ("after", after)):
             with tag("div", style="bar"):
                 tag("span", name)
@@ -120,7 +122,7 @@ def _fall(before: float, after: float, floor: float, known: bool, joint: int, un
                     tag("div", style=f"fill {name}").style(f"width: {100.0 * value / largest:.1f}%")
                     tag("div", style="floor").style(f"left: {min(100.0 * floor / largest, 99.5):.1f}%")
                 tag("span", with_unit(value, unit), "value")
-        guess = "" if known else " (a guess: nothing repeats)"
+        guess = "" if known else " (estimated: no motion repeats)"
         tag("span", f"{change(before, after)}; noise {with_unit(floor, unit)}{guess}", "soft")
 
 
@@ -128,14 +130,14 @@ def _rest(found: Diagnosis) -> None:
     """Events, what is left, what can never be seen, and remarks."""
     for event in found.events:
         start, end = figure(event.t_start, 4), figure(event.t_end, 4)
-        tag("p", f"Something happened once on joint {event.joint + 1}: {start} s to {end} s.", "finding")
+        tag("p", f"One-off event on joint {event.joint + 1}: {start} s to {end} s.", "finding")
     for remark in found.remarks:
         tag("p", remark, "soft")
     share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))
-    tag("p", f"Left over, as a share of the noise's variance, by joint: {share}.", "soft")
+    tag("p", f"Unexplained variance / noise variance, per joint: {share}.", "soft")
     if found.invisible:
-        with details("What these measurements can never show", "invisible"):
-            tag("p", "The model's own parameters absorb the torque of:", "soft")
+        with details("Not identifiable from these runs", "invisible"):
+            tag("p", "The model's existing parameters absorb the torque of:", "soft")
             with tag("ul"):
                 for item in found.invisible:
                     tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")

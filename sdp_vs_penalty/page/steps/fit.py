@@ -77,7 +77,7 @@ def _draw(view: View) -> None:
         parts["chart"].update_figure(options())
         parts["words"].text = _words(model, j, units[j])
 
-    parts["chart"] = chart(options(), "Measured and modelled torque, and what is left")
+    parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
     parts["chart"].on("plotly_relayout", zoom)
     parts["words"] = tag("p", "", "words")
     show(view.joint or 0, view.run)
@@ -86,7 +86,7 @@ def _draw(view: View) -> None:
     if model.on_bounds:
         tag(
             "p",
-            f"On their bounds (the bound speaks, not the data): {', '.join(model.on_bounds)}.",
+            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}.",
             "soft",
         )
 

@@ -29,7 +29,7 @@ def _draw(view: View) -> None:
                 relative = figure(model.comparison["relative_error_percent"])
                 tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
     if len(ladder) == 1:
-        tag("p", "Add a finding above: the error of each joint falls here.", "soft")
+        tag("p", "Add a finding above and watch the error of each joint fall here.", "soft")
         return
     button("Undo the last step", session.undo, "undo")
     errors = [model.comparison["rmse"] for model in ladder]

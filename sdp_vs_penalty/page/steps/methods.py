@@ -63,9 +63,9 @@ def _draw(view: View) -> None:
     table(heads, rows, "Methods compared", "numbers methods")
     tag(
         "p",
-        "Relative torque error on the same runs; upper bounds on inertias about the centre of mass are "
-        "not convex; a link of no thickness is possible on paper only; a gap is there where a "
-        "lower bound is proved.",
+        "Relative torque error on the same runs; upper bounds on inertias about the centre of mass "
+        "are not convex; zero thickness is unphysical; a gap is shown only where a lower bound is "
+        "certified.",
         "soft",
     )
 

@@ -40,7 +40,7 @@ def _draw(view: View) -> None:
         )
 
     with tag("fieldset"):
-        tag("legend", "What makes torque, to begin with")
+        tag("legend", "Effects of the first model")
         with tag("div", style="checks"):
             for name in _USUAL:
                 box(name)
@@ -49,7 +49,7 @@ def _draw(view: View) -> None:
         with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
             if chosen:
                 more.props["open"] = True
-            tag("p", "The diagnosis below finds out which of these are missing.", "soft")
+            tag("p", "Diagnosis (step 5) tells which are missing.", "soft")
             with tag("div", style="checks"):
                 for name in rest:
                     box(name)
@@ -63,16 +63,16 @@ def _draw(view: View) -> None:
         number("Seed", session.seed, lambda v: put("seed", v), "seed")
     if session.meaningless:
         check(
-            "Identify all the same, though the check calls that meaningless",
+            "Identify anyway (data check failed)",
             session.anyway,
             lambda on: put("anyway", on),
             "anyway",
         )
     button("Identify", session.identify, "identify", "primary")
-    with details("Or go on from a model.json", "open-model"):
+    with details("Or continue from a model.json", "open-model"):
         tag(
             "p",
-            "One that was identified before, from other runs perhaps: kept as it is, it shows what has "
+            "A model identified earlier, possibly from other runs: kept fixed, it shows what has "
             "changed since, such as a payload.",
             "soft",
         )

@@ -69,7 +69,7 @@ def _from_folder(view: View) -> None:
                 view.session.arrived[files[k].name] = files[k]
             view.session.read_arrived()
 
-        button("Read the ticked ones", read, "read-folder")
+        button("Read the selected files", read, "read-folder")
 
 
 def _simulated(view: View) -> None:
@@ -107,12 +107,12 @@ def _real(view: View) -> None:
     elif robot["source"] in ("panda", "ur10e", "emps"):
         tag(
             "p",
-            "Not on this computer. This page asks the network for nothing; fetch them by",
+            "Not downloaded. Run:",
             "soft",
         )
         tag("code", f"sdp-vs-penalty fetch {robot['source']}")
     else:
-        tag("p", "There are public ones for panda, ur10e and emps.", "soft")
+        tag("p", "Public measurements exist for panda, ur10e and emps.", "soft")
 
 
 def _list(view: View) -> None:
@@ -145,8 +145,8 @@ def _list(view: View) -> None:
     if session.runs and all(run["use"] == "train" for run in session.runs):
         tag(
             "p",
-            "No run is kept for testing: errors below are those of the runs that the model was "
-            "identified from, and a diagnosis holds out parts of them, which takes longer.",
+            "No run is kept for testing: the errors below are training errors, and a diagnosis "
+            "holds out parts of the runs, which takes longer.",
             "soft",
         )
 

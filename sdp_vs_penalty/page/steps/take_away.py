@@ -17,7 +17,7 @@ FILES = {
     "robot.urdf": "for ROS and simulators",
     "robot.xml": "for MuJoCo",
     "model.py": "a NumPy function",
-    "report.html": "everything on one page",
+    "report.html": "HTML report",
 }
 
 
@@ -27,7 +27,7 @@ def _depends(session: Session) -> Any:
 
 def _draw(view: View) -> None:
     session = view.session
-    with tag("div", style="tiles", role="group", aria_label="Files to take away"):
+    with tag("div", style="tiles", role="group", aria_label="Files to download"):
         for name, use in FILES.items():
             with button(
                 "",
@@ -43,7 +43,7 @@ def _draw(view: View) -> None:
 
 TAKE_AWAY = Step(
     "take-away",
-    "Take it away",
+    "Download",
     "Identify a model first.",
     lambda session: session.model is not None,
     _depends,

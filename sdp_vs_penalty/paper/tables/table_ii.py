@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.estimation.excitation import BaseRegressor, Excitation, Limits, optimise_excitation
+from sdp_vs_penalty.estimation.excitation import BaseRegressor, Excitation, Limits, excite
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.problem.real_data import commanded_coefficients
@@ -66,7 +66,7 @@ def optimised(study: Study) -> dict[str, Excitation]:
         "within the robot's limits": Limits.of_robot(problem.robot),
     }
     return {
-        name: optimise_excitation(
+        name: excite(
             problem,
             limits=limit,
             start=paper,

@@ -1,0 +1,95 @@
+"""Verdicts in one sentence, and pictures of comparisons and diagnoses; plain values in, no models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import show
+
+Array = NDArray[np.float64]
+
+#: A joint's error is called out above so many noise floors.
+ABOVE_NOISE = 2.0
+
+
+def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None) -> str:
+    """How well a model explains the torque, and which joints are far above the noise."""
+    text = f"explains the torque to {relative_percent:.3g} % (relative error)"
+    if floor is None:
+        return f"{text}; noise floor unknown: no motion repeats."
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(floor > 0.0, rmse / floor, np.inf)
+    above = np.flatnonzero(ratio > ABOVE_NOISE)
+    if not len(above):
+        return f"{text}; no joint's error exceeds {ABOVE_NOISE:g} times the noise floor."
+    low, high = (f"{x:.2g}" for x in (ratio[above].min(), ratio[above].max()))
+    times = low if low == high else f"{low} to {high}"
+    verb = "exceeds" if len(above) == 1 else "exceed"
+    return f"{text}; {show.joints((above + 1).tolist())} {verb} the noise floor {times} times."
+
+
+def diagnosis_verdict(
+    unknown: bool, found: Sequence[tuple[str, Sequence[int], str]], noise_known: bool
+) -> str:
+    """What is missing, in one sentence; ``found`` : effect, joints (from 1), confidence of each."""
+    confident = [f for f in found if f[2] == "confident"]
+    listed = confident or found
+    joints: dict[str, list[int]] = {}
+    for effect, where, _ in listed:
+        joints.setdefault(effect, []).extend(where)
+    names = "; ".join(
+        f"{effect} on {show.joints(sorted(set(where)))}" if where else effect
+        for effect, where in joints.items()
+    )
+    weak = len(found) - len(confident)
+    counts = [f"{len(confident)} confident"] if confident else []
+    counts += [f"{weak} weak"] if weak else []
+    counted = f"{names} ({' and '.join(counts)} finding{'s' if len(found) != 1 else ''})"
+    if unknown:
+        text = "Missing: something that no effect of the library explains"
+        return f"{text}; also {counted}." if found else f"{text}."
+    if found:
+        return f"{'Missing' if confident else 'Possibly missing'}: {counted}."
+    caveat = "" if noise_known else " Weak evidence: no motion repeats, so the noise is only estimated."
+    return f"Nothing is missing that these measurements could show.{caveat}"
+
+
+def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:
+    """RMSE of each joint as bars, models side by side, with the noise floor as steps."""
+    axes = show.axes(axes)
+    width = 0.8 / len(errors)
+    for k, (name, rmse) in enumerate(errors.items()):
+        x = np.arange(1, len(rmse) + 1) + (k - 0.5 * (len(errors) - 1)) * width
+        axes.bar(x, rmse, width, label=name)
+    if floor is not None:
+        axes.step(np.arange(1, len(floor) + 1), floor, where="mid", color="black", label="noise floor")
+    axes.set(xlabel="joint", ylabel="RMSE [N m or N]")
+    axes.legend()
+    return axes
+
+
+def plot_residual(axes: Any, x: Array, residual: Array, xlabel: str, title: str) -> Any:
+    """Measured minus modelled torque of one joint against one quantity."""
+    axes = show.axes(axes)
+    axes.plot(x, residual, lw=0.8)
+    axes.set(xlabel=xlabel, ylabel="measured - modelled [N m or N]", title=title)
+    return axes
+
+
+def plot_ladder(axes: Any, steps: Sequence[str], errors: Array, floor: Array) -> Any:
+    """Error over noise floor of each joint (steps, n) as effects are added one after the other."""
+    axes = show.axes(axes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = errors / floor
+    for j in range(errors.shape[1]):
+        axes.plot(ratio[:, j], np.arange(len(steps)), marker="o", ms=3, label=f"joint {j + 1}")
+    axes.axvline(1.0, color="black", lw=0.8)
+    axes.set_yticks(np.arange(len(steps)), steps)
+    axes.invert_yaxis()
+    axes.set(xlabel="held-out RMSE / noise floor")
+    axes.legend(fontsize="small")
+    return axes

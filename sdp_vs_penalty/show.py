@@ -1,0 +1,80 @@
+"""How results show themselves: five lines in a terminal, a table in a notebook, matplotlib if asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+from sdp_vs_penalty.errors import missing_extra
+
+#: A title, and names with their texts.
+Summary = tuple[str, Sequence[tuple[str, str]]]
+#: Headings, and rows of cells.
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]
+
+_LINES, _WIDTH = 5, 110
+
+
+class Shown:
+    """A result with a repr of at most five lines and an HTML form; subclasses define ``_summary``."""
+
+    def _summary(self) -> Summary:
+        raise NotImplementedError
+
+    def _table(self) -> Table | None:
+        """The figures behind the summary, for notebooks; None where the summary is all."""
+        return None
+
+    def __repr__(self) -> str:
+        title, rows = self._summary()
+        lines = [f"  {name}: {text}" for name, text in rows][: _LINES - 1]
+        return "\n".join([title, *(x if len(x) <= _WIDTH else f"{x[: _WIDTH - 3]}..." for x in lines)])
+
+    def _repr_html_(self) -> str:
+        title, rows = self._summary()
+        html = f"<p><b>{escape(title)}</b></p>" + _table_html((), rows)
+        table = self._table()
+        return html if table is None else html + _table_html(*table)
+
+
+def _table_html(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    def row(tag: str, cells: Sequence[str]) -> str:
+        return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+    head = row("th", headings) if headings else ""
+    return f"<table>{head}{''.join(row('td', cells) for cells in rows)}</table>"
+
+
+def axes(given: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
+    """``given`` axes, or those of a new figure. Raises InputError without matplotlib (extra [plot])."""
+    if given is not None:
+        return given
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError as error:
+        raise missing_extra("Plots need", "plot") from error
+    return plt.subplots(rows, columns, **settings)[1]
+
+
+def percent(share: float) -> str:
+    """A share as a percentage of three digits."""
+    return f"{100.0 * share:.3g} %"
+
+
+def words(items: Sequence[object]) -> str:
+    """ "1", "1 and 2", "1, 2 and 3"."""
+    texts = [str(item) for item in items]
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
+
+
+def joints(numbers: Sequence[int]) -> str:
+    """ "joint 4", "joints 2 and 5", "joints 1 to 4" from numbers that count from 1."""
+    if len(numbers) > 2 and list(numbers) == list(range(numbers[0], numbers[-1] + 1)):
+        return f"joints {numbers[0]} to {numbers[-1]}"
+    return f"joint{'s' if len(numbers) > 1 else ''} {words(numbers)}"
+
+
+def count(number: int, noun: str) -> str:
+    """ "1 problem", "2 problems"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

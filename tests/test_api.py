@@ -1,0 +1,281 @@
+"""The front door: every verb takes what users have, shows itself in five lines, names what was given."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from small_runs import small_run, write_run
+
+import sdp_vs_penalty
+from sdp_vs_penalty import (
+    Estimate,
+    InputError,
+    Problem,
+    add,
+    check,
+    compare,
+    convert,
+    diagnose,
+    effects,
+    excite,
+    export,
+    identify,
+    load_measurements,
+    load_problem,
+    report,
+    simulate,
+    where_it_fails,
+)
+from sdp_vs_penalty.data.formats.columns import columns_of
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects.effect import Motion
+
+ARRAYS = ("t", "q", "dq", "tau")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> list[Path]:
+    folder = tmp_path_factory.mktemp("api")
+    return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def estimate(files: list[Path]) -> Estimate:
+    return identify("two_link", files)
+
+
+def forms(path: Path) -> dict[str, Any]:
+    """One run in every form that a user may have it in."""
+    run = load_measurements(path)
+    return {
+        "path": path,
+        "text": str(path),
+        "measurements": run,
+        "arrays": {name: getattr(run, name) for name in ARRAYS},
+        "lists": {name: getattr(run, name).tolist() for name in ARRAYS},
+        "columns": columns_of(run),
+        "frame": pd.DataFrame(columns_of(run)).assign(note="text", day=pd.Timestamp("2026-01-01")),
+        "csv as pandas reads it": pd.read_csv(path),
+    }
+
+
+def test_the_import_is_lazy_and_lists_its_names() -> None:
+    code = (
+        "import sys, sdp_vs_penalty as s\n"
+        "assert set(s.__all__) <= set(dir(s)), dir(s)\n"
+        "print({'numpy', 'scipy', 'pandas', 'pinocchio', 'cvxpy', 'typer'} & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout == "set()\n"
+    for name in sdp_vs_penalty.__all__:
+        assert getattr(sdp_vs_penalty, name) is not None
+    with pytest.raises(AttributeError, match="nothing_of_this_name"):
+        _ = sdp_vs_penalty.nothing_of_this_name  # type: ignore[attr-defined]
+
+
+def test_verbs_are_not_hidden_by_the_folders_of_their_names() -> None:
+    code = (
+        "import sdp_vs_penalty as s\n"
+        "import sdp_vs_penalty.check.clock, sdp_vs_penalty.export.urdf, sdp_vs_penalty.report.section\n"
+        "from sdp_vs_penalty import check, export, report\n"
+        "assert callable(check) and callable(export) and callable(report)\n"
+        "assert s.check is check and s.export is export and s.report is report\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_effect_classes_are_at_hand(two_link: Problem) -> None:
+    for kind in effect_types().values():
+        assert getattr(effects, kind.__name__) is kind
+        assert kind.__name__ in dir(effects)
+    spring = effects.JointSpring(two_link.robot, [1])
+    assert two_link.model([spring]).effects == (spring,)
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["path", "text", "measurements", "arrays", "lists", "columns", "frame", "csv as pandas reads it"],
+)
+def test_identify_and_compare_take_one_run_in_any_form(form: str, files: list[Path]) -> None:
+    expected = identify(load_problem("two_link"), load_measurements(files[0]))
+    given = forms(files[0])[form]
+    found = identify("two_link", given)
+    assert np.array_equal(found.theta, expected.theta)
+    assert found.provenance["data_hash"] == expected.provenance["data_hash"]
+    test = forms(files[1])[form]
+    one = compare(found, test)[0]
+    other = compare(expected, load_measurements(files[1]))[0]
+    assert np.array_equal(one.rmse, other.rmse)
+
+
+def test_lists_mix_forms_and_keep_runs_apart(files: list[Path], estimate: Estimate) -> None:
+    mixed = [files[0], forms(files[1])["frame"]]
+    found = identify("two_link", mixed)
+    assert np.array_equal(found.theta, estimate.theta)
+    assert len(found.provenance["runs"]) == 2
+    with pytest.raises(InputError, match="same samples"):
+        identify("two_link", [files[0], forms(files[0])["arrays"]])
+
+
+def test_models_are_estimates_or_files(files: list[Path], estimate: Estimate, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    estimate.save(path)
+    rmse = compare(estimate, files[0])[0].rmse
+    for models, names in (
+        (path, [str(path)]),
+        ([estimate, path], ["1 (lmi-sdp)", str(path)]),
+        ({"mine": path}, ["mine"]),
+    ):
+        found = compare(models, files[0])
+        assert [c.name for c in found] == names
+        assert all(np.array_equal(c.rmse, rmse) for c in found)
+    assert where_it_fails(path, files[0])[0].joint == 1
+    assert export(path, tmp_path / "robot.json") == ()
+    assert (tmp_path / "robot.json").exists()
+
+
+def test_the_story_in_names_and_paths(tmp_path: Path) -> None:
+    """simulate, check, identify, diagnose, add, compare, report: strings all the way."""
+    made = simulate("two_link", "joint_spring:2", seed=7)
+    made.save(tmp_path)
+    train = [str(tmp_path / f"run{k}.csv") for k in (1, 2, 3)]
+    test = str(tmp_path / "test.csv")
+    (checked,) = check("two_link", test)
+    assert not checked.meaningless
+    estimate = identify("two_link", train)
+    found = diagnose(estimate, train, test)
+    assert found.headline == "Missing: joint_spring on joint 2 (1 confident finding)."
+    better = add(estimate, "joint_spring:2", train)
+    before, after = compare([estimate, better], test)
+    assert after.rmse[1] < 0.75 * before.rmse[1]
+    report({"before": estimate, "after": better}, test, tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size > 10**6
+    with pytest.raises(InputError, match=r"\.html"):
+        report(estimate, test, tmp_path / "report.pdf")
+
+
+def test_convert_and_excite_write_what_they_return(files: list[Path], tmp_path: Path) -> None:
+    run = convert(files[0], tmp_path / "run.npz")
+    assert load_measurements(tmp_path / "run.npz").data_hash == run.data_hash
+    found = excite("two_link", iterations=1, duration=5.0)
+    found.save(tmp_path / "trajectory.csv")
+    table = pd.read_csv(tmp_path / "trajectory.csv")
+    assert list(table.columns)[:3] == ["t", "q1", "q2"]
+    assert table["t"].iloc[-1] == 5.0
+
+
+def test_predict_is_the_models_torque(estimate: Estimate, two_link: Problem) -> None:
+    run = small_run(two_link)
+    rng = np.random.default_rng(0)
+    dq, ddq = rng.normal(size=(2, *run.q.shape))
+    expected = estimate.torque(Motion(run.t, run.q, dq, ddq))
+    assert np.array_equal(estimate.predict(run.q, dq, ddq), expected)
+    assert estimate.predict([0.1, 0.2], [0, 0], [0, 0]).shape == (1, 2)
+    for arguments, words in (
+        (([0.1], [0.0], [0.0]), r"\(N, 2\)"),
+        ((run.q, dq[:5], ddq), r"predict\(dq=...\)"),
+        ((run.q, dq, ddq, run.t[:4]), r"predict\(t=...\)"),
+    ):
+        with pytest.raises(InputError, match=words):
+            estimate.predict(*arguments)
+    memory = add(estimate, "presliding_hysteresis:1@d=0.01", run)
+    with pytest.raises(InputError, match="pass t"):
+        memory.predict(run.q, dq, ddq)
+    assert np.array_equal(
+        memory.predict(run.q, dq, ddq, run.t), memory.torque(Motion(run.t, run.q, dq, ddq))
+    )
+
+
+def bad_calls(estimate: Estimate) -> list[tuple[Callable[[], object], str]]:
+    run = {"t": [0.0, 1.0], "q": [[0, 0], [1, 1]], "tau": [[0, 1], [1, 2]]}
+    late = {**run, "t": [1.0, 0.0]}
+    return [
+        (lambda: identify(3, run), r"^identify\(problem=3\): no problem: give a built-in name"),
+        (lambda: identify("two_link", 3), r"^identify\(measurements=3\): no measurements: give a path"),
+        (lambda: identify("two_link", []), r"^identify\(measurements=...\): no run"),
+        (lambda: identify("two_link", {"t": [0, 1], "q": run["q"]}), r"no column tau \(columns: q, t\)"),
+        (lambda: identify("two_link", late), r"^run1: sample 2, column t: time runs backwards"),
+        (lambda: identify("panda", run), "2 joints, the robot has 7"),
+        (lambda: compare(None, run), r"^compare\(models=None\): no model"),
+        (lambda: compare([], run), "^No model to compare"),
+        (lambda: diagnose("nowhere.json", run), r"^nowhere.json: cannot be read"),
+        (lambda: diagnose(estimate, object()), r"^diagnose\(measurements=<object"),
+        (lambda: add(estimate, "joint_spring:1", 2.5), r"^add\(measurements=2.5\)"),
+        (lambda: check("two_link", {"a": 1}), r"^check\(measurements=...\): no column t or q or tau"),
+        (lambda: simulate("two_link", "joint_spring:1", level="loud"), "^level 'loud': strong, medium"),
+        (lambda: excite(None), r"^excite\(problem=None\)"),
+        (lambda: export(None, "x.urdf"), r"^export\(estimate=None\)"),
+        (lambda: report(4, run, "x.html"), r"^report\(models=4\)"),
+    ]
+
+
+@pytest.mark.parametrize("k", range(16))
+def test_errors_name_what_was_given(k: int, estimate: Estimate) -> None:
+    call, words = bad_calls(estimate)[k]
+    with pytest.raises(InputError, match=words) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).endswith(".")
+
+
+def test_everything_shows_itself_in_five_lines(
+    estimate: Estimate, files: list[Path], two_link: Problem, panda: Problem
+) -> None:
+    comparisons = compare([estimate, estimate, estimate, estimate, estimate], files[0])
+    diagnosis = diagnose(estimate, files)
+    things = {
+        "two_link": estimate,
+        "7: ": panda,
+        "dq": load_measurements(*files),
+        "relative error": comparisons[0],
+        "Comparisons": comparisons,
+        diagnosis.headline: diagnosis,
+        "worst violation": estimate.certificate,
+        "problem": check(two_link, files[0])[0],
+        "spring": simulate("two_link", "joint_spring:1", "weak"),
+    }
+    for words, thing in things.items():
+        text = repr(thing)
+        assert text.count("\n") < 5
+        assert max(map(len, text.splitlines()[1:])) <= 110
+        html = thing._repr_html_()
+        assert html.startswith("<p>")
+        if words != "spring":
+            assert words in text
+    assert "&lt;b&gt;" in compare({"<b>": estimate}, files[0])._repr_html_()
+
+
+def test_pictures_are_drawn(estimate: Estimate, files: list[Path]) -> None:
+    plt = pytest.importorskip("matplotlib.pyplot")
+    plt.switch_backend("agg")
+    comparisons = compare({"a": estimate, "b": estimate}, files[1])
+    axes = comparisons.plot()
+    heights = [bar.get_height() for bar in axes.patches]
+    assert np.allclose(sorted(heights), sorted([*comparisons[0].rmse] * 2))
+    one = comparisons[0].plot(joint=2, against="position")
+    line = one.lines[0]
+    assert np.array_equal(line.get_xdata(), comparisons[0].signals.q[:, 1])
+    assert np.isclose(np.sqrt(np.mean(line.get_ydata() ** 2)), comparisons[0].rmse[1])
+    with pytest.raises(InputError, match="joints 1 to 2"):
+        comparisons[0].plot(joint=3)
+    with pytest.raises(InputError, match="time, position or velocity"):
+        comparisons[0].plot(joint=1, against="mood")
+    ladder = diagnose(estimate, files).plot()
+    assert len(ladder.lines) == 3  # two joints and the noise
+    assert len(estimate.plot()) == len(estimate.model.effects)
+    plt.close("all")
+
+
+def test_without_matplotlib_a_sentence(
+    estimate: Estimate, files: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    with pytest.raises(InputError, match=r"Plots need the extra \[plot\]"):
+        compare(estimate, files[0]).plot()
