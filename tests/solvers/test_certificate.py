@@ -18,7 +18,9 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, interior_point, solve_sdp
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.objective import Objective
 
 seeds = st.integers(0, 2**32 - 1)
@@ -115,6 +117,8 @@ def test_the_interval_of_the_estimator_holds_the_known_optimum(seed: int, links:
     assert known.optimum <= certificate.upper + rounding
     assert certificate.gap < 1e-7
     assert certificate.worst == 0.0
+    width = certificate.upper - certificate.lower
+    assert certificate.gap == pytest.approx(width / certificate.loss, rel=1e-12)
     # R has full rank: the optimum is one point.
     scale = np.maximum(np.abs(known.theta), 1e-2)
     np.testing.assert_allclose(theta / scale, known.theta / scale, atol=2e-3)
@@ -285,6 +289,31 @@ def test_a_set_without_constraints_has_the_least_squares_optimum() -> None:
     best = np.asarray(np.linalg.lstsq(known.task.data.R, known.task.data.rho)[0], np.float64)
     lowest = known.objective.value(best)
     assert known.objective.value(fit.theta) == pytest.approx(lowest, rel=1e-9)
+
+
+@pytest.mark.parametrize("finds", [True, False])
+def test_the_certificate_decides_whether_a_solver_gave_up(
+    finds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An answer that its solver calls failed counts where its gap is proved, and only there."""
+
+    class Doubtful:
+        """Clarabel, or the interior point and no multipliers; never sure of itself."""
+
+        @staticmethod
+        def solve(problem: ConicProblem, accuracy: float) -> Solution:
+            found = replace(clarabel.solve(problem, accuracy), claims="failed", status="stalled")
+            return found if finds else replace(found, x=0.0 * found.x, z=0.0 * found.z)
+
+    monkeypatch.setattr("sdp_vs_penalty.estimators.lmi_sdp.solver", lambda _: Doubtful)
+    known = Known(0)
+    if finds:
+        _, certificate = certify(known.task, LmiSdp(thickness=THICKNESS).fit(known.task))
+        assert certificate.gap is not None
+        assert certificate.gap < 1e-7
+    else:
+        with pytest.raises(InputError, match=r"gave up.*stalled"):
+            LmiSdp(thickness=THICKNESS).fit(known.task)
 
 
 def test_a_certificate_reads_as_text() -> None:

@@ -1,0 +1,205 @@
+"""Bounds that claim to hold whatever was rounded, against exact rational arithmetic."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.cones import cone_depths, cone_margin, safe_depth
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.solvers import verified
+from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.verified import Enclosure, Long, inner, product, total
+
+quick = settings(max_examples=60, deadline=None, derandomize=True)
+#: Huge, tiny and denormal numbers; products of three of them are finite in plain doubles too.
+numbers = st.floats(-1e100, 1e100, allow_subnormal=True)
+vectors = st.lists(st.tuples(numbers, numbers), min_size=1, max_size=8)
+shares = st.fractions(-1, 1)
+
+
+def exact(x: object) -> Fraction:
+    """A number of any precision as it is."""
+    return Fraction(*Long(x).as_integer_ratio())  # type: ignore[call-overload]
+
+
+def holds(made: Enclosure, truth: Fraction) -> bool:
+    """Whether an enclosure of one number holds the truth, by its radius and by each of its ends."""
+    value, radius = exact(made.value), exact(made.radius)
+    assert exact(made.magnitude()) >= abs(value) + radius
+    assert exact(made.upper) >= value + radius
+    assert exact(made.lower) <= value - radius
+    return abs(truth - value) <= radius
+
+
+def known(value: float, radius: float, share: Fraction) -> tuple[Enclosure, Fraction]:
+    """An enclosure and a number that it holds, anywhere from one end to the other."""
+    return Enclosure(Long(value), Long(radius)), Fraction(value) + share * Fraction(radius)
+
+
+@quick
+@given(vectors)
+def test_a_product_is_enclosed(pairs: list[tuple[float, float]]) -> None:
+    a, b = np.array(pairs).T
+    truth = sum((Fraction(x) * Fraction(y) for x, y in pairs), Fraction(0))
+    assert holds(product(a, b), truth)
+
+
+@quick
+@given(vectors, shares)
+def test_sums_and_inner_products_carry_the_radii_of_what_they_sum(
+    pairs: list[tuple[float, float]], share: Fraction
+) -> None:
+    value, radius = np.array([x for x, _ in pairs]), np.abs([y for _, y in pairs])
+    given_numbers = Enclosure(value.astype(Long), radius.astype(Long))
+    truths = [Fraction(v) + share * Fraction(r) for v, r in zip(value, radius, strict=True)]
+    assert holds(total(given_numbers), sum(truths, Fraction(0)))
+    weights = [y for _, y in pairs]
+    weighted = sum((Fraction(w) * t for w, t in zip(weights, truths, strict=True)), Fraction(0))
+    made = inner(np.array([weights]), given_numbers)
+    assert holds(Enclosure(made.value[0], made.radius[0]), weighted)
+
+
+@quick
+@given(numbers, numbers, numbers, numbers, shares, numbers)
+def test_arithmetic_of_enclosures_is_enclosed(
+    a: float, b: float, r: float, s: float, share: Fraction, factor: float
+) -> None:
+    (x, true_x), (y, true_y) = known(a, abs(r), share), known(b, abs(s), -share)
+    assert holds(x + y, true_x + true_y)
+    assert holds(x - y, true_x - true_y)
+    assert holds(x.times(factor), true_x * Fraction(factor))
+    assert holds(x + Enclosure.exact(-a), true_x - Fraction(a))
+
+
+@quick
+@given(st.lists(st.floats(0.0, 1e100, allow_subnormal=True), min_size=2, max_size=6))
+def test_rounding_up_ends_above_the_exact_value(terms: list[float]) -> None:
+    total_of, product_of = Long(0), Long(1)
+    for x in terms:
+        total_of, product_of = total_of + Long(x), product_of * Long(min(x, 1e10))
+    assert exact(verified._up(total_of)) >= sum(map(Fraction, terms))
+    assert exact(verified._up(product_of)) >= math.prod(Fraction(min(x, 1e10)) for x in terms)
+    down = verified._down(Long(terms[0]) / Long(3))
+    assert Fraction(down) <= exact(Long(terms[0]) / Long(3))
+
+
+def determinant(matrix: Sequence[Sequence[int]]) -> int:
+    """By Leibniz' formula, in whole numbers."""
+    size, out = len(matrix), 0
+    for order in itertools.permutations(range(size)):
+        turns = sum(order[i] > order[j] for i in range(size) for j in range(i + 1, size))
+        out += (-1) ** turns * math.prod(matrix[i][order[i]] for i in range(size))
+    return out
+
+
+def semidefinite(matrix: Sequence[Sequence[int]]) -> bool:
+    """All principal minors are non-negative: no pivot is divided by."""
+    return all(
+        determinant([[matrix[i][j] for j in rows] for i in rows]) >= 0
+        for size in range(1, len(matrix) + 1)
+        for rows in itertools.combinations(range(len(matrix)), size)
+    )
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.integers(2, 4), st.data())
+def test_semidefinite_is_what_all_principal_minors_say(size: int, data: st.DataObject) -> None:
+    """Small whole numbers: zero pivots, rank-deficient and indefinite matrices are common."""
+    rank = data.draw(st.integers(1, size))
+    entry = st.integers(-2, 2)
+    v = np.array(data.draw(st.lists(entry, min_size=size * rank, max_size=size * rank)))
+    moved = np.array(data.draw(st.lists(st.integers(-1, 1), min_size=size, max_size=size)))
+    whole = v.reshape(size, rank) @ v.reshape(size, rank).T + np.diag(moved)
+    if data.draw(st.booleans()):
+        whole[0, -1] += 1
+        whole[-1, 0] += 1
+    truth = semidefinite(whole.tolist())
+    rational = [[Fraction(int(x)) for x in row] for row in whole]
+    assert verified._inside("psd", rational) is truth
+    margin = cone_margin("psd", whole.astype(float))
+    depth = float(cone_depths("psd", whole[None].astype(float), np.abs(whole)[None].astype(float))[0])
+    if abs(margin) > 1e-9:
+        assert (margin > 0.0) is truth
+    # A depth above rounding is a proof; a violation that is one shows below zero.
+    assert truth or depth < safe_depth(size)
+
+
+@quick
+@given(st.lists(st.integers(-5, 5), min_size=2, max_size=5))
+def test_margins_of_vectors_have_the_sign_that_whole_numbers_have(entries: list[int]) -> None:
+    value, (s, *u) = np.array(entries, float), entries
+    rational = [Fraction(x) for x in entries]
+    truths = {
+        "soc": (s >= 0 and s * s >= sum(x * x for x in u), s >= 0 and s * s > sum(x * x for x in u)),
+        "nonnegative": (min(entries) >= 0, min(entries) > 0),
+    }
+    for cone, (inside, strictly) in truths.items():
+        assert verified._inside(cone, rational) is inside
+        depth = float(cone_depths(cone, value[None], np.abs(value)[None])[0])
+        for found in (cone_margin(cone, value), depth):
+            assert found > 1e-12 or not strictly
+            assert found < -1e-12 or inside
+
+
+def demands(rng: np.random.Generator, interior: np.ndarray) -> ConstraintSet:
+    """One constraint of each cone in three parameters of unequal size, the interior point inside."""
+    p = len(interior)
+    index = np.arange(p)
+    scale = 10.0 ** rng.uniform(-6.0, 6.0, p)
+    matrices = rng.normal(size=(p, 3, 3)) * scale[:, None, None]
+    matrices = matrices + np.swapaxes(matrices, 1, 2)
+    rows, lines = rng.normal(size=(p, 4)) * scale[:, None], rng.normal(size=(p, 2)) * scale[:, None]
+    root = rng.normal(size=(3, 3))
+    inside = root @ root.T + 0.1 * np.eye(3)
+    middle = np.append(2.0, rng.uniform(-0.8, 0.8, 3))
+    return ConstraintSet(
+        (
+            Constraint(
+                "lmi", "one", "psd", index, inside - np.tensordot(interior, matrices, 1), matrices
+            ),
+            build.second_order("cone", "one", index, rows, middle - interior @ rows),
+            build.linear("bounds", "all", index, lines, rng.uniform(0.5, 2.0, 2) - interior @ lines),
+        )
+    )
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_needed(
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    interior = rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 3.0)
+    constraints = demands(rng, interior)
+    each = [ConstraintSet((c,)) for c in constraints.convex]
+    for chosen in (constraints, *each):
+        start = interior + rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 3.0)
+        found = repair(chosen, start, interior)
+        assert verified.certainly_feasible(chosen.convex, found)
+        assert set(chosen.worst(found).values()) == {0.0}
+        if not verified.certainly_feasible(chosen.convex, start):
+            step = np.linalg.norm(found - start) / np.linalg.norm(interior - start)
+            before = start + (1.0 - 1e-6) * step * (interior - start)
+            assert not verified.certainly_feasible(chosen.convex, before)
+        else:
+            # Feasible by more than rounding stays where it is.
+            assert chosen.depth(start) < 1e-12 or np.array_equal(found, start)
+
+
+def test_what_only_rounding_calls_feasible_is_repaired() -> None:
+    """0.1 + 0.2 >= 0.1 + 0.2 as doubles are summed, and not as the numbers that they are."""
+    enough = build.linear("sum", "both", [0, 1], [[1.0], [1.0]], [-(0.1 + 0.2)])
+    theta = np.array([0.1, 0.2])
+    assert enough.margin(theta) == 0.0
+    assert not verified.certainly_feasible([enough], theta)
+    found = repair(ConstraintSet((enough,)), theta, np.array([1.0, 1.0]))
+    assert verified.certainly_feasible([enough], found)
+    np.testing.assert_allclose(found, theta, rtol=1e-12)
