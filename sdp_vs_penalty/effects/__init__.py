@@ -63,7 +63,7 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
         try:
             shape[key.strip()] = float(value)
         except ValueError:
-            raise InputError(f"effect {text!r}: write a shape constant as @name=number.") from None
+            raise InputError(f"effect {text!r}", "write a shape constant as @name=number") from None
     return kind(robot, joints, **shape)
 
 
