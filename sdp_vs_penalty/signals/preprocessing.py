@@ -247,6 +247,6 @@ def _no_rows(run: Measurements, seconds: float) -> InputError:
             "record longer, or raise the cut-offs."
         )
     return InputError(
-        f"{run.names[0]}: no rows are left after filtering: the robot does not move for more than the "
-        f"{seconds:.3g} s on end that the filters need: record a longer motion, or raise the cut-offs."
+        f"{run.names[0]}: no rows are left after filtering: no continuous motion longer than "
+        f"{seconds:.3g} s, which the filters need: record a longer motion, or raise the cut-offs."
     )

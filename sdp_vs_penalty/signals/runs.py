@@ -123,8 +123,8 @@ def highest_harmonic(run: Measurements) -> float:
         if not moving.any():
             raise no_motion(run)
         raise InputError(
-            f"{run.names[0]}: {len(run.t)} samples, and never 16 without a gap in time between them: "
-            "record longer."
+            f"{run.names[0]}: {len(run.t)} samples, but no 16 consecutive ones without a gap in "
+            "time: record longer."
         )
     return highest
 
