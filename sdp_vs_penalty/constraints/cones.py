@@ -1,4 +1,4 @@
-"""Self-dual cones: the margin of a point, its projection, the curvature of the projection."""
+"""Self-dual cones: margin and depth of a point, its projection, the curvature of the projection."""
 
 from __future__ import annotations
 
@@ -19,6 +19,29 @@ def cone_margin(cone: str, value: Array) -> float:
     if cone == "soc":
         return float(value[0] - np.linalg.norm(value[1:]))
     return float(value.min())
+
+
+def cone_depths(cone: str, values: Array, terms: Array) -> Array:
+    """(g,) margins of equal cones (g, ...) relative to the terms that were summed: free of units.
+
+    terms (g, ...) : |F_0| + sum |theta_i F_i|, entry by entry. A matrix F is seen as D F D with
+    D = diag(terms)^-1/2, so that rounding in F is of size eps whatever cancelled on the way: a depth
+    above :func:`safe_depth` is a positive margin in any order of summation.
+    """
+    if cone == "psd":
+        size = np.sqrt(np.diagonal(terms, axis1=1, axis2=2))
+        size = np.where(size > 0.0, size, 1.0)
+        return np.asarray(np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0])
+    if cone == "soc":
+        size = terms.sum(axis=1)
+        margin = values[:, 0] - np.linalg.norm(values[:, 1:], axis=1)
+        return np.asarray(margin / np.where(size > 0.0, size, 1.0))
+    return np.asarray((values / np.where(terms > 0.0, terms, 1.0)).min(axis=1))
+
+
+def safe_depth(size: int) -> float:
+    """The depth that rounding cannot turn into a violation, for cones of this order."""
+    return 32.0 * size * float(np.finfo(float).eps)
 
 
 def smallest_eigenvalue(values: Array) -> Array:

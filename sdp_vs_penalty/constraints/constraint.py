@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.constraints.cones import cone_margin
+from sdp_vs_penalty.constraints.cones import cone_depths, cone_margin
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
@@ -110,6 +110,12 @@ class ConstraintSet:
         """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible for the SDP."""
         return min((c.margin(theta) for c in self.convex), default=np.inf)
 
+    def depth(self, theta: ArrayLike) -> float:
+        """How far inside the convex constraints theta lies, free of units: at most about one."""
+        x = np.asarray(theta, float)
+        depths = (cone_depths(s.cone, s.values(x), s.terms(x)).min() for s in self.stacks)
+        return float(min(depths, default=np.inf))
+
     def with_families(self, keep: Callable[[str], bool]) -> ConstraintSet:
         """Only the families for which ``keep`` is true."""
         return ConstraintSet(
@@ -154,6 +160,15 @@ class ConstraintStack:
         """(g, *shape) all F(theta)."""
         flat = self.constant + self.matrix @ theta[: self.matrix.shape[1]]
         return flat.reshape(len(self.members), *self.shape)
+
+    def terms(self, theta: Array) -> Array:
+        """(g, *shape) |F_0| + sum |theta_i F_i|: the size of what :meth:`values` sums up."""
+        flat = np.abs(self.constant) + self._absolute @ np.abs(theta[: self.matrix.shape[1]])
+        return flat.reshape(len(self.members), *self.shape)
+
+    @cached_property
+    def _absolute(self) -> Array:
+        return np.abs(self.matrix)
 
 
 def pseudo_inertia(name: str, indices: ArrayLike) -> Constraint:

@@ -30,9 +30,15 @@ from sdp_vs_penalty.solvers.verified import proves_infeasible
 _TIGHT = 1e-8
 #: Each attempt's way from the last answer to the interior point at which cones are scaled, and
 #: whether parameters are scaled by the residual instead of the torque.
-_ATTEMPTS = ((1.0, False), (0.1, True), (0.1, False), (0.01, True))
+_ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 #: The loss at the optimum relative to |tau|^2 that the first attempt expects at least.
 _FIRST_LOSS = 1e-6
+
+#: Depth (:meth:`ConstraintSet.depth`) from which the nominal robot serves as the interior point. Seen
+#: from one on the boundary, such as an earlier estimate, cones are stretched a million times.
+_DEEP = 1e-3
+#: Depth up to which rounding decides what is inside.
+_NO_ROOM = 1e-12
 
 DEFAULT_THICKNESS = 0.02  # m: costs about 1 % of the Panda's loss
 
@@ -170,7 +176,7 @@ def solve_sdp(
         problem = least_squares_sdp(objective, sent, inside, task.bound, centre, fine, least)
         solution = solver(solver_name).solve(problem.conic, accuracy)
         said.append(f"{solution.status} ({solution.iterations})")
-        if solution.claims in ("infeasible", "unbounded", "failed"):
+        if not np.all(np.isfinite(solution.x)):
             continue
         theta = repair(constraints, problem.theta(solution), interior)
         multipliers = _aligned(constraints, sent, problem.multipliers(solution))
@@ -234,12 +240,12 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
         lower = task.model.parameters[k].lower
         # A share of its bound: strictly inside in any system of units.
         nominal[k] = 0.0 if np.isinf(lower) else lower + 1e-6 * task.bound[k]
-    if constraints.margin(nominal) > 0.0:
+    if constraints.depth(nominal) >= _DEEP:
         return nominal
     problem = largest_margin(constraints.convex, nominal, task.bound)
     solution = solver(solver_name).solve(problem.conic, 1e-8)
-    theta = problem.theta(solution)
-    if constraints.margin(theta) > 0.0:
+    theta = max((problem.theta(solution), nominal), key=constraints.depth)
+    if constraints.depth(theta) > _NO_ROOM:
         return theta
     between = " and ".join(conflicting(constraints.convex, problem.shares(solution)))
     if proves_infeasible(constraints.convex, problem.multipliers(solution), task.bound):

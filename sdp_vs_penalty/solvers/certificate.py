@@ -23,7 +23,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eigenvalue
+from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
 from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.show import Shown, Summary
@@ -336,12 +336,23 @@ def _spread(constraints: ConstraintSet) -> dict[int, Array]:
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """The first feasible point on the way from theta to an interior point; theta itself if feasible."""
+    """The first feasible point on the way from theta to an interior point; theta itself if feasible.
+
+    Feasible by more than rounding (:func:`safe_depth`): the certificate, which forms F(theta) in
+    another order, finds no violation. An interior point that is no deeper is what comes out.
+    """
+    ways = []
+    for stack in constraints.stacks:
+        value, terms = stack.values(theta), stack.terms(theta)
+        ahead, above = stack.values(interior) - value, stack.terms(interior) - terms
+        ways.append((stack, value, ahead, terms, above))
 
     def feasible(step: float) -> bool:
-        point = theta + step * (interior - theta)
+        # The terms of a point between two others are at most those in between.
         return all(
-            cone_margin_batch(stack.cone, stack.values(point)) >= 0.0 for stack in constraints.stacks
+            cone_depths(stack.cone, value + step * ahead, terms + step * above).min()
+            >= safe_depth(stack.shape[0])
+            for stack, value, ahead, terms, above in ways
         )
 
     if feasible(0.0):
@@ -359,14 +370,3 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if feasible(middle) else (middle, high)
     return theta + high * (interior - theta)
-
-
-def cone_margin_batch(cone: str, values: Array) -> float:
-    """The smallest margin among equal cones, values (g, ...)."""
-    if cone == "psd":
-        return float(smallest_eigenvalue(values).min())
-    if cone == "soc":
-        return float(np.min(values[:, 0] - np.linalg.norm(values[:, 1:], axis=1)))
-    if cone == "nonnegative":
-        return float(values.min())
-    return min(cone_margin(cone, v) for v in values)

@@ -25,7 +25,7 @@ from sdp_vs_penalty.constraints.cones import project
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.solvers import clarabel
-from sdp_vs_penalty.solvers.certificate import cone_margin_batch, repair
+from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec, unsvec
 from sdp_vs_penalty.solvers.identification import largest_margin
 
@@ -152,9 +152,7 @@ def _interior(constraints: ConstraintSet, free: Array, theta: Array, bound: Arra
     problem = largest_margin(reduced, np.zeros(free.shape[1]), reach)
     solution = clarabel.solve(problem.conic, 1e-9)
     point = theta + free @ problem.theta(solution)
-    margin = min(
-        (cone_margin_batch(s.cone, s.values(point)) for s in constraints.stacks), default=np.inf
-    )
+    margin = constraints.margin(point)
     if not margin > 0.0:
         raise InputError(
             "No parameters with these equalities lie strictly inside all constraints "

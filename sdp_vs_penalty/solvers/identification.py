@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 #: A unit of a scaled parameter that the data do not see moves no matrix farther than this, in the
 #: matrix's size: its bound alone (100 kg, metres) can make columns of a million beside those of one.
 _FARTHEST = 100.0
+#: A parameter whose largest torque is below this share of the measured one is seen by rounding alone.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -112,12 +114,14 @@ def least_squares_sdp(
     centre = np.zeros(p) if centre is None else centre
     best = nearest_least_squares(data, centre, bound)
     loss_scale = float(np.sqrt(max(data.loss(best), 1e-12 * data.tau_squared, least_loss, 1e-300)))
-    size = loss_scale if fine else float(np.sqrt(data.tau_squared)) or 1.0
-    norms = data.column_norms
+    torque = float(np.sqrt(data.tau_squared)) or 1.0
+    size = loss_scale if fine else torque
+    norms = np.linalg.norm(data.R, axis=0)
+    seen = norms * bound > _ROUNDING * torque
     unseen = _FARTHEST / np.maximum(_moves(constraints, reference, p), _FARTHEST / bound)
-    scale = np.where(norms > 0.0, np.minimum(bound, size / np.where(norms > 0.0, norms, 1.0)), unseen)
+    scale = np.where(seen, np.minimum(bound, size / np.where(seen, norms, 1.0)), unseen)
 
-    rows, rho = _independent_rows(data.R * scale, data.R @ (best - centre))
+    rows, rho = _independent_rows(data.R * scale, data.rho - data.R @ centre)
     r = len(rho)
     pieces = _Rows(p + r)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches

@@ -77,7 +77,7 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     for finding in data["effects"]:
         assert bool(finding["remarks"]) == (finding["confidence"] == "weak")
     assert set(data["effects"][0]) == {
-        *("number", "text", "std", "parameters", "gain", "remarks"),
+        *("number", "text", "std", "parameters", "gain", "remarks", "constants"),
         "effect",
         "joints",
         "shape",

@@ -81,7 +81,9 @@ def test_columns_fit_any_robot(name: str, which: str) -> None:
         count = len(effect.parameters)
         assert len({p.name for p in effect.parameters}) == count
         assert all(p.unit and p.effect == name for p in effect.parameters)
-        assert all(0 <= p.joint <= robot.n for p in effect.parameters)
+        on = {0} if effect.whole_robot else {j + 1 for j in effect.joints}
+        assert {p.joint for p in effect.parameters} == on
+        assert all(p.joint == 0 or str(p.joint) in p.name for p in effect.parameters)
         assert all(p.lower in (0.0, -np.inf) for p in effect.parameters)
         for block in effect.blocks(motion):
             assert 0 <= block.joint < robot.n

@@ -12,7 +12,7 @@ from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.drift_offset import DriftOffset
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.presliding_hysteresis import dahl
+from sdp_vs_penalty.effects.presliding_hysteresis import bristle, dahl
 from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -135,6 +135,18 @@ def test_dahl_is_the_solution_of_its_differential_equation() -> None:
     )
 
 
+def test_the_hidden_bristle_slides_at_the_stribeck_curve() -> None:
+    """LuGre in steady sliding: z = sign(v) (1 + s exp(-(v / vs)^2)), from the first sample on."""
+    t, s, vs = np.linspace(0.0, 1.0, 201), 0.3, 0.05
+    for v in (0.02, -0.04, 0.2):
+        level = np.sign(v) * (1.0 + s * np.exp(-((v / vs) ** 2)))
+        np.testing.assert_allclose(bristle(t, np.full(201, v), 0.003, s, vs), level, rtol=1e-12)
+    v = np.array([0.02, -0.5, -0.5])  # and it starts there, whatever comes next
+    first = bristle(t[:3], v, 0.003, s, vs)
+    assert first[0] == pytest.approx(1.0 + s * np.exp(-((0.02 / vs) ** 2)))
+    assert bristle(t, np.full(201, 0.02), 0.003)[-1] == pytest.approx(1.0)
+
+
 def test_dahl_at_rest_and_through_repeated_samples() -> None:
     assert np.array_equal(dahl(np.full(5, 0.3), 0.01, 0.4), np.full(5, 0.4))
     moved = dahl(np.array([0.0, 0.01, 0.01, 0.02]), 0.01)
@@ -200,12 +212,33 @@ def test_a_tilt_is_told_in_degrees() -> None:
     assert tilt.remark(0.1712) == "Here: 1 degrees."
 
 
-def test_coupling_without_i_is_with_the_joint_before_and_for_the_first_with_the_one_after() -> None:
+@pytest.mark.parametrize(
+    ("text", "pairs"),
+    [
+        ("joint_coupling", [(0, 1), (1, 0), (2, 1)]),  # the joint before, after the first
+        ("joint_coupling@i=1", [(1, 0), (2, 0)]),
+        ("joint_coupling:1@i=3", [(0, 2)]),
+    ],
+)
+def test_coupling_is_with_the_joint_that_is_named(text: str, pairs: list[tuple[int, int]]) -> None:
     robot = robots()["arm"]
     motion = steady_motion(robot)
-    columns = wide_columns(effect_types()["joint_coupling"](robot), motion)
-    for joint, other in ((0, 1), (1, 0), (2, 1)):
-        np.testing.assert_array_equal(columns[joint, :, joint], motion.dq[:, other])
+    (effect,) = parse_effects(text, robot)
+    columns = wide_columns(effect, motion)
+    assert list(effect.joints) == [joint for joint, _ in pairs]
+    for k, (joint, other) in enumerate(pairs):
+        np.testing.assert_array_equal(columns[joint, :, k], motion.dq[:, other])
+
+
+def test_two_joints_are_coupled_both_ways(two_link: Problem) -> None:
+    (effect,) = parse_effects("joint_coupling", two_link.robot)
+    assert [p.name for p in effect.parameters] == ["f_c1_2_1", "f_c2_1_1"]
+
+
+def test_a_search_couples_neighbours() -> None:
+    coupling = effect_types()["joint_coupling"]
+    for joint, partners in ((0, {2.0}), (1, {1.0, 3.0}), (2, {2.0})):
+        assert {s["i"] for s in coupling.starts(robots()["arm"], joint)} == partners
 
 
 @pytest.mark.parametrize(

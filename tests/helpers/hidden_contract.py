@@ -114,8 +114,8 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
 
 
 def check_the_truth_is_what_a_finding_would_say(name: str) -> None:
-    """A parameter is bounded by zero where the hidden world never goes below, and only there; the size
-    that a scorer reads is that of a finding with the true parameters; every form is met."""
+    """The true parameters are possible, and bounded by zero exactly where the hidden world never goes
+    below; the size that a scorer reads is that of a finding with them; every form is met."""
     kind = effect_types()[name]
     bounded, positive, forms = True, True, set()
     for case in hidden_cases(name):
@@ -123,6 +123,8 @@ def check_the_truth_is_what_a_finding_would_say(name: str) -> None:
         assert hidden.effect == name
         assert hidden.theta is not None
         theta = hidden.size * np.array(hidden.theta)
+        demands = case.effect.constraints(np.arange(len(theta)))
+        assert all(c.margin(theta) >= 0.0 for c in demands), "the truth itself is not possible"
         bounded &= all(p.lower == 0.0 for p in parameters)
         positive &= bool(np.all(theta >= 0.0)) and hidden.late is None  # channels are late, never early
         if kind.one_number:

@@ -16,7 +16,7 @@ import pytest
 
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.estimation.estimate import certify
+from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import load_problem

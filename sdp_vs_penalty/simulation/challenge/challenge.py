@@ -134,7 +134,9 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
             for f in result.effects
         ],
         "verdict": result.verdict,
-        "events": [e.to_dict() for e in result.events],
+        "events": [
+            {"joint": e.joint + 1, "t_start": e.t_start, "t_end": e.t_end} for e in result.events
+        ],
         "floor": (result.noise_floor / floor).tolist(),
         "after": after,
         "seconds": seconds,
