@@ -17,8 +17,8 @@ DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque
 #: Names that users look for, and what they are exactly made of.
 _MADE_OF = {
     "asymmetric_coulomb_friction": (
-        "Coulomb friction that differs by direction is exactly coulomb_friction with torque_offset, "
-        "half the sum and half the difference of both; name these two"
+        "Coulomb friction that differs by direction is exactly coulomb_friction plus torque_offset "
+        "(half the sum and half the difference); name these two"
     ),
 }
 

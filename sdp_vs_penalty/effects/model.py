@@ -43,7 +43,7 @@ class Model:
             if names.count(name) > 1:
                 effect = next(p.effect for p in self.parameters if p.name == name)
                 raise InputError(
-                    f"parameter {name} comes twice", f"list effect {effect} only once a joint"
+                    f"parameter {name} appears twice", f"list effect {effect} only once per joint"
                 )
         if not names:
             raise InputError("The model has no effect", "name at least one, such as rigid_body")

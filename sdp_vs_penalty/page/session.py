@@ -186,8 +186,8 @@ class Session(State):
                 if answer["left_out"]:
                     self.notice = Notice(
                         (
-                            f"{out.suffix} has no place for {', '.join(answer['left_out'])}: model.json "
-                            "and the NumPy function have them.",
+                            f"{out.suffix} files cannot hold {', '.join(answer['left_out'])}; "
+                            "model.json and the NumPy function can.",
                         ),
                         error=False,
                     )

@@ -249,8 +249,8 @@ def _no_rows(run: Measurements, seconds: float) -> InputError:
         )
     return InputError(
         (
-            "no rows are left after filtering: the robot does not move for more than the "
-            f"{seconds:.3g} s on end that the filters need"
+            "no rows are left after filtering: no continuous motion longer than "
+            f"{seconds:.3g} s, which the filters need"
         ),
         "record a longer motion, or raise the cut-offs",
         run.names[0],

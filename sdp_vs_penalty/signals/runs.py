@@ -123,7 +123,7 @@ def highest_harmonic(run: Measurements) -> float:
         if not moving.any():
             raise no_motion(run)
         raise InputError(
-            f"{len(run.t)} samples, and never 16 without a gap in time between them",
+            f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time",
             "record longer",
             run.names[0],
         )

@@ -272,5 +272,5 @@ def test_models_without_effects_or_with_one_twice_are_refused() -> None:
     robot = robots()["single"]
     with pytest.raises(InputError, match="no effect"):
         Model(robot, ())
-    with pytest.raises(InputError, match="f_v1 comes twice"):
+    with pytest.raises(InputError, match="f_v1 appears twice"):
         Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))
