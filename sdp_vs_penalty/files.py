@@ -55,9 +55,9 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     try:
         there = _there(path)
         if there is not None and stat.S_ISDIR(there.st_mode):
-            raise InputError(f"{path}: cannot be written (it is a folder): name a file.")
+            raise InputError("cannot be written (it is a folder)", "name a file", path)
         if there is not None and _inputs and (there.st_dev, there.st_ino) in _inputs:
-            raise InputError(f"{path}: is also an input of this command: name another file to write.")
+            raise InputError("is also an input of this command", "name another file to write", path)
         if there is not None and not stat.S_ISREG(there.st_mode):
             with path.open("wb", buffering=0) as device:
                 device.write(content)
@@ -67,7 +67,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         if isinstance(error, InputError):
             raise
         what = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"{path}: cannot be written ({what}).") from error
+        raise InputError(f"cannot be written ({what}).", where=path) from error
 
 
 def _there(path: Path) -> os.stat_result | None:
@@ -107,16 +107,16 @@ def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str,
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+        raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a JSON file ({error}).") from error
+        raise InputError(f"not a JSON file ({error}).", where=path) from error
     if not isinstance(data, dict) or mark not in data:
-        raise InputError(f"{path}: not a {kind} of this program (no field {mark!r}).")
+        raise InputError(f"not a {kind} of this program (no field {mark!r}).", where=path)
     try:
         return build(data)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise error.within(path) from error
     except KeyError as error:
-        raise InputError(f"{path}: the field {error.args[0]!r} is missing.") from error
+        raise InputError(f"the field {error.args[0]!r} is missing.", where=path) from error
     except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(f"{path}: a field has the wrong content ({error}).") from error
+        raise InputError(f"a field has the wrong content ({error}).", where=path) from error

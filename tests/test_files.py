@@ -78,7 +78,7 @@ def test_a_word_longer_than_a_file_name_is_no_trouble(
         run("identify", "two_link", "--data", log, "--effects", effects, "--out", tmp_path / "m.json")
         == 2
     )
-    assert "comes twice" in capsys.readouterr().err
+    assert "appears twice" in capsys.readouterr().err
 
 
 def test_a_notebook_may_write_over_what_it_read(tmp_path: Path) -> None:

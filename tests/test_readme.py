@@ -26,7 +26,17 @@ COMMANDS = [
     for line in text.splitlines()
     if line.startswith("sdp-vs-penalty ")
 ]
-TESTED_ELSEWHERE = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "convert", "page"}
+TESTED_ELSEWHERE = {
+    "tables",
+    "figures",
+    "excite",
+    "shootout",
+    "challenge",
+    "fetch",
+    "convert",
+    "page",
+    "verify",
+}
 ARM = """<robot name="my_arm">
   <link name="base"/><link name="column"/><link name="slider"/><link name="tool"/>
   <joint name="turn" type="continuous"><parent link="base"/><child link="column"/>

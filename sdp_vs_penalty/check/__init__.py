@@ -106,12 +106,15 @@ def check(
     )
     if not np.any(measurements.tau):
         raise InputError(
-            f"{measurements.names[0]}: every torque is zero: log the torque, or the current."
+            "every torque is zero: log the torque, or the current.", where=measurements.names[0]
         )
     if measurements.n != problem.robot.n:
         raise InputError(
-            f"The measurements have {show.count(measurements.n, 'joint')}, the robot {problem.name} "
-            f"has {problem.robot.n}: choose the problem that belongs to the file."
+            (
+                f"The measurements have {show.count(measurements.n, 'joint')}, the robot "
+                f"{problem.name} has {problem.robot.n}"
+            ),
+            "choose the problem that belongs to the file",
         )
     settings = preprocessing or problem.preprocessing
     return [_check_run(problem, run, settings, thorough) for run in measurements.runs()]
@@ -124,16 +127,14 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
     try:
         unexplained = work.check_content(thorough)
     except InputError as error:
-        sentence = str(error).removeprefix(f"{run.names[0]}: ")  # an issue belongs to its run
-        what, _, remedy = sentence.rstrip(".").rpartition(": ")
         work.found.append(
             Issue(
                 "too little data",
                 "error",
                 "the run",
-                f"{what or remedy}.",
+                f"{error.what.rstrip('.')}.",
                 "certain: the filters need more",
-                remedy if what else "record a longer motion",
+                error.remedy or "record a longer motion",
             )
         )
     order = ("error", "warning", "note")
@@ -170,7 +171,7 @@ class _Work:
     def check_content(self, thorough: bool) -> float | None:
         """Everything behind the clock; returns what stays unexplained, None where nothing moves."""
         if len(self.run.t) < 10:
-            raise InputError(f"{self.run.names[0]}: fewer than 10 usable rows: record longer.")
+            raise InputError("fewer than 10 usable rows", "record longer", self.run.names[0])
         moving = moving_joints(self.run)
         if not moving.any():
             self.mend(signals.no_motion())

@@ -148,7 +148,8 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
             write_inertial(document, links[check.link], check.nearest)
         elif not check.consistent:
             raise InputError(
-                f"{path}: link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict}): "
-                "correct it in the file, because no inertia is nearest to it."
+                f"link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict})",
+                "correct it in the file, because no inertia is nearest to it",
+                path,
             )
     write_bytes(out, document.edited())

@@ -27,7 +27,7 @@ def pairs(option: str, text: str | None) -> dict[str, str] | None:
         return None
     words = [word.partition("=") for word in text.split(",")]
     if not all(key and equals and value for key, equals, value in words):
-        raise InputError(f"{option} {text!r}: write OURS=THEIRS separated by commas, like t=time,q=qm.")
+        raise InputError(f"{option} {text!r}", "write OURS=THEIRS separated by commas, like t=time,q=qm")
     return {key.strip(): value.strip() for key, _, value in words}
 
 
@@ -42,7 +42,7 @@ def time_window(text: str | None, option: str = "--window") -> tuple[float, floa
         start, stop = 0.0, -1.0
     if not (colon and 0.0 <= start < stop):
         raise InputError(
-            f"{option} {text!r}: write START:STOP in seconds from a run's start, like 0:14 or 14.2:."
+            f"{option} {text!r}", "write START:STOP in seconds from a run's start, like 0:14 or 14.2:"
         )
     return start, stop
 

@@ -25,8 +25,9 @@ def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
         run, f = errors[0]
         more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
         raise InputError(
-            f"{run}: {f.what.rstrip('.')}: {f.remedy}{more} (details: `sdp-vs-penalty check`): fix the "
-            "data (`check --fix`), or pass --no-check to identify anyway."
+            f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `sdp-vs-penalty check`)",
+            "fix the data (`check --fix`), or pass --no-check to identify anyway",
+            run,
         )
     for report in reports:
         for f in report.problems:

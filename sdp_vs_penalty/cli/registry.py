@@ -32,7 +32,7 @@ def details(kind: str, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     for row in rows:
         if row[0] == name:
             return headings, row
-    raise InputError(f"{kind}: {name!r} is unknown; there are: {', '.join(row[0] for row in rows)}.")
+    raise InputError(f"{name!r} is unknown; there are: {', '.join(row[0] for row in rows)}.", where=kind)
 
 
 def _problems() -> Listing:

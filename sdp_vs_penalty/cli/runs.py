@@ -27,15 +27,16 @@ def runs_for(
     first, last = time_window(test_window, "--test-window")
     if test is None and test_window is not None:
         raise InputError(
-            f"--test-window {test_window!r}: name the run that it is a part of with --test."
+            f"--test-window {test_window!r}", "name the run that it is a part of with --test"
         )
     runs = load_measurements(*data, start=start, stop=stop, names=names)
     held_out = None if test is None else load_measurements(test, start=first, stop=last, names=names)
     for given in (runs, held_out):
         if given is not None and given.n != robot.n:
             raise InputError(
-                f"{given.names[0]}: the file has {show.count(given.n, 'joint')}, the model "
-                f"{robot.n}: choose the model that belongs to it."
+                f"the file has {show.count(given.n, 'joint')}, the model {robot.n}",
+                "choose the model that belongs to it",
+                given.names[0],
             )
         if given is not None:
             check_plausible(robot, given)

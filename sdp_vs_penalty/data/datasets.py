@@ -81,13 +81,15 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
             )
         except OSError as error:  # every error of requests is one
             raise InputError(
-                f"{address}: cannot be downloaded ({type(error).__name__}): check the network, or put "
-                f"the file into {folder} as {file.name}."
+                f"cannot be downloaded ({type(error).__name__})",
+                f"check the network, or put the file into {folder} as {file.name}",
+                address,
             ) from error
         except ValueError as error:
             raise InputError(
-                f"{address}: not the file that was published (its SHA-256 differs): try again later, "
-                f"or put the right file into {folder} as {file.name}."
+                "not the file that was published (its SHA-256 differs)",
+                f"try again later, or put the right file into {folder} as {file.name}",
+                address,
             ) from error
 
 

@@ -29,7 +29,7 @@ def load_measurements(
     Raises InputError naming file, row and column for whatever cannot be used.
     """
     if not paths:
-        raise InputError("No measurement file is given: name at least one RUN.csv.")
+        raise InputError("No measurement file is given", "name at least one RUN.csv")
     parts = []
     for path in map(Path, paths):
         part = read_run(path, joints, names)
@@ -44,8 +44,8 @@ def load_measurements(
             if np.count_nonzero((since >= start) & (since < stop)) < 2:
                 end = "its end" if np.isinf(stop) else f"{stop:g} s"
                 raise InputError(
-                    f"{run.names[0]}: no samples between {start:g} s and {end}: the run lasts "
-                    f"{since[-1]:.4g} s."
+                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
+                    where=run.names[0],
                 )
         whole = whole.window(start, stop)
     return whole
@@ -64,16 +64,17 @@ def read_run(
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(f"{path}: no such file.")
+        raise InputError("no such file.", where=path)
     opened(path)
     home = format_of(path) or csv
     if topic is not None and home is not bag:
-        raise InputError(f"{path}: only ROS bags and MCAP files have topics.")
+        raise InputError("only ROS bags and MCAP files have topics.", where=path)
     part: Measurements = home.read(path, Choice(names, topic, rename))
     if joints is not None and part.n != joints:
         raise InputError(
-            f"{path}: the file has {show.count(part.n, 'joint')}, the robot has {joints}: choose the "
-            "problem that belongs to this file."
+            f"the file has {show.count(part.n, 'joint')}, the robot has {joints}",
+            "choose the problem that belongs to this file",
+            path,
         )
     return part
 
@@ -86,7 +87,7 @@ def refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> 
     for k, (path, part) in enumerate(zip(paths, parts, strict=True)):
         other = first.setdefault(part.data_hash, k)
         if other != k:
-            raise InputError(f"{path}: holds the same samples as {paths[other]}: name each run once.")
+            raise InputError(f"holds the same samples as {paths[other]}", "name each run once", path)
 
 
 def check_usable(path: str | Path, m: Measurements, word: str = "sample", first: int = 1) -> None:
@@ -95,7 +96,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     path : what messages call the run; word, first : how they count its samples.
     """
     if len(m.t) < 2:
-        raise InputError(f"{path}: the run has {show.count(len(m.t), 'sample')}: record longer.")
+        raise InputError(f"the run has {show.count(len(m.t), 'sample')}", "record longer", path)
     for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
         if values is None:
             continue
@@ -104,17 +105,21 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
             row, joint = bad[0]
             column = name if name == "t" else f"{name}{joint + 1}"
             raise InputError(
-                f"{path}: {word} {row + first}, column {column} is not a finite number: "
-                f"delete the {word} or fill it in."
+                f"{word} {row + first}, column {column} is not a finite number",
+                f"delete the {word} or fill it in",
+                path,
             )
     steps = np.diff(m.t)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0))
         how = "repeats" if steps[row] == 0 else "runs backwards"
         raise InputError(
-            f"{path}: {word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
-            f"{m.t[row + 1]:.6g} s; {show.count(int(np.sum(steps <= 0)), f'such {word}')}): delete "
-            "them, or cut the file there."
+            (
+                f"{word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
+                f"{m.t[row + 1]:.6g} s; {show.count(int(np.sum(steps <= 0)), f'such {word}')})"
+            ),
+            "delete them, or cut the file there",
+            path,
         )
 
 
@@ -124,5 +129,5 @@ def save(measurements: Measurements, path: str | Path) -> None:
     home = format_of(path)
     if not hasattr(home, "write"):
         known = ", ".join(sorted(s for h in formats() if hasattr(h, "write") for s in h.SUFFIXES))
-        raise InputError(f"{path}: the suffix chooses the format: {known}.")
+        raise InputError(f"the suffix chooses the format: {known}.", where=path)
     home.write(measurements, path)  # type: ignore[union-attr]

@@ -30,7 +30,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """InputError where positions cannot be this robot's, or are not in radians and metres."""
     for run in measurements.runs():
         if not np.any(run.tau):
-            raise InputError(f"{run.names[0]}: every torque is zero: log the torque, or the current.")
+            raise InputError("every torque is zero: log the torque, or the current.", where=run.names[0])
         _check_derivative(robot, run)
         for j, joint in enumerate(robot.joints):
             q = run.q[:, j]
@@ -55,9 +55,11 @@ def _check_range(run: Measurements, j: int, joint: Joint) -> None:
     if joint.kind == "prismatic":
         unit, advice = ("m", "millimetres to metres")
     raise InputError(
-        f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of joint "
-        f"{j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit}): convert {advice}, or choose the "
-        "problem that belongs to this file."
+        (
+            f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
+            f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
+        ),
+        f"convert {advice}, or choose the problem that belongs to this file",
     )
 
 
@@ -78,8 +80,9 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
             if _DEGREES[0] < value < _DEGREES[1]:
                 raise InputError(
-                    f"{run.names[0]}: columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}: "
-                    f"convert {name} from degrees to radians."
+                    f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}",
+                    f"convert {name} from degrees to radians",
+                    run.names[0],
                 )
 
 

@@ -40,7 +40,7 @@ def as_measurements(
     """
     parts = source if isinstance(source, list | tuple) else [source]
     if not parts:
-        raise InputError(f"{what}: no run is given: pass at least one.")
+        raise InputError("no run is given", "pass at least one", what)
     runs = [_one(part, joints, names, what, k, usable) for k, part in enumerate(parts, start=1)]
     if usable:
         labels = [
@@ -62,14 +62,16 @@ def _one(
     columns = _columns(part)
     if columns is None:
         raise InputError(
-            f"{what.replace('...', given(part))}: no measurements: give a path, a mapping of arrays, a "
-            "DataFrame, Measurements, or a list of these."
+            "no measurements",
+            "give a path, a mapping of arrays, a DataFrame, Measurements, or a list of these",
+            what.replace("...", given(part)),
         )
     run = from_columns(f"run{number}", columns, None, remedy=_REMEDY, what=what)
     if joints is not None and run.n != joints:
         raise InputError(
-            f"{what}: the arrays have {show.count(run.n, 'joint')}, the robot has {joints}: choose "
-            "the problem that belongs to them."
+            f"the arrays have {show.count(run.n, 'joint')}, the robot has {joints}",
+            "choose the problem that belongs to them",
+            what,
         )
     if usable:
         check_usable(run.names[0], run)

@@ -62,7 +62,7 @@ def add(
     texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
     wanted = parse_effects(texts, estimate.robot)
     if not wanted:
-        raise InputError("No effect to add: name one, such as presliding_hysteresis:7.")
+        raise InputError("No effect to add", "name one, such as presliding_hysteresis:7")
     _refuse_twice(estimate, wanted)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *wanted))
     progress("estimating shape constants")

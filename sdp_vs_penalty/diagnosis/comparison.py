@@ -183,8 +183,11 @@ def compare(
     for name, model in models.items():
         if model.robot.n != measurements.n:
             raise InputError(
-                f"model {name} is of a robot with {show.count(model.robot.n, 'joint')}, the "
-                f"measurements have {measurements.n}: choose the model that belongs to them."
+                (
+                    f"model {name} is of a robot with {show.count(model.robot.n, 'joint')}, the "
+                    f"measurements have {measurements.n}"
+                ),
+                "choose the model that belongs to them",
             )
         check_plausible(model.robot, measurements)
         runs = [filtered_torque(run, model.model, settings) for run in measurements.runs()]

@@ -50,7 +50,7 @@ def weaknesses(holds: bool, rivals: bool, uncertain: bool, small: bool) -> tuple
     """Why a finding is weak, a phrase each; nothing for a confident one."""
     reasons = {
         "another effect fits as well": rivals,
-        "its size is uncertain by more than a fifth": uncertain,
+        "its size is uncertain by > 20 %": uncertain,
         "its gain is small": small,
         "the error on held-out data does not fall": not holds,
     }

@@ -24,8 +24,9 @@ def diagnosis_rows(
     runs = segmented(measurements, settings)
     if not runs.segments:
         raise InputError(
-            f"{', '.join(runs.names)}: no rows are left after filtering: record longer runs in which "
-            "the robot moves, or raise the cut-offs."
+            "no rows are left after filtering",
+            "record longer runs in which the robot moves, or raise the cut-offs",
+            ", ".join(runs.names),
         )
     return with_estimate(runs, estimate)
 

@@ -17,8 +17,8 @@ DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque
 #: Names that users look for, and what they are exactly made of.
 _MADE_OF = {
     "asymmetric_coulomb_friction": (
-        "Coulomb friction that differs by direction is exactly coulomb_friction with torque_offset, "
-        "half the sum and half the difference of both; name these two"
+        "Coulomb friction that differs by direction is exactly coulomb_friction plus torque_offset "
+        "(half the sum and half the difference); name these two"
     ),
 }
 
@@ -63,7 +63,7 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
         try:
             shape[key.strip()] = float(value)
         except ValueError:
-            raise InputError(f"effect {text!r}: write a shape constant as @name=number.") from None
+            raise InputError(f"effect {text!r}", "write a shape constant as @name=number") from None
     return kind(robot, joints, **shape)
 
 

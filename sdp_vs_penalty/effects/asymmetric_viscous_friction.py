@@ -12,9 +12,9 @@ class AsymmetricViscousFriction(JointEffect):
     name = "asymmetric_viscous_friction"
     equation = "f_va |dq|"
     explanation = (
-        "Viscous friction with another slope forwards than backwards: f_v + f_va one way, f_v - f_va "
-        "the other. Seals and preloaded gears do this. (Coulomb friction that differs by direction is "
-        "exactly Coulomb plus offset and needs no effect of its own.)"
+        "Viscous friction with different slopes in the two directions: f_v + f_va forwards, f_v - "
+        "f_va backwards. Typical of seals and preloaded gears. (Coulomb friction that differs by "
+        "direction is exactly Coulomb plus offset and needs no effect of its own.)"
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_va"

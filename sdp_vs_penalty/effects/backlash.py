@@ -15,8 +15,9 @@ class Backlash(LinkDeviation):
     name = "backlash"
     equation = "-b dID/dq_j sign(tau_j)"
     explanation = (
-        "The gear of joint j has play: the link rests against one flank or the other, b beside where "
-        "the motor-side encoder says, on the side that the transmitted torque tau_j chooses."
+        "The gear of joint j has play: the link rests against one flank or the other, b away from "
+        "the position that the motor-side encoder shows, on the side that the transmitted torque "
+        "tau_j determines."
     )
     reference = "Nordin, Gutman, Automatica 2002"
     symbol = "b"

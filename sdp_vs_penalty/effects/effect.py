@@ -168,7 +168,7 @@ class Effect(ABC):
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot
         if self.whole_robot and joints is not None:
-            raise InputError(f"effect {self.name} acts on the whole robot: write it without joints.")
+            raise InputError(f"effect {self.name} acts on the whole robot", "write it without joints")
         self.joints = tuple(range(robot.n)) if joints is None else tuple(sorted(set(joints)))
         #: Which joints were asked for; None means all, and is how the effect is written down.
         self.asked_joints = None if joints is None else self.joints

@@ -19,9 +19,9 @@ class JointCoupling(JointEffect):
         "f_c times dq_i | sign(dq_i) | sign(dq_j + dq_i) | sign(dq_j - dq_i), for form = 1 | 2 | 3 | 4"
     )
     explanation = (
-        "The motion of the neighbouring joint i makes a torque on joint j, as friction does in wrists "
-        "whose motors sit one link further back and drive through each other's gears. i counts from 1; "
-        "0 stands for the joint before (after, for the first)."
+        "The motion of joint i causes a torque on joint j, like friction in wrists whose motors sit "
+        "one link further back and drive through each other's gears. i counts from 1; 0 means the "
+        "previous joint (the next one for joint 1)."
     )
     reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
     symbol = "f_c"

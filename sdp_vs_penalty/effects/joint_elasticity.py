@@ -13,9 +13,9 @@ class JointElasticity(LinkDeviation):
     name = "joint_elasticity"
     equation = "-c_e (dID/dq_j tau_j + dID/d dq_j d tau_j/dt + dID/d ddq_j d^2 tau_j/dt^2)"
     explanation = (
-        "The gear of joint j gives way under the torque tau_j that it transmits (that of the links; the "
-        "motor's friction does not pass it): the link lags behind the motor-side encoder by c_e tau_j, "
-        "c_e = 1 / stiffness. To first order that changes position, velocity and "
+        "The gear of joint j yields under the torque tau_j that it transmits (that of the links; "
+        "motor friction does not pass through it): the link lags behind the motor-side encoder by "
+        "c_e tau_j, c_e = 1 / stiffness. To first order that changes position, velocity and "
         "acceleration in the inverse dynamics of every joint."
     )
     reference = "Spong, ASME J. Dynamic Systems 1987"

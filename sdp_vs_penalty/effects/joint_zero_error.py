@@ -13,9 +13,9 @@ class JointZeroError(LinkDeviation):
     name = "joint_zero_error"
     equation = "e_0 dID/dq_j"
     explanation = (
-        "Joint j truly stands at q_j + e_0: gravity and the coupling between links act at another angle "
-        "than the model believes. (A turn of the frames of both neighbours would do the same; on "
-        "some joints the links' parameters absorb it.)"
+        "The true position of joint j is q_j + e_0: gravity and the coupling between links act at a "
+        "different angle than the model assumes. (Rotating both neighbours' frames would do the "
+        "same; on some joints the links' parameters absorb it.)"
     )
     reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
     symbol = "e_0"

@@ -43,10 +43,10 @@ class Model:
             if names.count(name) > 1:
                 effect = next(p.effect for p in self.parameters if p.name == name)
                 raise InputError(
-                    f"parameter {name} comes twice: list effect {effect} only once a joint."
+                    f"parameter {name} appears twice", f"list effect {effect} only once per joint"
                 )
         if not names:
-            raise InputError("The model has no effect: name at least one, such as rigid_body.")
+            raise InputError("The model has no effect", "name at least one, such as rigid_body")
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -120,8 +120,8 @@ class Model:
         if self.reference is None:
             name = next(e.name for e in self.effects if _depends(e))
             raise InputError(
-                f"effect {name} refers to a current model and this one has none: identify the robot "
-                "without it first, then add it."
+                f"effect {name} refers to a current model and this one has none",
+                "identify the robot without it first, then add it",
             )
         torque = np.zeros_like(motion.q)
         for k, parts in blocks.items():

@@ -19,9 +19,9 @@ class Payload(Effect):
     equation = "Y_last(q, dq, ddq) theta_payload"
     explanation = (
         "A body carried by the last link. Its ten parameters are those of the last link, so only a "
-        "model held fixed (identified without the load) can show it. Its mass is as certain as the "
-        "scale of the torque channels: gains that are 1 % off make it 1 % off, and these data cannot "
-        "tell the two apart."
+        "model held fixed (identified without the load) can show it. Its mass is only as accurate "
+        "as the scale of the torque channels: gains that are 1 % off make it 1 % off, and these "
+        "data cannot separate the two."
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     whole_robot = True

@@ -13,8 +13,8 @@ class PowerLawFriction(JointEffect):
     name = "power_law_friction"
     equation = "f_p sign(dq) |dq|^alpha"
     explanation = (
-        "A friction curve that is not straight in speed: alpha < 1 where the lubricant thins with "
-        "shear and warms, alpha > 1 where it is churned (2: like drag)."
+        "Friction that is not linear in speed: alpha < 1 where the lubricant thins with shear and "
+        "warms, alpha > 1 where it is churned (2: like drag)."
     )
     reference = "Waiboer, Aarts, Jonker, ECCOMAS Multibody Dynamics 2005"
     symbol = "f_p"

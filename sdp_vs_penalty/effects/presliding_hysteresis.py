@@ -14,7 +14,7 @@ class PreslidingHysteresis(JointEffect):
     equation = "f_h (z - sign(dq)), dz/dq = (1 - z sign(dq)) / d"
     explanation = (
         "Before surfaces slide their asperities bend like springs: after a reversal the friction "
-        "needs a travel of about d to turn round. The path back differs from the path there "
+        "needs a travel of about d to change sign. The way back differs from the way there "
         "(hysteresis), which no function of velocity can imitate."
     )
     reference = "Dahl, Aerospace Corp. TR-0158 (1968); AIAA Journal 1976, eq. 5"

@@ -17,8 +17,8 @@ class RigidBody(Effect):
     name = "rigid_body"
     equation = "M(q) ddq + C(q, dq) dq + g(q) = Y(q, dq, ddq) theta"
     explanation = (
-        "Mass, centre of mass and inertia of every link make the torque that accelerates the arm "
-        "and holds it against gravity."
+        "Mass, centre of mass and inertia of every link determine the torque that accelerates the "
+        "arm and holds it against gravity."
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
 

@@ -13,9 +13,9 @@ class SigmoidFriction(JointEffect):
     name = "sigmoid_friction"
     equation = "f_sg (tanh(dq / v0) - sign(dq))"
     explanation = (
-        "Of the Coulomb friction, f_sg rises over a range v0 of velocities instead of jumping: the "
-        "sigmoid form phi_1 / (1 + exp(-phi_2 (dq + phi_3))) of the paper's Table I, whose phi_3 is an "
-        "offset. Near standstill there is less friction than Coulomb's law says."
+        "A part f_sg of the Coulomb friction rises over a velocity range v0 instead of jumping: the "
+        "sigmoid form phi_1 / (1 + exp(-phi_2 (dq + phi_3))) of the paper's Table I, whose phi_3 is "
+        "an offset. Near standstill there is less friction than Coulomb's law says."
     )
     reference = "Gaz et al., RA-L 2019, eq. 9 and Table I"
     symbol = "f_sg"

@@ -12,8 +12,8 @@ class TorqueGain(JointEffect):
     name = "torque_gain"
     equation = "g tau_hat"
     explanation = (
-        "The torque channel of this joint reads 1 + g times the true torque: a sensor's or a drive's "
-        "gain. The other joints show the true inertia, therefore it can be seen."
+        "The torque channel of this joint reads 1 + g times the true torque: a sensor's or a "
+        "drive's gain. It is identifiable because the other joints show the true inertia."
     )
     reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
     symbol = "g"

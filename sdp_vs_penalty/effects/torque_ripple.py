@@ -15,8 +15,9 @@ class TorqueRipple(Effect):
     name = "torque_ripple"
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
-        "A torque that comes back k times a turn (k times 2 pi metres on a prismatic joint): motor "
-        "poles, gear teeth, an eccentric gear or a strain wave generator, which turns twice its ratio."
+        "A torque that repeats k times per turn (k times 2 pi metres on a prismatic joint): motor "
+        "poles, gear teeth, an eccentric gear or a strain wave generator, which turns twice its "
+        "ratio."
     )
     reference = "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
     several = True

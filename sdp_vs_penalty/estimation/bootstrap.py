@@ -181,7 +181,7 @@ def bootstrap(
     task : of all the data, its constraints those to impose. Raises InputError without two blocks.
     """
     if len(blocks) < 2:
-        raise InputError("A block bootstrap needs at least two blocks: record longer.")
+        raise InputError("A block bootstrap needs at least two blocks", "record longer")
     resampler = Resampler(
         replace(task, constraints=ConstraintSet(task.constraints.convex)), tuple(blocks)
     )

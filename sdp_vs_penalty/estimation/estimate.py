@@ -91,7 +91,7 @@ class Estimate(Shown):
         if t is None:
             timed = [e.name for e in self.model.effects if e.has_memory or "t0" in e.shape]
             if timed:
-                raise InputError(f"predict(): {timed[0]} depends on time: pass t, (N,) in seconds.")
+                raise InputError(f"predict(): {timed[0]} depends on time", "pass t, (N,) in seconds")
             t = np.zeros(len(states[0]))
         times = np.asarray(t, float)
         if times.shape != (len(states[0]),):
@@ -163,8 +163,11 @@ class Estimate(Shown):
         """Raises InputError unless the measurements have as many joints as the robot."""
         if measurements.n != self.robot.n:
             raise InputError(
-                f"The {what} have {show.count(measurements.n, 'joint')}, the model's robot has "
-                f"{self.robot.n}: choose the model that belongs to them."
+                (
+                    f"The {what} have {show.count(measurements.n, 'joint')}, the model's robot has "
+                    f"{self.robot.n}"
+                ),
+                "choose the model that belongs to them",
             )
 
     def save(self, path: str | Path) -> None:
@@ -184,13 +187,16 @@ def load_estimate(path: str | Path) -> Estimate:
 def _from_dict(data: dict[str, Any]) -> Estimate:
     if not isinstance(data["format"], int) or data["format"] > FORMAT:
         raise InputError(
-            f"written by a newer version (format {data['format']}, this one reads up to {FORMAT}): "
-            "upgrade sdp-vs-penalty."
+            (f"written by a newer version (format {data['format']}, this one reads up to {FORMAT})"),
+            "upgrade sdp-vs-penalty",
         )
     if data["format"] < FORMAT:
         raise InputError(
-            f"written by an earlier version (format {data['format']}), which did not keep the bounds of "
-            "the model's problem: identify again."
+            (
+                f"written by an earlier version (format {data['format']}), which did not keep the "
+                "bounds of the model's problem"
+            ),
+            "identify again",
         )
     robot = Robot.from_dict(data["robot"])
     reference = data.get("reference")

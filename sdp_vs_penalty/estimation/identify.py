@@ -59,8 +59,11 @@ def identify(
         )
     if measurements.n != problem.robot.n:
         raise InputError(
-            f"The measurements have {show.count(measurements.n, 'joint')}, the robot {problem.name} "
-            f"has {problem.robot.n}: choose the problem that belongs to the file."
+            (
+                f"The measurements have {show.count(measurements.n, 'joint')}, the robot "
+                f"{problem.name} has {problem.robot.n}"
+            ),
+            "choose the problem that belongs to the file",
         )
     estimator = make_estimator(method)
     if isinstance(measurements, BlackBox):

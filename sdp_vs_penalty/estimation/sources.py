@@ -24,7 +24,7 @@ def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estima
     if isinstance(source, str | Path):
         return load_estimate(source)
     what = what.replace("...", given(source))
-    raise InputError(f"{what}: no model: give an Estimate or the path of a model.json.")
+    raise InputError("no model", "give an Estimate or the path of a model.json", what)
 
 
 def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
@@ -43,7 +43,7 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
         estimate = as_estimate(models, what)
         named = {_name(models, estimate.method): estimate}
     if not named:
-        raise InputError("No model to compare: name at least one model.json.")
+        raise InputError("No model to compare", "name at least one model.json")
     return named
 
 

@@ -156,8 +156,11 @@ def of_regression(
         raise InputError(f"level {level:g} and draws {draws}: a level below 1 and at least 20 draws.")
     if len(regression.blocks) < 4:
         raise InputError(
-            f"The measurements contain {show.count(len(regression.blocks), 'time block')}, but "
-            "intervals need 4: record longer."
+            (
+                f"The measurements contain {show.count(len(regression.blocks), 'time block')}, but "
+                "intervals need 4"
+            ),
+            "record longer",
         )
     nominal, bound = problem.nominal(model), problem.parameter_bound(model)
     first = nearest_least_squares(regression.least_squares(), nominal, bound)

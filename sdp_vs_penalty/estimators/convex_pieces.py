@@ -109,7 +109,7 @@ class _Search:
         for name, allowed in sets.items():
             self._push(heap, allowed, name, self._whole())
         if not heap and not self.finished:
-            raise InputError("No piece of the feasible set has an interior: relax a bound.")
+            raise InputError("No piece of the feasible set has an interior", "relax a bound")
         if self._gap(min((piece.lower for piece in heap), default=np.inf)) > self.tolerance:
             self.task.progress("tightening the cells")
             roots, heap = heap, []
@@ -130,7 +130,7 @@ class _Search:
         upper, theta, choice = self.best
         if not np.isfinite(upper):
             raise InputError(
-                "No parameters were found that satisfy the bounds on barycentric inertias: relax them."
+                "No parameters were found that satisfy the bounds on barycentric inertias", "relax them"
             )
         lower = min(upper, *self.finished.values())
         gap = self._gap(lower)

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import solver
@@ -194,8 +194,11 @@ def solve_sdp(
             break
     if best is None or not (answered or smallest <= _LOOSE):
         raise InputError(
-            f"solver {solver_name} gave up on a problem that has an interior point "
-            f"({', '.join(said)}): choose another solver, or check the units of the measurements."
+            (
+                f"solver {solver_name} gave up on a problem that has an interior point "
+                f"({', '.join(said)})"
+            ),
+            "choose another solver, or check the units of the measurements",
         )
     return replace(best, details={"solver": solver_name, "solver_said": said})
 
@@ -250,15 +253,22 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
     theta = max((problem.theta(solution), nominal), key=constraints.depth)
     if constraints.depth(theta) > _NO_ROOM:
         return theta
-    between = " and ".join(conflicting(constraints.convex, problem.shares(solution)))
-    if proves_infeasible(constraints.convex, problem.multipliers(solution), task.bound):
-        raise InputError(
+    families = conflicting(constraints.convex, problem.shares(solution))
+    between = " and ".join(families)
+    multipliers = problem.multipliers(solution)
+    if proves_infeasible(constraints.convex, multipliers, task.bound):
+        raise Infeasible(
             f"The constraints admit no parameters: {between} exclude each other (from the "
-            "infeasibility certificate): relax one of them."
+            "infeasibility certificate)",
+            "relax one of them",
+            families=families,
+            proof=multipliers,
         )
-    raise InputError(
+    raise Infeasible(
         f"The constraints leave no room for parameters: {between} can at best hold with nothing to "
-        "spare (equal bounds?): widen one of them a little."
+        "spare (equal bounds?)",
+        "widen one of them a little",
+        families=families,
     )
 
 

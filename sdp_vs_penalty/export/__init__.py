@@ -37,9 +37,9 @@ def export(
     suffix = out.suffix.lower()
     if suffix not in FORMATS:
         known = ", ".join(f"{key} ({what})" for key, what in FORMATS.items())
-        raise InputError(f"{out}: unknown suffix: choose one of {known}.")
+        raise InputError("unknown suffix", f"choose one of {known}", out)
     if urdf is not None and suffix != ".urdf":
-        raise InputError(f"{out}: an edited URDF must end in .urdf: rename it, or leave the URDF out.")
+        raise InputError("an edited URDF must end in .urdf", "rename it, or leave the URDF out", out)
     if suffix in _WHOLE:
         write_bytes(out, _WHOLE[suffix](estimate))
         return ()

@@ -40,8 +40,11 @@ class Content:
         model, robot = estimate.model, estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
-                f"model {estimate.problem.name}: the model has no rigid_body effect, so there are no "
-                "inertias to export: write .json or .py instead."
+                (
+                    f"model {estimate.problem.name}: the model has no rigid_body effect, so there "
+                    "are no inertias to export"
+                ),
+                "write .json or .py instead",
             )
         links = np.stack(
             [
@@ -58,9 +61,12 @@ class Content:
                 continue
             if value < 0.0:
                 raise InputError(
-                    f"joint {parameter.joint}: {parameter.effect} is {value:.4g} {parameter.unit}, and "
-                    f"a negative {place} would feed energy into a simulation: identify with a method "
-                    "that keeps signs (lmi-sdp, penalty)."
+                    (
+                        f"joint {parameter.joint}: {parameter.effect} is {value:.4g} "
+                        f"{parameter.unit}, and a negative {place} would feed energy into a "
+                        "simulation"
+                    ),
+                    "identify with a method that keeps signs (lmi-sdp, penalty)",
                 )
             values[place][parameter.joint - 1] += value
         others = tuple(e.text for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
@@ -78,9 +84,12 @@ def require_consistent(link: Array, name: str) -> None:
     smallest = float(np.linalg.eigvalsh(pseudo)[0])
     if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(float(np.trace(pseudo)), 0.0):
         raise InputError(
-            f"{name}: the inertial is not physically consistent (smallest eigenvalue of its "
-            f"pseudo-inertia {smallest:.3g}), and simulators reject such a body or diverge: identify "
-            "with a method that imposes consistency (lmi-sdp, penalty)."
+            (
+                "the inertial is not physically consistent (smallest eigenvalue of its "
+                f"pseudo-inertia {smallest:.3g}), and simulators reject such a body or diverge"
+            ),
+            "identify with a method that imposes consistency (lmi-sdp, penalty)",
+            name,
         )
 
 

@@ -198,8 +198,8 @@ class _Bundle:
             self.imports.add(f"from {home} import {value.__name__} as {name}")
         elif home.split(".")[0] not in ("numpy", "typing", "collections"):
             raise InputError(
-                f"{name} ({home}) is needed by an effect of this model and is not plain NumPy: "
-                "export it as .json."
+                f"{name} ({home}) is needed by an effect of this model and is not plain NumPy",
+                "export it as .json",
             )
 
     def _module(self, name: str, module: ModuleType, source: str) -> None:
@@ -218,8 +218,8 @@ class _Bundle:
             self.imports.add(f"import {module.__name__} as {name}")
         else:
             raise InputError(
-                f"{module.__name__} is needed by an effect of this model and is not plain NumPy: "
-                "export it as .json."
+                f"{module.__name__} is needed by an effect of this model and is not plain NumPy",
+                "export it as .json",
             )
 
     def _attribute(self, module: str, name: str, value: Any) -> None:

@@ -31,14 +31,19 @@ def export_sdp(problem: ConicProblem, path: str | Path) -> None:
     if name.endswith(".dat-s"):
         if any(c.kind == "exp" for c in problem.cones):
             raise InputError(
-                f"{path}: the SDPA format has no exponential cone, which the entropic regulariser "
-                "needs; write a .cbf file instead."
+                (
+                    "the SDPA format has no exponential cone, which the entropic regulariser "
+                    "needs; write a .cbf file instead."
+                ),
+                where=path,
             )
         write_text(path, sdpa_text(linear_matrix_inequalities(problem).problem))
     elif name.endswith(".cbf"):
         write_text(path, cbf_text(linear_objective(problem).problem))
     else:
-        raise InputError(f"{path}: name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format).")
+        raise InputError(
+            "name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format).", where=path
+        )
 
 
 def posed(
@@ -58,7 +63,7 @@ def posed(
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
         raise InputError(
-            f"method {method} is not a single SDP: choose lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic."
+            f"method {method} is not a single SDP", "choose lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic"
         )
     robot = load_problem(problem)
     names = [joint.name for joint in robot.robot.joints]

@@ -41,17 +41,17 @@ class Document:
         try:
             source = path.read_bytes()
         except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+            raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
         if b"<!DOCTYPE" in source:
-            raise InputError(f"{path}: files with a <!DOCTYPE> are not edited: remove it.")
+            raise InputError("files with a <!DOCTYPE> are not edited", "remove it", path)
         parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
         try:
             root = etree.fromstring(source, parser)
         except (etree.XMLSyntaxError, ValueError) as error:
-            raise InputError(f"{path}: not an XML file ({error}).") from error
+            raise InputError(f"not an XML file ({error}).", where=path) from error
         encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
         if encoding not in ("UTF-8", "ASCII", "US-ASCII", "ISO-8859-1", "LATIN-1"):
-            raise InputError(f"{path}: the encoding {encoding} is not edited: save the file as UTF-8.")
+            raise InputError(f"the encoding {encoding} is not edited", "save the file as UTF-8", path)
         elements = [e for e in root.iter() if isinstance(e.tag, str)]
         return cls(path, source, root, dict(zip(elements, _spans(source), strict=True)))
 

@@ -162,8 +162,9 @@ def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
     """For each joint of the file the model's joint: by name where all names agree, else in order."""
     if theirs.n != mine.n:
         raise InputError(
-            f"{path}: the file has {show.count(theirs.n, 'moving joint')}, the model {mine.n}: give "
-            "the URDF of the robot that was identified."
+            f"the file has {show.count(theirs.n, 'moving joint')}, the model {mine.n}",
+            "give the URDF of the robot that was identified",
+            path,
         )
     names = [joint.name for joint in mine.joints]
     if sorted(names) == sorted(joint.name for joint in theirs.joints):
@@ -193,14 +194,21 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
         if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
             raise InputError(
-                f"{path}: joint {joint.name!r} is not joint {other.name!r} of the model (another kind, "
-                "parent or direction of its axis): give the URDF of the robot that was identified."
+                (
+                    f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, "
+                    "parent or direction of its axis)"
+                ),
+                "give the URDF of the robot that was identified",
+                path,
             )
         if apart > _SAME_AXIS:
             raise InputError(
-                f"{path}: the axis of joint {joint.name!r} lies {1e3 * apart:.3g} mm away from that "
-                f"of joint {other.name!r} of the model: give the URDF of the robot that was "
-                "identified."
+                (
+                    f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that "
+                    f"of joint {other.name!r} of the model"
+                ),
+                "give the URDF of the robot that was identified",
+                path,
             )
         same = np.array_equal(relation, np.eye(4))
         out[index] = links[order[index]] if same else inertia.transform(relation) @ links[order[index]]

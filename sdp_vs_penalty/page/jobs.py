@@ -105,7 +105,7 @@ def read(request: Request, progress: Progress) -> Answer:
             part = load_measurements(path, joints=problem.robot.n, names=_joint_names(problem))
             twin = hashes.get(part.data_hash)
             if twin is not None:
-                raise InputError(f"{path}: holds the same samples as {twin}: name each run once.")
+                raise InputError(f"holds the same samples as {twin}", "name each run once", path)
             progress(f"checking {file['name']}")
             run = _keep(problem, part, Path(request["folder"]), file["name"])
             run["given"] = file.get("given", file["name"])
@@ -162,8 +162,12 @@ def open_model(request: Request, progress: Progress) -> Answer:
     estimate = load_estimate(request["model"])
     if estimate.robot.n != runs.train.n:
         raise InputError(
-            f"{request['model']}: is of a robot with {show.count(estimate.robot.n, 'joint')}, the "
-            f"runs have {runs.train.n}: choose the model that belongs to them."
+            (
+                f"is of a robot with {show.count(estimate.robot.n, 'joint')}, the runs have "
+                f"{runs.train.n}"
+            ),
+            "choose the model that belongs to them",
+            request["model"],
         )
     return asdict(summary(estimate, runs, Path(request["out"]), 0.0, progress))
 
@@ -273,7 +277,7 @@ def _runs(request: Request) -> Runs:
     """
     chosen = request["runs"]
     if not chosen:
-        raise InputError("No run to identify from: add measurements first.")
+        raise InputError("No run to identify from", "add measurements first")
     loaded = load_measurements(*(Path(request["folder"]) / run["file"] for run in chosen))
     train, test = [], []
     for run, part in zip(chosen, loaded.runs(), strict=True):
@@ -285,7 +289,7 @@ def _runs(request: Request) -> Runs:
         else:
             (test if run["use"] == "test" else train).append(replace(part, names=(run["name"],)))
     if not train:
-        raise InputError("No run to identify from: use at least one for it.")
+        raise InputError("No run to identify from", "use at least one for it")
     return Runs(concatenate(train), concatenate(test) if test else None, loaded)
 
 

@@ -70,7 +70,7 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
     is free where that is taken. Raises InputError for a folder that is none, or a port that is taken.
     """
     if folder is not None and not folder.is_dir():
-        raise InputError(f"{folder}: not a folder: name the folder with your runs, or leave it out.")
+        raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
     listener = _listen(port)
     chosen = listener.getsockname()[1]
     page = Page(folder)
@@ -114,7 +114,7 @@ def _listen(port: int | None) -> socket.socket:
             listener.close()
             if port is not None:
                 taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
-                raise InputError(f"--port {port}: {taken}: choose another, or leave it out.") from error
+                raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
     raise InputError("No port is free: end another program, or choose one with --port.")
 
 
@@ -204,7 +204,7 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
     try:
         if kind != "runs" and session.busy:
             raise InputError(
-                f"{name}: wait until the job is done, or cancel it, and drop the file again."
+                "wait until the job is done, or cancel it, and drop the file again.", where=name
             )
         announced = int(length) if length.isdigit() else None
         path = await uploads.receive(session.folder, name, announced, _body(request), kind)

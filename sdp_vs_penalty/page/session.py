@@ -92,7 +92,7 @@ class Session(State):
 
         async def do() -> None:
             if not self.effects:
-                raise InputError("No effect is chosen: choose at least rigid_body.")
+                raise InputError("No effect is chosen", "choose at least rigid_body")
             if self.meaningless and not self.anyway:
                 raise InputError(
                     f"{self.meaningless[0]} (`sdp-vs-penalty check RUN --fix` repairs what it can); "
@@ -160,7 +160,7 @@ class Session(State):
 
         async def do() -> None:
             if not names:
-                raise InputError("No method is chosen: choose at least one to compare.")
+                raise InputError("No method is chosen", "choose at least one to compare")
             answer = await self._job("methods", model=self._current(), methods=names)
             self.methods = answer["rows"]
 
@@ -186,8 +186,8 @@ class Session(State):
                 if answer["left_out"]:
                     self.notice = Notice(
                         (
-                            f"{out.suffix} has no place for {', '.join(answer['left_out'])}: model.json "
-                            "and the NumPy function have them.",
+                            f"{out.suffix} files cannot hold {', '.join(answer['left_out'])}; "
+                            "model.json and the NumPy function can.",
                         ),
                         error=False,
                     )
@@ -261,7 +261,7 @@ class Session(State):
 
     async def _take_runs(self, job: str, **details: Any) -> None:
         if self.robot is None:
-            raise InputError("No robot is chosen: choose it first, so that its joints are known.")
+            raise InputError("No robot is chosen", "choose it first, so that its joints are known")
         before = self.runs if job == "read" else []
         answer = await self._job(job, **{"runs": before, **details})
         new = answer["runs"]
@@ -286,7 +286,7 @@ class Session(State):
 
     def _current(self) -> str:
         if self.model is None:
-            raise InputError("No model yet: identify one first.")
+            raise InputError("No model yet", "identify one first")
         return self.model.file
 
     def _next_file(self) -> str:

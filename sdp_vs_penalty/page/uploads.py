@@ -43,13 +43,16 @@ def suffix_of(name: str, allowed: tuple[str, ...]) -> str:
     suffix = Path(name).suffix.lower()
     if suffix in allowed:
         return suffix
-    raise InputError(f"{name}: files of this kind cannot be read; choose one of: {', '.join(allowed)}.")
+    raise InputError(
+        f"files of this kind cannot be read; choose one of: {', '.join(allowed)}.", where=name
+    )
 
 
 def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:
     return InputError(
-        f"{name}: {size / 2**20:.0f} MB; the page takes files up to {largest // 2**20} MB: use the "
-        "command line, or cut the run into pieces."
+        f"{size / 2**20:.0f} MB; the page takes files up to {largest // 2**20} MB",
+        "use the command line, or cut the run into pieces",
+        name,
     )
 
 
@@ -67,7 +70,7 @@ async def receive(
     kept = [p for p in folder.rglob("*") if p.is_file()]
     room = LARGEST_SESSION - sum(p.stat().st_size for p in kept)
     if len(kept) >= MOST_FILES or (length or 0) > room:
-        raise InputError(f"{name}: this page has reached its limit of files: start over.")
+        raise InputError("this page has reached its limit of files", "start over", name)
     path = folder / f"file-{secrets.token_hex(8)}{suffix}"
     size = 0
     try:

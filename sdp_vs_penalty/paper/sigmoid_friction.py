@@ -113,7 +113,7 @@ def fit_sigmoid(
     """
     data = _Data.of(problem, rows_of)
     if len(data.torque) / oversampling < data.rigid.shape[2] + 3:
-        raise InputError("Too few samples to fit rigid model and sigmoid friction: record longer.")
+        raise InputError("Too few samples to fit rigid model and sigmoid friction", "record longer")
     n = problem.robot.n
     # What rounding leaves, so that data without noise are not weighted by rounding.
     rounding = 1e-12 * float(np.abs(data.torque).max())

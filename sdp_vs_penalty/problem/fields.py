@@ -67,7 +67,7 @@ def check_fields(data: Mapping[str, Any]) -> None:
     """InputError naming the section and the field that is unknown, missing or of the wrong kind."""
     _table("", data, {**TOP, **{name: Field("table") for name in SECTIONS}})
     if "kinematics" not in data:
-        raise InputError("the section [kinematics] is missing: give the robot's DH table or its URDF.")
+        raise InputError("the section [kinematics] is missing", "give the robot's DH table or its URDF")
     for section, fields in SECTIONS.items():
         if section not in data:
             continue
@@ -75,9 +75,11 @@ def check_fields(data: Mapping[str, Any]) -> None:
         brackets = f"[[{section}]]" if section in _MANY else f"[{section}]"
         if section in _MANY:
             if not (isinstance(given, list) and all(isinstance(x, dict) for x in given)):
-                raise InputError(f"{section} is no list of sections: write {brackets} above its fields.")
+                raise InputError(
+                    f"{section} is no list of sections", f"write {brackets} above its fields"
+                )
         elif not isinstance(given, dict):
-            raise InputError(f"{section} is no section: write {brackets} above its fields.")
+            raise InputError(f"{section} is no section", f"write {brackets} above its fields")
         for part in given if section in _MANY else [given]:
             wanted = fields
             if section == "kinematics" and "urdf" in part:
@@ -117,7 +119,7 @@ def _kind(label: str, value: Any, field: Field) -> None:
         one = field.kind[:-1]
         for k, entry in enumerate(value, start=1):
             if not _is(entry, one):
-                raise InputError(f"{label}: entry {k} is {_shown(entry)}, not a {one}: correct it.")
+                raise InputError(f"entry {k} is {_shown(entry)}, not a {one}", "correct it", label)
     elif not _is(value, field.kind):
         a = {"text": "a text", "whole": "a whole number", "number": "a number"}[field.kind]
         raise InputError(f"{label} is {_shown(value)}, not {a}{hint or ': correct it'}.")

@@ -31,19 +31,19 @@ def load_folder(folder: Path) -> Problem:
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}).") from error
+        raise InputError(f"cannot be read ({error.strerror}).", where=file) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{file}: not a TOML file ({error}).") from error
+        raise InputError(f"not a TOML file ({error}).", where=file) from error
     try:
         return _from_toml(folder, data)
     except InputError as error:
         if str(folder) in str(error):
             raise
-        raise InputError(f"{file}: {error}") from error
+        raise error.within(file) from error
     except KeyError as error:
-        raise InputError(f"{file}: the field {error.args[0]!r} is missing.") from error
+        raise InputError(f"the field {error.args[0]!r} is missing.", where=file) from error
     except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(f"{file}: a field has the wrong content ({error}).") from error
+        raise InputError(f"a field has the wrong content ({error}).", where=file) from error
 
 
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
@@ -106,11 +106,15 @@ def _fill_box(box: Array, path: Path) -> None:
             lower, upper = float(row["lower"]), float(row["upper"])
         except (ValueError, KeyError, TypeError):
             raise InputError(
-                f"{path}: row {number}: parameter {name!r} is not m1, c1x or I1xx of a link of this "
-                "robot with numbers as lower and upper."
+                (
+                    f"row {number}: parameter {name!r} is not m1, c1x or I1xx of a link of this "
+                    "robot with numbers as lower and upper."
+                ),
+                where=path,
             ) from None
         if not lower <= upper:
             raise InputError(
-                f"{path}: row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}."
+                f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}.",
+                where=path,
             )
         box[place] = lower, upper

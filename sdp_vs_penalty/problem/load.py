@@ -36,8 +36,12 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
     if isinstance(source, str | Path):
         return load_problem(source)
     raise InputError(
-        f"{what.replace('...', given(source))}: no problem: give a built-in name "
-        f"({', '.join(problem_names())}), a folder with a problem.toml, a URDF file, or a Problem."
+        "no problem",
+        (
+            f"give a built-in name ({', '.join(problem_names())}), a folder with a problem.toml, a "
+            "URDF file, or a Problem"
+        ),
+        what.replace("...", given(source)),
     )
 
 

@@ -47,7 +47,7 @@ class CentreOfMassCone:
 
     def __post_init__(self) -> None:
         if self.axis not in (0, 1, 2) or not np.all(np.isfinite([self.radius, self.slope])):
-            raise InputError(f"the centre_of_mass_cone of link {self.link + 1}: correct its numbers.")
+            raise InputError(f"the centre_of_mass_cone of link {self.link + 1}", "correct its numbers")
 
     def to_dict(self) -> dict[str, Any]:
         return {**vars(self), "link": self.link + 1, "axis": "xyz"[self.axis]}

@@ -27,7 +27,7 @@ def real_data_folder() -> Path | None:
     if named:
         folder = Path(named)
         if not folder.is_dir():
-            raise InputError(f"{VARIABLE} names {named}, which is not a folder: correct or unset it.")
+            raise InputError(f"{VARIABLE} names {named}, which is not a folder", "correct or unset it")
         return folder
     checkout = Path(__file__).parents[2]
     folder = checkout.parent / "shared" / "data"
@@ -62,7 +62,7 @@ def commanded_coefficients(problem: Problem) -> tuple[Array, Array] | None:
     try:
         rows = np.loadtxt(file, ndmin=2)
     except ValueError as error:
-        raise InputError(f"{file}: not rows of numbers ({error}).") from error
+        raise InputError(f"not rows of numbers ({error}).", where=file) from error
     if len(rows) != 2 * n:
-        raise InputError(f"{file}: {len(rows)} rows, {2 * n} are needed (a and b of each joint).")
+        raise InputError(f"{len(rows)} rows, {2 * n} are needed (a and b of each joint).", where=file)
     return rows[:n], rows[n:]

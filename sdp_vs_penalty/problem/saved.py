@@ -94,7 +94,7 @@ def _ends(pair: Sequence[float | None]) -> tuple[float, float]:
 def _finite(what: str, rows: Any) -> Array:
     values = np.array(rows, float)
     if not np.all(np.isfinite(values)):
-        raise InputError(f"{what}: a number is not finite.")
+        raise InputError("a number is not finite.", where=what)
     return values
 
 

@@ -15,6 +15,6 @@ def read_table(path: Path) -> list[dict[str, str]]:
         with path.open(newline="", encoding="utf-8") as file:
             return [dict(row) for row in csv.DictReader(file)]
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+        raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
     except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a CSV table ({error}).") from error
+        raise InputError(f"not a CSV table ({error}).", where=path) from error

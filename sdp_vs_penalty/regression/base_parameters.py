@@ -82,8 +82,8 @@ def _base_of(
         kept = tuple(sorted(int(k) for k in pivots[:rank]))
     elif len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
         raise InputError(
-            f"base_parameters: the {len(kept)} named are not the robot's {rank} independent ones: "
-            "leave the list out to let the program choose."
+            f"base_parameters: the {len(kept)} named are not the robot's {rank} independent ones",
+            "leave the list out to let the program choose",
         )
     dependence = np.asarray(np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float)
     dependence[np.abs(dependence) < 1e-10] = 0.0

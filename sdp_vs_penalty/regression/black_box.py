@@ -93,12 +93,15 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
     missing = [name for name in _ARRAYS if name not in arrays]
     if missing:
         raise InputError(
-            f"{path}: array {missing[0]} is missing; a black box is an .npz file with q (K, n), "
-            "gravity (K, n) and mass_matrix (K, n, n)."
+            (
+                f"array {missing[0]} is missing; a black box is an .npz file with q (K, n), gravity "
+                "(K, n) and mass_matrix (K, n, n)."
+            ),
+            where=path,
         )
     q, gravity, mass_matrix = (arrays[name] for name in _ARRAYS)
     if q.ndim != 2 or not q.size:
-        raise InputError(f"{path}: array q has shape {q.shape}; one row a configuration is needed.")
+        raise InputError(f"array q has shape {q.shape}; one row a configuration is needed.", where=path)
     count, n = q.shape
     for name, a, shape in (
         ("gravity", gravity, (count, n)),
@@ -106,25 +109,30 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
     ):
         if a.shape != shape:
             raise InputError(
-                f"{path}: array {name} has shape {a.shape}; with this q it must be {shape}."
+                f"array {name} has shape {a.shape}; with this q it must be {shape}.", where=path
             )
     for name, a in (("q", q), ("gravity", gravity), ("mass_matrix", mass_matrix)):
         bad = np.argwhere(~np.isfinite(a))
         if len(bad):
             raise InputError(
-                f"{path}: array {name}, configuration {bad[0][0] + 1}: not a finite number; leave "
-                "that configuration out."
+                (
+                    f"array {name}, configuration {bad[0][0] + 1}: not a finite number; leave that "
+                    "configuration out."
+                ),
+                where=path,
             )
     if joints is not None and n != joints:
         raise InputError(
-            f"{path}: the file has {show.count(n, 'joint')}, the robot has {joints}: choose the "
-            "problem that belongs to this file."
+            f"the file has {show.count(n, 'joint')}, the robot has {joints}",
+            "choose the problem that belongs to this file",
+            path,
         )
     difference = np.abs(mass_matrix - np.swapaxes(mass_matrix, 1, 2)).max(axis=(1, 2))
     worst = int(np.argmax(difference))
     if difference[worst] > _ASYMMETRY * np.abs(mass_matrix).max():
         raise InputError(
-            f"{path}: array mass_matrix, configuration {worst + 1}: not symmetric; give M(q) in full."
+            f"array mass_matrix, configuration {worst + 1}: not symmetric; give M(q) in full.",
+            where=path,
         )
     return BlackBox(q, gravity, mass_matrix, (path.name,))
 
@@ -173,9 +181,9 @@ def load_configurations(path: str | Path, joints: int) -> Array:
     try:
         q = np.loadtxt(path, ndmin=2)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a table of numbers ({error}).") from error
+        raise InputError(f"not a table of numbers ({error}).", where=path) from error
     if q.shape[1] != joints or not np.all(np.isfinite(q)):
-        raise InputError(f"{path}: {q.shape[1]} finite numbers a line where {joints} are needed.")
+        raise InputError(f"{q.shape[1]} finite numbers a line where {joints} are needed.", where=path)
     return q
 
 
@@ -196,5 +204,7 @@ def load_answers(paths: Sequence[str | Path], joints: int | None = None) -> Blac
     if not found:
         return None
     if len(paths) > 1:
-        raise InputError(f"{found[0]}: a black box is identified from one file, {len(paths)} are given.")
+        raise InputError(
+            f"a black box is identified from one file, {len(paths)} are given.", where=found[0]
+        )
     return load_black_box(found[0], joints)

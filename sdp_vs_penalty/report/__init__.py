@@ -61,7 +61,7 @@ def report(
 def check_name(out: Path) -> None:
     """InputError for a file to write that is no HTML file."""
     if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{out}: the report is an HTML file: choose a name that ends in .html.")
+        raise InputError("the report is an HTML file", "choose a name that ends in .html", out)
 
 
 def make_report(

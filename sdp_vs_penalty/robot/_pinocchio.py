@@ -12,21 +12,23 @@ try:
     import pinocchio
 except ImportError as error:
     raise InputError(
-        f"Pinocchio cannot be imported ({error}): run `pip install 'pin>=4,<5'` "
-        "(PyPI's `pinocchio` is another package; uninstall it)."
+        f"Pinocchio cannot be imported ({error})",
+        "run `pip install 'pin>=4,<5'` (PyPI's `pinocchio` is another package; uninstall it)",
     ) from error
 
 _where = getattr(pinocchio, "__file__", None) or "a namespace package"
 if not hasattr(pinocchio, "computeJointTorqueRegressor"):
     raise InputError(
-        f"`import pinocchio` finds {_where}, which is not the robotics library: run "
-        "`pip uninstall pinocchio`, then `pip install --force-reinstall 'pin>=4,<5'`."
+        f"`import pinocchio` finds {_where}, which is not the robotics library",
+        "run `pip uninstall pinocchio`, then `pip install --force-reinstall 'pin>=4,<5'`",
     )
 if not pinocchio.__version__.startswith("4."):
     raise InputError(
-        f"`import pinocchio` finds version {pinocchio.__version__} in {_where}, 4.x is needed: "
-        "take that folder off PYTHONPATH (a ROS set-up script puts it there), or run "
-        "`pip install 'pin>=4,<5'`."
+        f"`import pinocchio` finds version {pinocchio.__version__} in {_where}, 4.x is needed",
+        (
+            "take that folder off PYTHONPATH (a ROS set-up script puts it there), or run `pip "
+            "install 'pin>=4,<5'`"
+        ),
     )
 
 pin = pinocchio

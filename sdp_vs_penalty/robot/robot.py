@@ -298,7 +298,7 @@ class Robot:
                 frame = _translation(a_i, 0.0, d_i) @ _rotation_x(alpha_i)
             else:
                 raise InputError(
-                    f"DH convention {convention!r} is unknown: use 'modified' or 'standard'."
+                    f"DH convention {convention!r} is unknown", "use 'modified' or 'standard'"
                 )
             extra = dict(limits[i]) if limits else {}
             joints.append(

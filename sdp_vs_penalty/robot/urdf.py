@@ -34,7 +34,7 @@ class _Reader:
     reached: set[str] = field(default_factory=set)
 
     def fail(self, what: str) -> InputError:
-        return InputError(f"{self.path}: {what}.")
+        return InputError(f"{what}.", where=self.path)
 
     def numbers(self, element: Any, attribute: str, default: Sequence[float]) -> list[float]:
         text = None if element is None else element.get(attribute)
@@ -195,7 +195,7 @@ def _parse(reader: _Reader) -> Any:
     try:
         root = etree.fromstring(reader.path.read_bytes(), parser)
     except OSError as error:
-        raise InputError(f"{reader.path}: cannot be read ({error.strerror}).") from error
+        raise InputError(f"cannot be read ({error.strerror}).", where=reader.path) from error
     except (etree.XMLSyntaxError, ValueError) as error:
         raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
     if root.tag != "robot":

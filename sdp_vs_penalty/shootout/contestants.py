@@ -10,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.estimators.penalty import fit_penalty
 from sdp_vs_penalty.shootout import log_cholesky
@@ -120,7 +120,7 @@ def _default_path() -> Contestant:
         try:
             fit = solve_sdp(instance.task, instance.objective, instance.constraints, "clarabel", 1e-10)
         except InputError as error:
-            claims = "infeasible" if "admit no parameters" in str(error) else "failed"
+            claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
             return Answer(nothing, claims, str(error), 0, 0.0, time.perf_counter() - start)
         assert fit.multipliers is not None
         assert fit.interior is not None
@@ -220,7 +220,7 @@ def _penalty() -> Contestant:
             fit = fit_penalty(instance.task, instance.data, 0.0, 3, accuracy)
         except InputError as error:
             nothing = np.full(len(instance.task.bound), np.nan)
-            claims = "infeasible" if "admit no parameters" in str(error) else "failed"
+            claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
             return Answer(nothing, claims, str(error), 0, 0.0, time.perf_counter() - start)
         seconds = time.perf_counter() - start
         best = min(fit.details["runs"], key=lambda run: run["objective"])

@@ -117,7 +117,7 @@ def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
             run = Measurements(rows[:, 0], rows[:, 1:7], tau, names=(file.stem,))
     if run is None:
         raise InputError(
-            f"The measurements of {problem.name} are absent: name their folder in SDP_VS_PENALTY_DATA."
+            f"The measurements of {problem.name} are absent", "name their folder in SDP_VS_PENALTY_DATA"
         )
     return _part(run, problem, stop)
 

@@ -45,7 +45,7 @@ class Results:
             self._read()
         elif folder.is_dir() and any(not p.name.startswith(".") for p in folder.iterdir()):
             raise InputError(
-                f"{folder}: holds other files and no runs.csv; give --out an empty or a new folder."
+                "holds other files and no runs.csv; give --out an empty or a new folder.", where=folder
             )
         else:
             write_text(self.path, ",".join(COLUMNS) + "\n")
@@ -54,12 +54,15 @@ class Results:
         try:
             text = self.path.read_text()
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{self.path}: cannot be read ({error}).") from error
+            raise InputError(f"cannot be read ({error}).", where=self.path) from error
         head, _, body = text.partition("\n")
         if head.split(",") != list(COLUMNS):
             raise InputError(
-                f"{self.path}: holds the results of something else (its columns are {head[:60]}...); "
-                "give --out another folder."
+                (
+                    f"holds the results of something else (its columns are {head[:60]}...); give "
+                    "--out another folder."
+                ),
+                where=self.path,
             )
         whole = body[: body.rfind("\n") + 1]
         self.torn = whole != body
@@ -70,8 +73,11 @@ class Results:
                     self.torn = True
                     break
                 raise InputError(
-                    f"{self.path}: row {number} has {len(cells)} cells instead of {len(COLUMNS)}; "
-                    "delete that row, and the run is done again."
+                    (
+                        f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}; delete "
+                        "that row, and the run is done again."
+                    ),
+                    where=self.path,
                 )
             self.rows.append(parsed(dict(zip(COLUMNS, cells, strict=True))))
         if self.torn:

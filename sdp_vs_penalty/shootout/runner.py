@@ -112,7 +112,7 @@ def _references(
             known = json.loads(path.read_text())
         except ValueError:
             raise InputError(
-                f"{path}: not JSON; delete it, and the intervals are proved again."
+                "not JSON; delete it, and the intervals are proved again.", where=path
             ) from None
     current = {e.name: instance(e.name).hash for e in entries}
     todo = [n for n, h in current.items() if known.get(n, {}).get("hash") != h]
@@ -126,8 +126,8 @@ def _references(
             raise InputError(f"instance {task.problem!r} cannot be used: {reply['error']}.")
         if reply["hash"] != task.hash:
             raise InputError(
-                f"instance {task.problem!r} differs between this machine and a worker: use the same "
-                "version and data on all of them."
+                f"instance {task.problem!r} differs between this machine and a worker",
+                "use the same version and data on all of them",
             )
         known[task.problem] = reply
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")

@@ -243,10 +243,15 @@ def _no_rows(run: Measurements, seconds: float) -> InputError:
     lasts = float(run.t[-1] - run.t[0])
     if lasts <= seconds:
         return InputError(
-            f"{run.names[0]}: the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s: "
-            "record longer, or raise the cut-offs."
+            f"the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s",
+            "record longer, or raise the cut-offs",
+            run.names[0],
         )
     return InputError(
-        f"{run.names[0]}: no rows are left after filtering: the robot does not move for more than the "
-        f"{seconds:.3g} s on end that the filters need: record a longer motion, or raise the cut-offs."
+        (
+            "no rows are left after filtering: no continuous motion longer than "
+            f"{seconds:.3g} s, which the filters need"
+        ),
+        "record a longer motion, or raise the cut-offs",
+        run.names[0],
     )

@@ -123,12 +123,13 @@ def highest_harmonic(run: Measurements) -> float:
         if not moving.any():
             raise no_motion(run)
         raise InputError(
-            f"{run.names[0]}: {len(run.t)} samples, and never 16 without a gap in time between them: "
-            "record longer."
+            f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time",
+            "record longer",
+            run.names[0],
         )
     return highest
 
 
 def no_motion(run: Measurements) -> InputError:
     """For a run in which no joint moves."""
-    return InputError(f"{run.names[0]}: the robot does not move in this run: record a motion.")
+    return InputError("the robot does not move in this run", "record a motion", run.names[0])

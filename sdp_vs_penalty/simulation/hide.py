@@ -56,7 +56,7 @@ def refuse_foreign(folder: Path) -> None:
     if not (folder / "truth.json").exists():  # else the folder is one that was written here
         for name in RUN_FILES:
             if (folder / name).exists():
-                raise InputError(f"{folder}: {name} exists already: name another folder.")
+                raise InputError(f"{name} exists already", "name another folder", folder)
 
 
 def simulate(

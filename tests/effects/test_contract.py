@@ -189,7 +189,7 @@ def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name: str) -> 
         if kind.several:
             assert len(Model(robot, (first, other)).parameters) == 2 * len(first.parameters)
         else:
-            with pytest.raises(InputError, match="comes twice"):
+            with pytest.raises(InputError, match="appears twice"):
                 Model(robot, (first, other))
 
 

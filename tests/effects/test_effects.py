@@ -180,6 +180,18 @@ def test_a_model_computes_its_current_torque_from_its_own_reference(
     np.testing.assert_allclose(model.torque(theta, bare), 1.05 * motion.model_torque, atol=1e-9)
 
 
+def test_without_links_what_depends_on_them_makes_no_torque() -> None:
+    robot = robots()["arm"]
+    motion = steady_motion(robot)
+    effects = parse_effects("viscous_friction,joint_zero_error,torque_gain:1", robot)
+    model = Model(robot, effects, reference=np.full(7, 0.4))
+    assert [c.tolist() for c in model.joint_indices] == [[0, 3, 4, 5, 6], [1, 3, 4, 5], [2, 3, 4, 5]]
+    columns = model.columns(Motion(motion.t, motion.q, motion.dq, motion.ddq))
+    for joint in range(robot.n):
+        np.testing.assert_array_equal(columns[joint].columns[:, 1:4], 0.0)
+    np.testing.assert_allclose(columns[0].columns[:, 4], 0.4 * motion.dq[:, 0])
+
+
 @pytest.mark.parametrize(
     ("text", "which", "said"),
     [
@@ -230,6 +242,18 @@ def test_coupling_is_with_the_joint_that_is_named(text: str, pairs: list[tuple[i
         np.testing.assert_array_equal(columns[joint, :, k], motion.dq[:, other])
 
 
+@pytest.mark.parametrize(("name", "forms"), [("drift_offset", 2), ("drift_friction", 4)])
+def test_a_search_tries_linear_drift_once_and_settling_with_every_time_constant(
+    name: str, forms: int
+) -> None:
+    kind = effect_types()[name]
+    starts = [tuple(s.values()) for s in kind.starts(robots()["arm"], 0)]
+    linear = {(form,) for form in (1.0, 3.0)[: forms // 2]}
+    settling = {(form, T) for form in (2.0, 4.0)[: forms // 2] for T in kind.shapes["T"].grid}
+    assert len(starts) == len(set(starts))
+    assert set(starts) == linear | settling
+
+
 def test_two_joints_are_coupled_both_ways(two_link: Problem) -> None:
     (effect,) = parse_effects("joint_coupling", two_link.robot)
     assert [p.name for p in effect.parameters] == ["f_c1_2_1", "f_c2_1_1"]
@@ -272,5 +296,5 @@ def test_models_without_effects_or_with_one_twice_are_refused() -> None:
     robot = robots()["single"]
     with pytest.raises(InputError, match="no effect"):
         Model(robot, ())
-    with pytest.raises(InputError, match="f_v1 comes twice"):
+    with pytest.raises(InputError, match="f_v1 appears twice"):
         Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))

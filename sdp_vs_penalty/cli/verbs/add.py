@@ -71,21 +71,21 @@ def _effects(
     from sdp_vs_penalty.diagnosis.findings import load_diagnosis
 
     if (effect is None) == (findings is None):
-        raise InputError("Nothing to add: name either EFFECT or --from findings.json.")
+        raise InputError("Nothing to add", "name either EFFECT or --from findings.json")
     if findings is None:
         if confident or only is not None:
-            raise InputError("--confident and --only select findings of a file: name it with --from.")
+            raise InputError("--confident and --only select findings of a file", "name it with --from")
         return effect or ""
     if confident and only is not None:
-        raise InputError("--confident and --only exclude each other: leave one out.")
+        raise InputError("--confident and --only exclude each other", "leave one out")
     found = load_diagnosis(findings)
     try:
         numbers = None if only is None else [int(word) for word in only.split(",")]
     except ValueError:
         raise InputError(
-            f"--only {only!r}: write the findings' numbers separated by commas, like 1,3."
+            f"--only {only!r}", "write the findings' numbers separated by commas, like 1,3"
         ) from None
     try:
         return found.selected(numbers, confident)
     except InputError as error:
-        raise InputError(f"{findings}: {error}") from error
+        raise error.within(findings) from error

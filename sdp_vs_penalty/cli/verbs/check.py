@@ -44,9 +44,9 @@ def verb(
 
     robot = load_problem(problem, None if gravity is None else numbers("--gravity", gravity, 3))
     if fix is not None and len(data) > 1 and fix.suffix:
-        raise InputError(f"--fix {fix}: {len(data)} runs are given: name a folder for their copies.")
+        raise InputError(f"--fix {fix}: {len(data)} runs are given", "name a folder for their copies")
     if fix is not None and any(path.resolve() == fix.resolve() for path in data):
-        raise InputError(f"--fix {fix}: this is the file that is checked: choose another name.")
+        raise InputError(f"--fix {fix}: this is the file that is checked", "choose another name")
     reports = []
     with console.progress("checking") as progress:
         for path in data:

@@ -92,6 +92,6 @@ def _estimator(method: str, solver_name: str | None) -> Estimator:
     if solver_name is None:
         return estimator
     if not hasattr(estimator, "solver"):
-        raise InputError(f"--solver {solver_name}: method {method} solves no SDP: leave --solver out.")
+        raise InputError(f"--solver {solver_name}: method {method} solves no SDP", "leave --solver out")
     solver(solver_name)
     return replace(estimator, solver=solver_name)

@@ -100,5 +100,5 @@ def _accuracies(text: str) -> tuple[float, ...]:
         return tuple(float(word) for word in _words(text))
     except ValueError:
         raise InputError(
-            f"--accuracy {text!r}: write numbers separated by commas, like 1e-4,1e-8."
+            f"--accuracy {text!r}", "write numbers separated by commas, like 1e-4,1e-8"
         ) from None

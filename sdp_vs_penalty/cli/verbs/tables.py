@@ -45,7 +45,7 @@ def verb(
     if every:
         if names or problem:
             raise InputError(
-                "--all makes every table with its own problem: leave out names and --problem."
+                "--all makes every table with its own problem", "leave out names and --problem"
             )
         names = list(all_tables())
     with console.progress("tables") as progress:

@@ -30,13 +30,13 @@ def verb(
 
     files = [f for p in proofs for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])]
     if not files:
-        raise InputError(f"{proofs[0]}: no file named *proof.json in this folder: name the proofs.")
+        raise InputError("no file named *proof.json in this folder", "name the proofs", proofs[0])
     refused = 0
     for path in files:
         try:
             found = verify_proof.check(json.loads(path.read_text(encoding="utf-8")))
         except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+            raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
         except Exception as error:
             refused += 1
             text = f"refused: {path}: {error or type(error).__name__}"

@@ -47,7 +47,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         cut = ""
         if "end magic" in what or "Truncated" in what:
             cut = "; it is truncated: `mcap recover` saves what is left"
-        raise InputError(f"{path}: not a readable ROS bag or MCAP file ({what[:200]}){cut}.") from error
+        raise InputError(
+            f"not a readable ROS bag or MCAP file ({what[:200]}){cut}.", where=path
+        ) from error
 
 
 def _stay_inside(path: Path) -> None:
@@ -59,7 +61,7 @@ def _stay_inside(path: Path) -> None:
     data = YAML(typ="safe").load((path / "metadata.yaml").read_text())
     for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
         if Path(name).name != name:
-            raise InputError(f"{path / 'metadata.yaml'}: {name!r} is not a file of this folder.")
+            raise InputError(f"{name!r} is not a file of this folder.", where=path / "metadata.yaml")
 
 
 #: Opcode of a chunk, and what its record begins with: start and end time, uncompressed size.
@@ -91,7 +93,7 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         found = ", ".join(topics) or "none"
         wanted = f"topic {choice.topic!r}" if choice.topic else "one topic"
         raise InputError(
-            f"{path}: {wanted} with {_TYPE} is needed, choose it with --topic (there are: {found})."
+            f"{wanted} with {_TYPE} is needed, choose it with --topic (there are: {found}).", where=path
         )
     names = list(choice.joints) if choice.joints else None
     # Packed: a list of Python's numbers would take four times the memory.
@@ -109,11 +111,15 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         stamps.append(int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec))
         recorded.append(int(recorder_time))
         if len(rows) > LARGEST:
-            raise InputError(f"{path}: too many messages: split it into several runs.")
+            raise InputError("too many messages", "split it into several runs", path)
     if not rows or names is None:
         raise InputError(
-            f"{path}: no message has all joints {', '.join(names or ['(none)'])} (there are: "
-            f"{', '.join(sorted(others)) or 'none'}): name the joints as the bag does."
+            (
+                f"no message has all joints {', '.join(names or ['(none)'])} (there are: "
+                f"{', '.join(sorted(others)) or 'none'})"
+            ),
+            "name the joints as the bag does",
+            path,
         )
     table = np.array(rows).reshape(-1, 3, len(names))
     clock = np.array(stamps if any(stamps) else recorded, dtype=np.int64)
@@ -133,9 +139,12 @@ def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> l
             out += [float(values[k]) for k in at]
         elif needed:
             raise InputError(
-                f"{path}: a message has {show.count(len(values), 'value')} of {field} for "
-                f"{len(message.name)} joints; identification needs position and effort of every "
-                "joint."
+                (
+                    f"a message has {show.count(len(values), 'value')} of {field} for "
+                    f"{len(message.name)} joints; identification needs position and effort of every "
+                    "joint."
+                ),
+                where=path,
             )
         else:
             out += [float("nan")] * len(names)

@@ -44,12 +44,15 @@ def check_size(path: Path, unpacked: int, packed: int) -> None:
     """InputError for a compressed file that would fill the memory; sizes in bytes."""
     if unpacked > 8 * LARGEST:
         raise InputError(
-            f"{path}: unpacks to {unpacked / 2**30:.0f} GiB; split it into files below 4 GiB."
+            f"unpacks to {unpacked / 2**30:.0f} GiB; split it into files below 4 GiB.", where=path
         )
     if unpacked > _WORTH_A_LOOK and unpacked > _TIGHTEST * packed:
         raise InputError(
-            f"{path}: unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements "
-            "never compress that much, so this file holds something else."
+            (
+                f"unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements "
+                "never compress that much, so this file holds something else."
+            ),
+            where=path,
         )
 
 
@@ -72,7 +75,7 @@ def from_columns(
     for ours, theirs in names.items():
         if theirs not in columns:
             known = ", ".join(sorted(columns)) or "none"
-            raise InputError(f"{what}: no column {theirs!r} to take as {ours} (columns: {known}).")
+            raise InputError(f"no column {theirs!r} to take as {ours} (columns: {known}).", where=what)
     named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
 
     given = {"t": named.get("t"), **{group: _block(named, group) for group in ("q", "dq", "tau")}}
@@ -82,7 +85,7 @@ def from_columns(
         pairs = ",".join(f"{group}=NAME" for group in missing)
         command = f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`"
         raise InputError(
-            f"{what}: no column {' or '.join(missing)} (columns: {known}): {remedy or command}."
+            f"no column {' or '.join(missing)} (columns: {known}): {remedy or command}.", where=what
         )
     t = np.ravel(named["t"])
     blocks = {}
@@ -93,7 +96,7 @@ def from_columns(
         if block.shape[0] != len(t) and block.ndim == 2 and block.shape[1] == len(t):
             block = block.T
         if block.shape[0] != len(t):
-            raise InputError(f"{what}: {group} has {block.shape[0]} rows, t has {len(t)}.")
+            raise InputError(f"{group} has {block.shape[0]} rows, t has {len(t)}.", where=what)
         blocks[group] = np.ascontiguousarray(block)
     widths = {group: block.shape[1] for group, block in blocks.items()}
     if len(set(widths.values())) != 1:
@@ -134,7 +137,7 @@ def joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     """Number of joints and whether dq is there, from a header; InputError where it is incomplete."""
     found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
     if not found:
-        raise InputError(f"{path}: row 1 names no column q1; the header must read {HEADER}.")
+        raise InputError(f"row 1 names no column q1; the header must read {HEADER}.", where=path)
     n = max(found)
     has_dq = any(re.fullmatch(r"dq[0-9]+", name) for name in names)
     wanted = [
@@ -144,8 +147,10 @@ def joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     for name in wanted:
         if names.count(name) != 1:
             problem = "is missing" if names.count(name) == 0 else "comes twice"
-            raise InputError(f"{path}: column {name} {problem} (header: {','.join(names)[:120]}).")
+            raise InputError(f"column {name} {problem} (header: {','.join(names)[:120]}).", where=path)
     for name in names:
         if name not in wanted:
-            raise InputError(f"{path}: column {name!r} is unknown; expected t, q, dq, tau with numbers.")
+            raise InputError(
+                f"column {name!r} is unknown; expected t, q, dq, tau with numbers.", where=path
+            )
     return n, has_dq

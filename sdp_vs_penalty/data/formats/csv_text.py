@@ -36,32 +36,33 @@ def lines(path: Path) -> Iterator[str]:
                     raise InputError(binary)
                 if len(line) == _LONGEST:
                     raise InputError(
-                        f"{path}: row {number} is too long for a table; measurements are CSV text or "
-                        ".npz."
+                        (f"row {number} is too long for a table; measurements are CSV text or .npz."),
+                        where=path,
                     )
                 yield line.rstrip("\n")
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: not UTF-8 text (near row {number + 1}); measurements are CSV text or .npz."
+            f"not UTF-8 text (near row {number + 1}); measurements are CSV text or .npz.", where=path
         ) from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+        raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
 
 
 def header(path: Path) -> list[str]:
     """The names in row 1; InputError where it is empty, holds numbers, or has other separators."""
     line = next(lines(path), "")
     if not line.strip():
-        raise InputError(f"{path}: row 1 is empty; it must hold the header {HEADER}.")
+        raise InputError(f"row 1 is empty; it must hold the header {HEADER}.", where=path)
     names = [name.strip() for name in line.split(",")]
     cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
     if cells and all(_is_number(cell) for cell in cells):
-        raise InputError(f"{path}: {_no_header(path, len(cells))}")
+        raise InputError(f"{_no_header(path, len(cells))}", where=path)
     if len(names) == 1 and len(cells) > 1:
         what = "semicolons" if ";" in line else "white space"
         raise InputError(
-            f"{path}: row 1 separates its {len(cells)} names by {what}: separate all cells by commas, "
-            "and write decimal points."
+            f"row 1 separates its {len(cells)} names by {what}",
+            "separate all cells by commas, and write decimal points",
+            path,
         )
     return names
 
@@ -106,7 +107,7 @@ def numbers(path: Path, width: int, first: int = 2) -> Array:
         return table
     for number, line in enumerate(_without_tail(islice(lines(path), first - 1, None)), start=first):
         _check_row(path, number, line, width)
-    raise InputError(f"{path}: the rows cannot be read as numbers.")
+    raise InputError("the rows cannot be read as numbers.", where=path)
 
 
 def _without_tail(rows: Iterator[str]) -> Iterator[str]:
@@ -133,15 +134,17 @@ def _without_gaps(rows: Iterator[str]) -> Iterator[str]:
 def _check_row(path: Path, number: int, line: str, width: int) -> None:
     cells = line.split(",")
     if not line.strip():
-        raise InputError(f"{path}: row {number} is empty: delete it.")
+        raise InputError(f"row {number} is empty", "delete it", path)
     if len(cells) != width:
         raise InputError(
-            f"{path}: row {number} has {len(cells)} cells, the header has {width}: "
-            "complete the row or delete it."
+            f"row {number} has {len(cells)} cells, the header has {width}",
+            "complete the row or delete it",
+            path,
         )
     for k, cell in enumerate(cells):
         if not _is_number(cell):
             raise InputError(
-                f"{path}: row {number}, column {k + 1} holds {cell.strip()[:40]!r}, not a number: "
-                "correct it or delete the row."
+                f"row {number}, column {k + 1} holds {cell.strip()[:40]!r}, not a number",
+                "correct it or delete the row",
+                path,
             )

@@ -29,7 +29,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         with path.open("rb") as file:
             start = file.read(128)
         if start.startswith(b"MATLAB 7.3") or start.startswith(b"\x89HDF"):
-            raise InputError(f"{path}: a version 7.3 file (HDF5): save it with save(..., '-v7').")
+            raise InputError("a version 7.3 file (HDF5)", "save it with save(..., '-v7')", path)
         numbers = sum(int(np.prod(shape, dtype=float)) for _, shape, _ in whosmat(path))
         check_size(path, 8 * numbers, path.stat().st_size)
         _check_elements(path)
@@ -37,10 +37,10 @@ def read(path: Path, choice: Choice) -> Measurements:
     except InputError:
         raise
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from error
+        raise InputError(f"cannot be read ({error.strerror or error}).", where=path) from error
     except Exception as error:  # the reader has no exception of its own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{path}: not a readable .mat file ({what}).") from error
+        raise InputError(f"not a readable .mat file ({what}).", where=path) from error
     named = {name: value for name, value in content.items() if not name.startswith("__")}
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:

@@ -41,13 +41,15 @@ def _read_npz(path: Path) -> Measurements:
                 if block.ndim == 1:
                     block = block[:, None]
                 if block.ndim != 2:
-                    raise InputError(f"{path}: array {name} has {block.ndim} dimensions, 2 are needed.")
+                    raise InputError(
+                        f"array {name} has {block.ndim} dimensions, 2 are needed.", where=path
+                    )
                 arrays |= {f"{name}{j + 1}": block[:, j] for j in range(block.shape[1])}
     n, has_dq = joints_of(path, list(arrays))
     lengths = {name: a.shape for name, a in arrays.items()}
     if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
         raise InputError(
-            f"{path}: the arrays differ in length ({lengths}); all need one entry per sample."
+            f"the arrays differ in length ({lengths}); all need one entry per sample.", where=path
         )
 
     def group(prefix: str) -> Array:
@@ -70,11 +72,11 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
             for name in file.files:
                 array = file[name]
                 if array.dtype.kind not in "fiu":
-                    raise InputError(f"{path}: array {name} holds {array.dtype}, not real numbers.")
+                    raise InputError(f"array {name} holds {array.dtype}, not real numbers.", where=path)
                 arrays[name] = np.atleast_1d(np.asarray(array, float))
     except InputError:
         raise
     except Exception as error:  # zip, zlib and array headers each fail in ways of their own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{path}: not a readable .npz file of numbers ({what}).") from error
+        raise InputError(f"not a readable .npz file of numbers ({what}).", where=path) from error
     return arrays

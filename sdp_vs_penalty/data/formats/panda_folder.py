@@ -30,15 +30,17 @@ def read(folder: Path, choice: Choice) -> Measurements:
         path = folder / f"exciting_traj_{name}.txt"
         if not path.exists():
             raise InputError(
-                f"{folder}: a folder is read as the authors' Panda log, and {path.name} is missing."
+                f"a folder is read as the authors' Panda log, and {path.name} is missing.", where=folder
             )
         columns[key] = _one_column(path)
     t = columns.pop("t")
     if len(t) == 0:
-        raise InputError(f"{folder}: the log is empty.")
+        raise InputError("the log is empty.", where=folder)
     for key, values in columns.items():
         if len(values) % len(t) or len(values) != len(columns["q"]):
-            raise InputError(f"{folder}: {len(values)} numbers of {key} do not fit {len(t)} instants.")
+            raise InputError(
+                f"{len(values)} numbers of {key} do not fit {len(t)} instants.", where=folder
+            )
     q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
     return Measurements(t, q, tau, dq, None, (folder.name,))
 

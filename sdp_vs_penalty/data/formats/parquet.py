@@ -35,7 +35,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise
     except Exception as error:  # every layer of the library has exceptions of its own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{path}: not a readable Parquet file ({what}).") from error
+        raise InputError(f"not a readable Parquet file ({what}).", where=path) from error
     columns = {}
     for name in table.column_names:
         values = table.column(name).to_numpy()
@@ -52,7 +52,7 @@ def _numeric_columns(path: Path, file: Any) -> list[str]:
     names = file.schema_arrow.names
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{path}: column {name} comes twice.")
+            raise InputError(f"column {name} comes twice.", where=path)
     metadata = file.metadata
     stored = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
     numbers = 8 * metadata.num_rows * metadata.num_columns

@@ -43,8 +43,8 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
         where = getattr(module, "PROBLEMS", None)
         if where is not None and study.problem.name not in where:
             raise InputError(
-                f"table {module.NAME} belongs to {' and '.join(where)}: choose it with --problem, or "
-                "leave the table out."
+                f"table {module.NAME} belongs to {' and '.join(where)}",
+                "choose it with --problem, or leave the table out",
             )
     out = []
     for module in chosen:

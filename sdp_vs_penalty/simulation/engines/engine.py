@@ -65,7 +65,7 @@ class Engine(ABC):
             label = f"link {k + 1} (on joint {joint.name!r})"
             require_consistent(link, label)
             if link[0] <= 0.0:
-                raise InputError(f"{label}: it has no mass, which physics engines refuse.")
+                raise InputError("it has no mass, which physics engines refuse.", where=label)
         self.load()
 
     @classmethod
