@@ -30,8 +30,8 @@ class InputError(ValueError):
 class Infeasible(InputError):  # noqa: N818 (the field's word)
     """The constraints admit no parameters.
 
-    families : those that exclude each other; proof : the multipliers that prove it (Farkas), where they
-    do: then nothing satisfies all constraints; without, they leave no room at best.
+    families : those that exclude each other; proof : the constraints and multipliers that prove it
+    (Farkas), where they do: then nothing satisfies all constraints; without, they leave no room at best.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
         remedy: str = "",
         where: Any = None,
         families: Sequence[str] = (),
-        proof: Sequence[Any] | None = None,
+        proof: tuple[Any, Any] | None = None,
     ) -> None:
         super().__init__(what, remedy, where)
         self.families, self.proof = tuple(families), proof

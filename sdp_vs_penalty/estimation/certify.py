@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.problem.problem import Problem
@@ -21,6 +22,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
+from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
 from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
 from sdp_vs_penalty.version import __version__
 
@@ -65,6 +67,27 @@ def build_estimate(
         settings,
         {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
         provenance,
+    )
+
+
+def proved(task: Task, fit: Fit, estimate: Estimate) -> Proof:
+    """The proof that the objective of an estimate is within its interval of the optimum.
+
+    Raises InputError where the method is not convex, or has no constraints: nothing bounds it.
+    """
+    if fit.multipliers is None:
+        raise InputError(
+            f"method {estimate.method} has no lower bound to prove",
+            "choose one that solves the SDP, such as lmi-sdp, or penalty",
+        )
+    return optimum_proof(
+        fit.objective,
+        fit.constraints,
+        fit.multipliers,
+        estimate.theta,
+        task.bound,
+        fit.entropy_slopes,
+        [parameter.name for parameter in task.model.parameters],
     )
 
 

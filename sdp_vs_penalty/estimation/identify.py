@@ -14,8 +14,8 @@ from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import build_estimate
+from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
@@ -25,6 +25,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.solvers.proof import infeasibility_proof, write_proof
 
 
 def identify(
@@ -37,6 +38,7 @@ def identify(
     weighting: str = "noise",
     seed: int = 0,
     progress: Progress = no_progress,
+    proof: str | Path | None = None,
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
@@ -47,7 +49,8 @@ def identify(
     effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
         the problem's); weighting : "noise" divides each joint's rows by its residual in a first
         least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
-        random; progress : hears where the computation stands.
+        random; progress : hears where the computation stands; proof : a file to write the proof of
+        optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`).
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
@@ -67,6 +70,10 @@ def identify(
         )
     estimator = make_estimator(method)
     if isinstance(measurements, BlackBox):
+        if proof is not None:
+            raise InputError(
+                "proof: a black box's answers are fitted without constraints: leave it out."
+            )
         return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
     if estimator.needs_black_box:
         raise InputError(
@@ -82,9 +89,19 @@ def identify(
     regression = compress(measurements, model, settings)
     progress(f"estimating by {estimator.name}")
     task = make_task(problem, model, regression, weighting, seed, progress)
-    return build_estimate(
-        problem, task, estimator, estimator.fit(task), regression, settings, measurements, weighting
+    try:
+        fit = estimator.fit(task)
+    except Infeasible as error:
+        if proof is not None and error.proof:
+            write_proof(infeasibility_proof(*error.proof, task.bound), proof)
+        raise
+    estimate = build_estimate(
+        problem, task, estimator, fit, regression, settings, measurements, weighting
     )
+    if proof is not None:
+        progress("proving the optimum")
+        write_proof(proved(task, fit, estimate), proof)
+    return estimate
 
 
 def _identify_black_box(

@@ -262,7 +262,7 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
             "infeasibility certificate)",
             "relax one of them",
             families=families,
-            proof=multipliers,
+            proof=(constraints.convex, multipliers),
         )
     raise Infeasible(
         f"The constraints leave no room for parameters: {between} can at best hold with nothing to "

@@ -170,7 +170,7 @@ def test_covariance_is_the_textbooks_where_everything_is_seen(seed: int) -> None
     expected = 1.7**2 / (105 - 5) * np.linalg.inv(r.T @ r)
     np.testing.assert_allclose(covariance(data, 1.0), expected, rtol=1e-9)
     # Twice as many rows that repeat each other: the same information.
-    twice = replace(data, R=np.sqrt(2) * r, floor=np.sqrt(2) * 1.7, rows=210)
+    twice = replace(data, R=np.sqrt(2) * r, residual_norm=np.sqrt(2) * 1.7, rows=210)
     np.testing.assert_allclose(covariance(twice, 2.0), expected, rtol=1e-9)
 
 

@@ -7,6 +7,7 @@ import json
 import random
 import subprocess
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import certify
+from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import load_problem
@@ -170,3 +174,27 @@ def test_the_checker_stands_alone(proofs: dict[str, Proof], tmp_path: Path) -> N
     (tmp_path / "text.json").write_text(json.dumps({"format": 1}))
     done = subprocess.run([sys.executable, "-I", alone, tmp_path / "text.json"], capture_output=True)
     assert done.returncode == 1
+
+
+def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path: Path) -> None:
+    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    run = experiment(problem).training_run(seed=2)
+    estimate = identify(problem, run, proof=path)
+    assert [float(x) for x in json.loads(path.read_text())["theta"]] == estimate.theta.tolist()
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", str(path)])
+    assert not ended.value.code
+    path.write_text(path.read_text().replace('"floor": "', '"floor": "1'))
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", str(path)])
+    assert ended.value.code == 1
+    with pytest.raises(InputError, match="no lower bound"):
+        identify(problem, run, "ols", proof=path)
+
+
+def test_constraints_that_exclude_each_other_leave_a_proof_of_it(tmp_path: Path) -> None:
+    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    heavy = replace(problem, total_mass=(1000.0, 2000.0))
+    with pytest.raises(Infeasible, match="admit no parameters"):
+        identify(heavy, experiment(problem).training_run(seed=2), proof=path)
+    assert verify_proof.check(json.loads(path.read_text())) is None

@@ -40,6 +40,10 @@ def verb(
         bool,
         typer.Option("--no-check", help="Identification without the data check."),
     ] = False,
+    proof: Annotated[
+        Path | None,
+        typer.Option(metavar="proof.json", help="File for the proof of optimality; `verify` checks it."),
+    ] = None,
     debug: Debug = False,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
@@ -69,7 +73,7 @@ def verb(
             refuse_meaningless(robot, given)
         begin = time.perf_counter()
         estimate = run_identification(
-            robot, given, estimator, effects=effects, seed=seed, progress=progress
+            robot, given, estimator, effects=effects, seed=seed, progress=progress, proof=proof
         )
         seconds = time.perf_counter() - begin
         estimate.save(out)
@@ -79,6 +83,8 @@ def verb(
             fit = compare_models({estimate.method: estimate}, given)[0]
     printing.estimate(estimate, fit, seconds)
     console.written(out)
+    if proof is not None:
+        console.written(proof)
 
 
 def _estimator(method: str, solver_name: str | None) -> Estimator:

@@ -1,6 +1,6 @@
 """Measure the default path: time beside fresh CVXPY, a thousand resamples, cost against links.
 
-    python tools/measure_default_path.py [--draws 1000] [--out results/shootout/default_path.md]
+    python benchmarks/default_path.py [--draws 1000] [--out results/shootout/default_path.md]
 
 Uses the real Panda run where it is (SDP_VS_PENALTY_DATA), else the simulated one. Of repeated times the
 fastest counts, and processor time is given beside wall time, because machines are shared.
@@ -190,7 +190,7 @@ def main() -> None:
         "# The default path in figures",
         "",
         f"Panda, {source}, 14 s in {len(blocks)} blocks, minimum thickness 20 mm. Made by "
-        "`python tools/measure_default_path.py`.",
+        "`python benchmarks/default_path.py`.",
         "",
         "## One solve",
         "",
