@@ -214,7 +214,7 @@ def test_degrees_are_refused_by_the_derivative(two_link: Problem, q: bool, dq: b
 
 def test_degrees_are_refused_without_a_range(two_link: Problem) -> None:
     run = in_degrees(small_run(two_link))
-    refusal(lambda: identify(two_link, run), "swings through", "turns", "degrees to radians")
+    refusal(lambda: identify(two_link, run), "swings through", "look like degrees", "to radians")
 
 
 def test_one_turn_outside_the_range_and_a_turning_shaft_are_accepted(

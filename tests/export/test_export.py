@@ -277,7 +277,7 @@ def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path: Path) -> N
     with pytest.raises(InputError, match="second"):
         export(estimate, out, urdf=theirs)
     theirs.write_text(text.replace('xyz="0 0 0.8"', 'xyz="0.01 0 0.8"'))
-    with pytest.raises(InputError, match="beside"):
+    with pytest.raises(InputError, match="mm away from that of joint"):
         export(estimate, out, urdf=theirs)
     theirs.write_text(TREE)
     with pytest.raises(InputError, match="3 moving joint"):

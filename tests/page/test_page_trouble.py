@@ -131,7 +131,7 @@ def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
         "bomb.npz": (folder / "bomb.npz", "bomb.npz: unpacks to 8 GiB"),
         "claims.npz": (folder / "claims.npz", "claims.npz: not a readable .npz"),
         "pickle.npz": (folder / "pickle.npz", "pickle.npz: not a readable .npz"),
-        "run.pkl": (folder / "run.pkl", "files of this kind are not read"),
+        "run.pkl": (folder / "run.pkl", "files of this kind cannot be read"),
     }
 
 

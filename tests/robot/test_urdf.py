@@ -174,13 +174,13 @@ REFUSALS = {
     "loop": (
         change('<joint name="mark" type="fixed"><parent link="tool"/><child link="frame_only"/>',
                '<joint name="mark" type="fixed"><parent link="tool"/><child link="carriage"/>'),
-        "carriage.*two joints",
+        "carriage.*two parent joints",
     ),
     "two bases": (change('<link name="frame_only"/>', '<link name="frame_only"/><link name="b"/>'),
         "one base link.*pedestal, b"),
     "loop apart": (change('<parent link="pedestal"/>', '<parent link="frame_only"/>'), "loop.*pedestal"),
     "same link": (change('<link name="upper"/>', '<link name="upper"/><link name="upper"/>'), "2 times"),
-    "same joint": (change('name="a_pan"', 'name="elbow"'), "joint 'elbow' is there 2 times"),
+    "same joint": (change('name="a_pan"', 'name="elbow"'), "joint 'elbow' appears 2 times"),
     "no moving joint": (
         ARM.replace("prismatic", "fixed").replace("continuous", "fixed").replace("revolute", "fixed"),
         "no moving joint",
