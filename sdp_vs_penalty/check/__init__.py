@@ -162,9 +162,9 @@ class _Work:
         """The test's data of the run as it is now; made again only after something was mended."""
         key = (id(self.run), settings, id(self.problem))
         if key not in self._physics:
-            motion, tau, rate = low_passed(self.run, settings, rows)
+            motion, *torques = low_passed(self.run, settings, rows)
             model = self.problem.model()
-            made = Physics(model, motion, tau, rate, self.problem.nominal(model))
+            made = Physics(model, motion, *torques, self.problem.nominal(model))
             self._physics = {key: made}
         return self._physics[key]
 

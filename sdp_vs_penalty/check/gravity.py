@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, SIGNIFICANT, Hypothesis, few_rows, propose
+from sdp_vs_penalty.check.hypothesis import NEAR, SIGNIFICANT, Hypothesis, few_rows, propose
 from sdp_vs_penalty.check.physics import FreeGravity, Physics
 
 #: Gravity is said to point elsewhere from this angle on; smaller ones are the effect base_tilt.
@@ -54,12 +53,11 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
             f"torques points along {_vector((x, y, z))} m/s^2."
         )
     yield propose(
-        physics,
         apply,
         2,
         (kind, "the base", what, mend),
         None,
-        (x, y, z),
+        gravity=(x, y, z),
         angle_degrees=angle,
         vector=[x, y, z],
     )
@@ -82,7 +80,7 @@ def hanging(physics: Physics) -> Hypothesis | None:
     before, after = physics.unexplained, apply(physics).unexplained
     agreement = physics.agreement_with_weight()
     negative = float(apply(physics).inertia.sum()) < -SIGNIFICANT
-    if after > ABOUT_SAME * before or agreement > -_OPPOSED or negative:
+    if after > NEAR * before or agreement > -_OPPOSED or negative:
         return None
     half = len(physics.motion.t) // 2
     if any(physics.part(k).agreement_with_weight() > 0.0 for k in (slice(0, half), slice(half, None))):
@@ -93,9 +91,10 @@ def hanging(physics: Physics) -> Hypothesis | None:
         f"gravity points the other way, along {_vector((x, y, z))} m/s^2: {_mounting(180.0)}.",
         f"identify with --gravity {x:g},{y:g},{z:g}",
     )
-    made = propose(physics, apply, 1, texts, None, (x, y, z), angle_degrees=180.0, vector=[x, y, z])
     sure = f"likely: as recorded, link masses would be negative (correlation {agreement:.2f})"
-    return replace(made, issue=replace(made.issue, certainty=sure))
+    return propose(
+        apply, 1, texts, None, gravity=(x, y, z), certainty=sure, angle_degrees=180.0, vector=[x, y, z]
+    )
 
 
 def _vector(values: tuple[float, ...]) -> str:

@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment, minimize
 
+from sdp_vs_penalty.check.evidence import Evidence, solve
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-#: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
-_RIDGE = 1e-9
 #: Filtered rows that repeat each other count once: rows per independent sample.
 OVERSAMPLING = 4.0
 
@@ -37,14 +36,17 @@ OVERSAMPLING = 4.0
 class Physics:
     """One run's low-passed motion and torque channels (M, n), and the model that should explain them.
 
-    rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm.
+    rate, curvature : (M, n) time derivatives of the channels; nominal : (p,) parameters of a plausible
+        arm; weight : (n,) share of the gravity torque that each channel holds.
     """
 
     model: Model
     motion: Motion
     channels: Array
     rate: Array
+    curvature: Array
     nominal: Array
+    weight: tuple[float, ...] | None = None
 
     @property
     def n(self) -> int:
@@ -59,24 +61,77 @@ class Physics:
     @cached_property
     def columns(self) -> list[Array]:
         """Per joint the columns (M, p) of all parameters, zero where they do not act on it."""
-        return wide_columns(self.model, self.motion)
+        full = wide_columns(self.model, self.motion)
+        if self.weight is None:
+            return full
+        still = wide_columns(_with_gravity(self.model, (0.0, 0.0, 0.0)), self.motion)
+        return [s + w * (f - s) for s, f, w in zip(still, full, self.weight, strict=True)]
+
+    @cached_property
+    def grams(self) -> Array:
+        """(n, p, p) normal equations of each joint's columns."""
+        return np.array([c.T @ c for c in self.columns])
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What one arm explains of the channels."""
+        return Evidence.of(self.grams, self.columns, self.channels)
+
+    def _other_channels(self, **changes: Array) -> Physics:
+        """Other channels on the same motion: the columns, which are dear, are kept."""
+        made = replace(self, **changes)
+        for name in ("columns", "grams"):
+            if name in self.__dict__:
+                made.__dict__[name] = self.__dict__[name]
+        return made
 
     def part(self, rows: slice | NDArray[np.intp]) -> Physics:
         """The same on some of the rows."""
         m = self.motion
         motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
-        return replace(self, motion=motion, channels=self.channels[rows], rate=self.rate[rows])
+        channels, rate, curvature = (x[rows] for x in (self.channels, self.rate, self.curvature))
+        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature)
 
-    def with_motion(self, scale: Array, order: NDArray[np.intp]) -> Physics:
-        """The hypothesis that joint j's position is scale_j times the file's channel order_j."""
+    def with_motion(self, scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Physics:
+        """The hypothesis that joint j's position is scale_j times the file's channel order_j + offset_j."""
         m = self.motion
         q, dq, ddq = (scale * x[:, order] for x in (m.q, m.dq, m.ddq))
-        return replace(self, motion=Motion(m.t, q, dq, ddq))
+        return replace(self, motion=Motion(m.t, q + offset, dq, ddq))
 
     def with_channels(self, scale: Array, order: NDArray[np.intp]) -> Physics:
         """The hypothesis that joint j's torque is scale_j times the file's channel order_j."""
-        channels, rate = (scale * x[:, order] for x in (self.channels, self.rate))
-        return replace(self, channels=channels, rate=rate)
+        parts = (self.channels, self.rate, self.curvature)
+        channels, rate, curvature = (scale * x[:, order] for x in parts)
+        return self._other_channels(channels=channels, rate=rate, curvature=curvature)
+
+    def with_lead(self, seconds: Array, order: int = 2) -> Physics:
+        """Each channel moved ``seconds`` (n,) earlier: delays (order 2) or first-order lags (order 1)."""
+        channels = self.channels + seconds * self.rate
+        if order > 1:
+            channels = channels + 0.5 * seconds**2 * self.curvature
+        return self._other_channels(channels=channels)
+
+    def without(self, torque: Array) -> Physics:
+        """The channels less a torque (M, n)."""
+        return self._other_channels(channels=self.channels - torque)
+
+    def with_clock(self, factor: float) -> Physics:
+        """The hypothesis that the true time is ``factor`` times the file's."""
+        m = self.motion
+        motion = Motion(m.t[0] + factor * (m.t - m.t[0]), m.q, m.dq / factor, m.ddq / factor**2)
+        rate, curvature = self.rate / factor, self.curvature / factor**2
+        return replace(self, motion=motion, rate=rate, curvature=curvature)
+
+    def reversed(self) -> Physics:
+        """The hypothesis that time runs from the last row to the first."""
+        m = self.motion
+        motion = Motion(m.t[0] + (m.t[-1] - m.t[::-1]), m.q[::-1], -m.dq[::-1], m.ddq[::-1])
+        channels, rate, curvature = self.channels[::-1], -self.rate[::-1], self.curvature[::-1]
+        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature)
+
+    def with_weight(self, share: Array) -> Physics:
+        """The hypothesis that of the gravity torque only this share (n,) is in the channels."""
+        return replace(self, weight=tuple(share.tolist()))
 
     def with_gravity(self, gravity: Sequence[float]) -> Physics:
         """The hypothesis that gravity is this vector in the base frame."""
@@ -95,11 +150,11 @@ class Physics:
         t = self.motion.t
         keep = (t + seconds >= t[0]) & (t + seconds <= t[-1])
         rows = np.flatnonzero(keep)
-        channels, rate = (
+        channels, rate, curvature = (
             np.column_stack([np.interp(t[rows] + seconds, t, x) for x in values.T])
-            for values in (self.channels, self.rate)
+            for values in (self.channels, self.rate, self.curvature)
         )
-        return replace(self.part(rows), channels=channels, rate=rate)
+        return replace(self.part(rows), channels=channels, rate=rate, curvature=curvature)
 
     @cached_property
     def alone(self) -> Array:
@@ -273,16 +328,3 @@ def _with_gravity(model: Model, gravity: Sequence[float]) -> Model:
     x, y, z = (float(g) for g in gravity)
     robot: Robot = replace(model.robot, gravity=(x, y, z))
     return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
-
-
-def solve(gram: Array, right: Array) -> Array:
-    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there."""
-    norms = np.sqrt(np.diagonal(gram))
-    seen = norms > 1e-9 * norms.max(initial=0.0)
-    out = np.zeros_like(right)
-    if seen.any():
-        scale = norms[seen]
-        unit = gram[np.ix_(seen, seen)] / np.outer(scale, scale)
-        unit[np.diag_indices_from(unit)] += _RIDGE
-        out[seen] = np.linalg.solve(unit, right[seen] / scale[:, None]) / scale[:, None]
-    return out

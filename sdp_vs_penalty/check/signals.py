@@ -127,7 +127,7 @@ def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> I
     """Noise from rounding, in the band that identification uses, beside the signal itself."""
     assert settings.state_cutoff is not None
     cutoff, dt = settings.state_cutoff, float(np.median(np.diff(run.t)))
-    motion, tau, _ = low_passed(run, settings, 500)
+    motion, tau, *_ = low_passed(run, settings, 500)
     for name, values, signal in (("q", run.q, motion.ddq), ("tau", run.tau, tau)):
         for j in np.flatnonzero(moving_joints(run)):
             step = lattice_step(values[:, j])
@@ -199,7 +199,7 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
     """Measured velocities beside the derivative of the positions; identification uses the latter."""
     if run.dq is None:
         return
-    motion, measured, _ = low_passed(replace(run, tau=run.dq), settings, 500)
+    motion, measured, *_ = low_passed(replace(run, tau=run.dq), settings, 500)
     moves = moving_joints(run)
     wrong: dict[str, list[int]] = {}
     factors = np.ones(run.n)

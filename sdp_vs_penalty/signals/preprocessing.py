@@ -203,8 +203,10 @@ def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) ->
     return Rows(motion, np.concatenate([p.torque for p in pieces]), columns)
 
 
-def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[Motion, Array, Array]:
-    """At most so many evenly spread instants of one run: states, torque and its rate, low-passed.
+def low_passed(
+    run: Measurements, settings: Preprocessing, rows: int
+) -> tuple[Motion, Array, Array, Array]:
+    """At most so many evenly spread instants of one run: states, torque and its two derivatives, low-passed.
 
     The torque passes the kernel that the position passes, and columns are computed from the states
     as they are: cheaper than :func:`filtered_rows`, and equal to it for slow motion. Enough to
@@ -230,10 +232,10 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
             if len(at):
                 begin, end = at[0] - kernel.half, at[-1] + kernel.half + 1
                 states = kernel.states(part.resampled(part.q, begin, end))
-                smooth, slope, _ = kernel.states(part.resampled(part.tau, begin, end))
-                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, smooth, slope))))
-    t, q, dq, ddq, tau, rate = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    return Motion(t, q, dq, ddq), tau, rate
+                torques = kernel.states(part.resampled(part.tau, begin, end))
+                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, *torques))))
+    t, q, dq, ddq, *torques = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    return Motion(t, q, dq, ddq), *torques
 
 
 def _no_rows(run: Measurements, seconds: float) -> InputError:
