@@ -15,16 +15,17 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check import clock, dynamics, events, excitation, scale, signals
+from sdp_vs_penalty.check import clock, dynamics, events, excitation, samples, scale, signals
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.check.rows import physics_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.show import Shown, Summary, Table
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import moving_joints
 
 __all__ = ["Issue", "Report", "check"]
@@ -162,10 +163,7 @@ class _Work:
         """The test's data of the run as it is now; made again only after something was mended."""
         key = (id(self.run), settings, id(self.problem))
         if key not in self._physics:
-            motion, *torques = low_passed(self.run, settings, rows)
-            model = self.problem.model()
-            made = Physics(model, motion, *torques, self.problem.nominal(model))
-            self._physics = {key: made}
+            self._physics = {key: physics_of(self.problem, self.run, settings, rows)}
         return self._physics[key]
 
     def check_content(self, thorough: bool) -> float | None:
@@ -176,6 +174,7 @@ class _Work:
         if not moving.any():
             self.mend(signals.no_motion())
             return None
+        self.mend(samples.find(self.run, self.problem.robot, self.settings.standstill))
         settings = self.settings.resolve(self.run)
         before = len(self.found)
         self.mend(dynamics.find(self.physics(settings), moving))

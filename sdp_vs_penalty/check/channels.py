@@ -9,21 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.hypothesis import Hypothesis, best_number, propose
+from sdp_vs_penalty.check.hypothesis import ENOUGH, Hypothesis, best_number, propose
 from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 
 #: Gains are tried on this grid, and named from this deviation on: drives are calibrated to a few percent.
-_GAINS = (1e-3, 1e-2, 0.1, 0.4, 0.7, 0.9, 1.0, 1.1, 1.4, 2.0, 5.0, 20.0, 60.0, 100.0, 1000.0)
+_GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
 _SMALLEST_GAIN = 0.06
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
 _UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.1129848: "lbf in"}
 #: Delays and time constants [s] that are tried.
 _LATE = (-0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12)
 _SLOW = (0.0, 0.05, 0.12, 0.25)
-#: The shortest delay of a single channel that is named, in rows of the file.
-_SAMPLES = 2.0
+#: Where friction makes more than this share of a channel, its own lag behind reversals (presliding) looks
+#: like a small delay: so much gain of the score is needed then.
+_FRICTION, _FRICTION_NEEDED = 0.5, 3.0
 #: Shares of the weight that may be left in a channel.
 _WEIGHTS = (-0.05, 0.0, 0.1, 0.3, 1.0)
 
@@ -62,13 +63,13 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """One torque channel later than the others, or passed through a causal filter."""
     for j in np.flatnonzero(moving):
         one = np.eye(physics.n)[j]
+        needed = _FRICTION_NEEDED if physics.own_share(int(j)) > _FRICTION else ENOUGH
 
         def score(seconds: float, order: int, one: Array = one) -> float:
             return physics.with_lead(seconds * one, order).evidence.score
 
         delay = best_number(lambda s, f=score: f(s, 2), _LATE)
         slow = best_number(lambda s, f=score: f(s, 1), _SLOW)
-        step = float(np.median(np.diff(physics.motion.t)))
         if abs(delay) > 0.005:
             word = "later" if delay > 0.0 else "earlier"
             yield propose(
@@ -80,7 +81,7 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                     f"shift tau{j + 1} in time (and log all channels from one source)",
                 ),
                 lambda run, s=delay, j=int(j): shifted_channel(run, j, s),
-                severity="warning", joints=[int(j) + 1], seconds=delay, row_step=step,
+                severity="warning", needed=needed, joints=[int(j) + 1], seconds=delay,
             )  # fmt: skip
         if slow > 0.01:
             yield propose(
@@ -88,10 +89,10 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                 (
                     "channel filter", joints_text([j]),
                     f"the torque of joint {j + 1} has passed a causal low-pass of "
-                    f"{1.0 / (2.0 * np.pi * slow):.2g} Hz ({1e3 * slow:.0f} ms); the other torques have not.",
+                    f"{_hertz(slow)}; the other torques have not.",
                     f"log tau{j + 1} unfiltered, or filter every channel alike and without lag",
                 ),
-                None, severity="warning", joints=[int(j) + 1], seconds=slow,
+                None, severity="warning", needed=needed, joints=[int(j) + 1], seconds=slow,
             )  # fmt: skip
 
 
@@ -104,12 +105,15 @@ def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis
             lambda p: p.with_lead(slow * one, 1), 2,
             (
                 "torque filter", "all torque channels",
-                f"the torques have passed a causal low-pass of {1.0 / (2.0 * np.pi * slow):.2g} Hz "
-                f"({1e3 * slow:.0f} ms), the positions have not.",
+                f"the torques have passed a causal low-pass of {_hertz(slow)}, the positions have not.",
                 "log the torques unfiltered, or filter positions and torques alike",
             ),
             None, severity="warning", seconds=slow,
         )  # fmt: skip
+
+
+def _hertz(seconds: float) -> str:
+    return f"{1.0 / (2.0 * np.pi * seconds):.2g} Hz ({1e3 * seconds:.0f} ms)"
 
 
 def shifted_channel(run: Measurements, j: int, seconds: float) -> Measurements:
@@ -140,7 +144,7 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         best = min(score, key=lambda x: score[x])
         if score[best] > physics.evidence.score - 0.5:
             continue
-        x = best_number(lambda a, left=left: physics.with_weight(left(a)).evidence.score, _WEIGHTS, 6)
+        x = best_number(lambda a, left=left: physics.with_weight(left(a)).evidence.score, _WEIGHTS)
         x = 0.0 if abs(x) < 0.03 else x
         if x > 0.7 or x < -0.2:
             continue

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _RIDGE = 1e-9
 #: Residuals below this share of the energy (0.3 % of the torque) are explained: less says nothing.
 FLOOR = 1e-5
-_ROUNDS = 4
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,7 @@ class Evidence:
         return solve(gram, (weights @ self.cross)[:, None])[:, 0]
 
     def _shares(self, theta: Array) -> Array:
-        modelled = np.einsum("a,jab,b->j", theta, self.gram, theta, optimize=True)
-        left = (self.energy - 2.0 * self.cross @ theta + modelled) / self.energy
+        left = (self.energy - 2.0 * self.cross @ theta + self.gram @ theta @ theta) / self.energy
         return np.maximum(left, FLOOR)
 
     @cached_property

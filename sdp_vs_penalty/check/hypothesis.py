@@ -24,7 +24,7 @@ NEAR = 1.5
 #: Standard deviations by which a power must be negative to call it a flipped sign.
 SIGNIFICANT = 5.0
 #: Rows for hypotheses that need new columns each.
-_FEW_ROWS = 250
+_FEW_ROWS = 200
 
 
 @dataclass(frozen=True)
@@ -85,22 +85,19 @@ def few_rows(physics: Physics) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, _FEW_ROWS)).astype(np.intp))
 
 
-def best_number(score: Callable[[float], float], grid: Iterable[float], steps: int = 8) -> float:
-    """The number with the lowest score: the best of a grid, refined by golden section next to it."""
-    known = sorted((x, score(x)) for x in grid)
-    k = min(range(len(known)), key=lambda i: known[i][1])
-    low, high = known[max(k - 1, 0)][0], known[min(k + 1, len(known) - 1)][0]
-    ratio = 0.5 * (5.0**0.5 - 1.0)
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    fa, fb = score(a), score(b)
+def best_number(score: Callable[[float], float], grid: Iterable[float], steps: int = 3) -> float:
+    """The number with the lowest score: the best of a grid, refined by parabolas through its neighbours."""
+    known = {x: score(x) for x in grid}
     for _ in range(steps):
-        if fa < fb:
-            high, b, fb = b, a, fa
-            a = high - ratio * (high - low)
-            fa = score(a)
-        else:
-            low, a, fa = a, b, fb
-            b = low + ratio * (high - low)
-            fb = score(b)
-    best, value = (a, fa) if fa < fb else (b, fb)
-    return best if value < known[k][1] else known[k][0]
+        places = sorted(known)
+        k = min(range(1, len(places) - 1), key=lambda i: known[places[i]])
+        a, b, c = places[k - 1 : k + 2]
+        left, right = (known[b] - known[a]) / (b - a), (known[c] - known[b]) / (c - b)
+        if right <= left:
+            break
+        at = 0.5 * (a + b) - 0.5 * left * (c - a) / (right - left)
+        at = min(max(at, a + 0.05 * (b - a)), c - 0.05 * (c - b))
+        if min(abs(at - x) for x in (a, b, c)) < 1e-3 * (c - a):
+            break
+        known[at] = score(at)
+    return min(known, key=lambda x: known[x])

@@ -161,7 +161,7 @@ def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
             continue
         near = np.radians([0.3 * coarse, coarse, 1.7 * coarse] if abs(coarse) < 60.0 else
                           [coarse - 40.0, coarse, coarse + 40.0])  # fmt: skip
-        found = best_number(lambda x, j=j: left(j, x), near.tolist(), 10)
+        found = best_number(lambda x, j=j: left(j, x), near.tolist(), 4)
         quarter = 0.5 * np.pi * round(found / (0.5 * np.pi))
         found = quarter if quarter and abs(found - quarter) < _QUARTER else found
         if abs(found) < np.radians(1.5):

@@ -173,7 +173,7 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
                 [JointColumns(c.indices, low_pass @ c.columns) for c in model.columns(motion)],
             )
     if not found:
-        raise _no_rows(run, 2 * margin * filters.dt)
+        raise no_rows(run, 2 * margin * filters.dt)
 
 
 def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
@@ -221,7 +221,7 @@ def low_passed(
         places.append((part, k[moving.at(part.clock(k))]))
     count = sum(len(k) for _, k in places)
     if count == 0:
-        raise _no_rows(run, (width - 1) * filters.dt)
+        raise no_rows(run, (width - 1) * filters.dt)
     chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
     pieces, start = [], 0
     for part, k in places:
@@ -238,7 +238,7 @@ def low_passed(
     return Motion(t, q, dq, ddq), *torques
 
 
-def _no_rows(run: Measurements, seconds: float) -> InputError:
+def no_rows(run: Measurements, seconds: float) -> InputError:
     """For a run of which nothing is left; ``seconds`` are what the filters need."""
     if not moving_joints(run).any():
         return no_motion(run)
