@@ -124,7 +124,8 @@ def arms(data: Path) -> list[Arm]:
 def panda(data: Path) -> Arm:
     run = load_measurements(data / "panda", joints=7)
     run = replace(rows(run, np.arange(0, len(run.t), 5)), dq=None)
-    return Arm("panda", load_problem("panda"), run.window(0.0, 14.0), run.window(14.0, 30.0), (run,))
+    train, test = (run.window(*span).runs()[0] for span in ((0.0, 14.0), (14.0, 30.0)))
+    return Arm("panda", load_problem("panda"), train, test, (run,))
 
 
 def ur10e(data: Path) -> Arm:
@@ -133,7 +134,7 @@ def ur10e(data: Path) -> Arm:
         return Measurements(found[:, 0], found[:, 1:7], found[:, 13:19] * _UR_GAINS, None, None, (name,))
 
     train, test = read("ur-20_02_12-50sec_12harm"), read("ur-20_02_19_14harm50sec")
-    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0), (test,))
+    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test,))
 
 
 def tx40(data: Path) -> Arm:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check import clock, dynamics, events, excitation, samples, scale, signals
+from sdp_vs_penalty.check import clock, dynamics, events, excitation, residual, samples, scale, signals
+from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of
@@ -24,6 +25,7 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import moving_joints
@@ -186,10 +188,14 @@ class _Work:
         self.mend(scale.find(self.run, self.physics(settings), self.problem))
         self.mend(events.delay(self.run, self.physics(settings)))
         physics = self.physics(settings)
+        regression = compress(self.run, physics.model, settings)
+        evidence = Evidence.of_regression(regression)
+        if not any(f.kind == "torque not explained" for f in self.found):
+            self.mend(residual.find(evidence, self.problem, moving, tried=True))
         if not thorough:
-            return physics.unexplained
+            return residual.overall(evidence)
         # A knock is faster than the motion: looked for in a wider band.
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
         self.mend(excitation.find(self.problem, physics))
         self.mend(events.knock(self.physics(wider, _EVENT_ROWS)))
-        return physics.unexplained
+        return residual.overall(evidence)

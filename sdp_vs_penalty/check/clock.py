@@ -28,7 +28,7 @@ def find(run: Measurements) -> Iterator[Issue]:
         run = _rows(run, _finite(run))
     if len(run.t) < 3:
         return
-    for step in (_time_unit, _backwards, _repeats, _clock_step, _gap, _jitter):
+    for step in (_time_unit, _backwards, _repeats, _bursts, _clock_step, _gap, _jitter):
         issue = step(run)
         if issue is not None:
             yield issue
@@ -297,6 +297,43 @@ def _gap(run: Measurements) -> Issue | None:
         "no action needed: the run is split there, and the filters lose a second on either side",
         None,
         {"rows": [_row(k + 1) for k in long[:100]], "seconds": steps[:100].tolist()},
+    )
+
+
+#: Of a log in bursts more than half of the rows follow each other this many times faster than in the mean.
+_BURST = 0.1
+
+
+def _bursts(run: Measurements) -> Issue | None:
+    """Stamps of packets: many rows at once, then a pause, although the motion goes on evenly."""
+    steps = np.diff(run.t)
+    typical = float(np.median(steps))
+    pauses = np.flatnonzero(steps > _LONG * typical)
+    if len(pauses) < 10 or len(pauses) > 0.5 * len(steps):
+        return None
+    pause = float(np.median(steps[pauses]))
+    per = float(np.median(np.diff(pauses)))
+    if typical > _BURST * pause / per or np.mean(steps[pauses] < _LONG * pause) < 0.9:
+        return None
+    even = pause / per
+
+    def repair(given: Measurements) -> Measurements:
+        t = given.t.copy()
+        long = np.flatnonzero(np.diff(t) > _LONG * pause) + 1
+        for part in np.split(np.arange(len(t)), long):
+            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
+        return replace(given, t=t)
+
+    return Issue(
+        "burst stamps",
+        "error",
+        "column t",
+        f"rows come in bursts of {per:.0f}, {typical:.2g} s apart, every {pause:.3g} s: these are the "
+        "times of packets, not of samples.",
+        "certain: read from the file",
+        f"space the time stamps evenly, {even:.3g} s apart (and log the samples' own time)",
+        repair,
+        {"rows_a_burst": per, "seconds": pause},
     )
 
 

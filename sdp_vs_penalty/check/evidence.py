@@ -48,7 +48,7 @@ class Evidence:
     @classmethod
     def of_regression(cls, regression: Regression) -> Evidence:
         """From the rows that an identification is made of."""
-        n, p = regression.n, regression.p
+        n, p = regression.joints, regression.p
         gram, cross, energy = np.zeros((n, p, p)), np.zeros((n, p)), np.full(n, 1e-280)
         for f in regression.factors:
             own = f.triangle.T @ f.triangle

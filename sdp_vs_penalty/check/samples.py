@@ -213,6 +213,8 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
     ratio = np.where(tells, speed / np.maximum(usual, 1e-300), np.nan)
     enough = tells.sum(axis=1) >= max(2, (int(moves.sum()) + 1) // 2)
     low, high = (np.full(len(steps), np.nan) for _ in range(2))
+    if not enough.any():
+        return
     low[enough], high[enough] = np.nanquantile(ratio[enough], [0.25, 0.75], axis=1)
     ordinary = steps < 3.0 * np.median(steps)
     torn = np.flatnonzero(ordinary & (low > _TORN) & (high < 2.0 * low + 1.0))
@@ -236,7 +238,7 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
 
 
 def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
-    """A channel that repeats its value bit by bit while the arm moves, and jumps when it goes on."""
+    """A channel that repeats its value bit by bit while the arm moves, and did not slow down before."""
     moves = Movement(run, standstill).moves
     idle = ~moving_joints(run)
     for name, values in (("q", run.q), ("tau", run.tau)):
@@ -256,9 +258,11 @@ def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue
             at_an_end = x[a] in (x.min(), x.max())
             if seconds < _STUCK_SECONDS or lengths[0] < _STUCK_TIMES * elsewhere or lengths[0] < 10:
                 continue
-            jump = abs(float(x[min(b + 1, len(x) - 1)] - x[b]))
-            usual = float(np.quantile(np.abs(np.diff(x)), 0.9))
-            if jump < 4.0 * usual or at_an_end:
+            step = np.abs(np.diff(x))
+            usual = float(np.median(step[step > 0.0]))
+            jump, before = float(step[min(b, len(step) - 1)]), float(step[max(a - 1, 0)])
+            # A joint that comes to rest slows down first; a channel that freezes does not.
+            if at_an_end or (name == "q" and jump < 4.0 * usual and before < 0.5 * usual):
                 continue
             word = "position" if name == "q" else "torque"
 
@@ -269,8 +273,8 @@ def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue
 
             yield Issue(
                 f"frozen {word}", "error", f"{name}{j + 1}, rows {a + 2} to {b + 2}",
-                f"the {word} of joint {j + 1} repeats one value for {seconds:.3g} s while the arm moves, "
-                "then jumps: the channel was frozen.",
+                f"the {word} of joint {j + 1} repeats one value for {seconds:.3g} s while the arm moves: "
+                "the channel was frozen.",
                 f"certain: elsewhere it never repeats for more than {elsewhere} rows",
                 "delete these rows", repair, {"joints": [j + 1], "seconds": seconds},
             )  # fmt: skip

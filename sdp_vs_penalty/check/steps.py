@@ -14,8 +14,10 @@ from sdp_vs_penalty.check.physics import Physics
 
 #: Instants, as shares of the run, at which a step is tried; and at which the run is cut in two.
 _STEPS, _CUTS = np.linspace(0.05, 0.95, 37), np.linspace(0.15, 0.85, 15)
-#: Gain of the score by which two arms must explain a run better than one: each has parameters of its own.
+#: Gain of the score by which two arms, one after the other, must explain a run better than two that take
+#: turns in so many stripes of it.
 _TWO = 3.0
+_STRIPES = 20
 
 
 def drift(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -105,7 +107,11 @@ def two_parts(physics: Physics) -> Iterator[Issue]:
         if score < best[0]:
             best = (score, cut, left)
     score, cut, left = best
-    if one.score - score < _TWO:
+    # What as many parameters explain that are spread over the whole run: the model's own small errors.
+    odd = (np.arange(count) * _STRIPES // count) % 2 == 1
+    stripes = [physics.part(np.flatnonzero(rows)).evidence for rows in (odd, ~odd)]
+    spread = sum(part.shares * part.energy for part in stripes) / one.energy
+    if float(np.log(np.maximum(spread, 1e-5)).sum()) - score < _TWO:
         return
     with_load = _with_load(physics, cut)
     last = physics.n
