@@ -178,19 +178,26 @@ class _Work:
             return None
         self.mend(samples.find(self.run, self.problem.robot, self.settings.standstill))
         settings = self.settings.resolve(self.run)
+        stuck = list(signals.frozen(self.run, self.physics(settings)))
+        if stuck:  # of a motion that is not the arm's nothing else can be asked
+            self.mend(stuck)
+            return None
         before = len(self.found)
-        self.mend(dynamics.find(self.physics(settings), moving))
+        assert settings.torque_cutoff is not None
+        self.mend(dynamics.find(self.physics(settings), moving, settings.torque_cutoff))
         for issue in self.found[before:]:
             if issue.gravity is not None:
                 self.problem = self.problem.with_gravity(issue.gravity)
         self.mend(signals.find(self.run, self.problem.robot, settings))
+        self.mend(signals.implausible(self.run, self.problem.robot))
         # Each on the data as the one before it has mended them.
         self.mend(scale.find(self.run, self.physics(settings), self.problem))
         self.mend(events.delay(self.run, self.physics(settings)))
         physics = self.physics(settings)
         regression = compress(self.run, physics.model, settings)
         evidence = Evidence.of_regression(regression)
-        if not any(f.kind == "torque not explained" for f in self.found):
+        named = any(f.kind == "torque not explained" for f in self.found)
+        if not named and physics.determined(settings.torque_cutoff):
             self.mend(residual.find(evidence, self.problem, moving, tried=True))
         if not thorough:
             return residual.overall(evidence)

@@ -32,7 +32,8 @@ _WEIGHTS = (-0.05, 0.0, 0.1, 0.3, 1.0)
 def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A torque channel too large or too small beside its neighbours'."""
     n, same = physics.n, np.arange(physics.n)
-    for j in np.flatnonzero(moving):
+    alive = np.std(physics.channels, axis=0) > 1e-9 * np.abs(physics.channels).max(axis=0)
+    for j in np.flatnonzero(moving & alive):
 
         def scaled(log: float, j: int = int(j)) -> Array:
             scale = np.ones(n)

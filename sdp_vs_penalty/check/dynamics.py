@@ -26,10 +26,11 @@ _FAMILIES = (
 _LAST = (motion.two_quarters,)
 
 
-def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Issue]:
+def find(physics: Physics, moving: NDArray[np.bool_], cutoff: float) -> Iterator[Issue]:
     """Issues in the order in which to mend them, if together they explain the torque.
 
-    Where nothing does, the one issue is that: a cause that leaves most in the dark is no cause.
+    cutoff : of the torque [Hz]. Where nothing does, the one issue is that: a cause that leaves most in the
+    dark is no cause.
     """
     first, found = unexplained(physics, moving), []
     for _ in range(_ROUNDS):
@@ -41,7 +42,7 @@ def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Issue]:
     left = unexplained(physics, moving)
     if left < _UNRELATED:
         yield from found
-        yield from steps.two_parts(physics)
+        yield from steps.two_parts(physics, cutoff)
         return
     yield Issue(
         "torque not explained",

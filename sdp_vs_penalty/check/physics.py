@@ -28,6 +28,8 @@ from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
+#: Independent samples for each parameter, below which a good fit says nothing.
+_SPARE = 1.5
 #: Filtered rows that repeat each other count once: rows per independent sample.
 OVERSAMPLING = 4.0
 
@@ -279,6 +281,11 @@ class Physics:
         variance = self.unexplained / (len(self.channels) * self.n) * OVERSAMPLING
         deviation = np.sqrt(max(variance * float(slope @ influence), 1e-300))
         return np.asarray(power / deviation, float)
+
+    def determined(self, cutoff: float, share: float = 1.0) -> bool:
+        """Whether a share of the run, low-passed at ``cutoff`` [Hz], has samples to spare for theta."""
+        seconds = float(self.motion.t[-1] - self.motion.t[0])
+        return bool(2.0 * cutoff * seconds * share * self.n > _SPARE * len(self.model.parameters))
 
     def own_share(self, j: int) -> float:
         """Share of a channel's energy that joint j's own motion explains: friction, offset, rotor."""

@@ -18,12 +18,18 @@ from sdp_vs_penalty.signals.runs import Stretch, stretches
 Array = NDArray[np.float64]
 
 
-def physics_of(problem: Problem, run: Measurements, settings: Preprocessing, rows: int) -> Physics:
+def physics_of(
+    problem: Problem,
+    run: Measurements,
+    settings: Preprocessing,
+    rows: int,
+    model: Model | None = None,
+) -> Physics:
     """At most so many instants of one run at which the robot moves; ``settings`` resolved.
 
     States are those of the filter, the rigid body's columns follow from them as they are (its torque is
     as slow as the motion); what a joint's own motion makes passes the torque's low-pass, as the torque
-    does. Raises InputError for runs shorter than the filters need.
+    does. model : other than the problem's. Raises InputError for runs shorter than the filters need.
     """
     filters = RunFilter(run, settings)
     margin = filters.state.half + filters.column.half
@@ -34,7 +40,7 @@ def physics_of(problem: Problem, run: Measurements, settings: Preprocessing, row
     count = sum(len(k) for _, k in places)
     if count == 0:
         raise no_rows(run, 2 * margin * filters.dt)
-    model = problem.model()
+    model = model or problem.model()
     chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
     pieces, start = [], 0
     for part, k in places:

@@ -17,11 +17,13 @@ from sdp_vs_penalty.signals.runs import Movement, moving_joints
 #: A stuck channel stays for so long [s], and this many times longer than it is constant elsewhere.
 _STUCK_SECONDS, _STUCK_TIMES = 0.2, 3.0
 #: A spike leaves its neighbours by so many times their usual scatter, and this share of the range.
-_SPIKE, _SPIKE_RANGE = 25.0, 0.1
+_SPIKE, _SPIKE_RANGE, _ZERO_RANGE = 40.0, 0.25, 0.05
 _WIDTH = 7  # samples of the median that spikes are measured from
 _FEW = 0.02  # share of the rows: more is no spike but a signal
 #: Rows in a row that lie on straight lines in every channel, or come a second time, are no chance.
 _STRAIGHT, _AGAIN = 8, 50
+#: Over a doubled row the arm seems to move at half its speed, over one held by a fast logger at its own.
+_SLOWER = 0.75
 #: A step between rows this many times the neighbours' is a hole behind a clock that was made again.
 _TORN = 2.5
 
@@ -101,6 +103,9 @@ def _repeated_run(run: Measurements, robot: Robot, standstill: float) -> Iterato
 
 def _doubled(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
     """Rows that are copies of the one before while the arm moves, under a clock that counts them."""
+    steps = np.diff(run.t)
+    if np.ptp(steps) > 1e-3 * float(np.median(steps)):
+        return  # a recorder's own stamps: a logger a little faster than its source holds samples, too
     same = np.concatenate([[False], np.diff(_row_numbers(run)) == 0])
     same &= Movement(run, standstill).moves
     if same.mean() < 0.002 or same.mean() > 0.8:
@@ -111,9 +116,16 @@ def _doubled(run: Measurements, robot: Robot, standstill: float) -> Iterator[Iss
     at = at[~same[at - 1] & ~same[at + 1]]
     if not len(at):
         return
-    move = np.linalg.norm(np.diff(run.q, axis=0), axis=1)
-    after, before = move[at], move[at - 2]
-    if np.median(after / np.maximum(before, 1e-300)) > 1.5:
+    span = 20
+    at = at[(at > span) & (at < len(run.t) - span - 1)]
+    if not len(at):
+        return
+
+    def speed(reach: int) -> Array:
+        away = np.linalg.norm(run.q[at + reach] - run.q[at - reach], axis=1)
+        return np.asarray(away / np.maximum(run.t[at + reach] - run.t[at - reach], 1e-300))
+
+    if np.median(speed(1) / np.maximum(speed(span), 1e-300)) > _SLOWER:
         return
 
     def repair(r: Measurements) -> Measurements:
@@ -170,7 +182,8 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
             off = np.abs(x - np.median(around, axis=1))
             scatter = np.quantile(off, 0.9)
             low, high = np.quantile(x, [0.02, 0.98])
-            bad = np.flatnonzero(off > max(_SPIKE * scatter, _SPIKE_RANGE * (high - low), 1e-9))
+            share = np.where(x == 0.0, _ZERO_RANGE, _SPIKE_RANGE)
+            bad = np.flatnonzero(off > np.maximum(_SPIKE * scatter, share * (high - low) + 1e-9))
             if 0 < len(bad) <= _FEW * len(x):
                 found[f"{name}{j + 1}"] = bad
     if not found:

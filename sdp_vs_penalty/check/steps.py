@@ -94,9 +94,14 @@ def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
     )  # fmt: skip
 
 
-def two_parts(physics: Physics) -> Iterator[Issue]:
-    """Two parts of a run that no one arm explains: a load picked up, or two arms' logs in one file."""
+def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
+    """Two parts of a run that no one arm explains: a load picked up, or two arms' logs in one file.
+
+    cutoff : of the torque [Hz]; independent samples have to outnumber the parameters in every part.
+    """
     count = len(physics.motion.t)
+    if not physics.determined(cutoff, float(_CUTS[0])):
+        return
     one = physics.evidence
     best: tuple[float, int, Array] = (np.inf, 0, one.shares)
     for share in _CUTS:
