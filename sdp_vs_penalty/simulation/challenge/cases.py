@@ -105,7 +105,7 @@ def unknown(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     c = float(rng.uniform(-0.5, 0.5))
     laws: Mapping[str, Callable[[Motion], Array]] = {
         "q dq": lambda m: m.q[:, joint] * m.dq[:, joint],
-        "cos(q) sign(dq)": lambda m: np.cos(2.0 * m.q[:, joint] + c) * np.sign(m.dq[:, joint]),
+        "cos(q_i) sign(dq_j)": lambda m: np.cos(2.0 * m.q[:, other] + c) * np.sign(m.dq[:, joint]),
         "sin(2 q_j + 3 q_i)": lambda m: np.sin(2.0 * m.q[:, joint] + 3.0 * m.q[:, other] + c),
         "q_i dq_j": lambda m: m.q[:, other] * m.dq[:, joint],
         "dq_i dq_j": lambda m: m.dq[:, other] * np.abs(m.dq[:, joint]),
