@@ -61,7 +61,7 @@ def simulate_case(case: Case) -> Sitting:
     """The world of a case and its runs."""
     kind, rng = CLASSES[case.kind], case.generator()
     conditions = kind.conditions(draw_conditions(case.nuisance, rng))
-    names = kind.names(case.index, rng)
+    names = kind.names(case.seed, case.index, rng)
     world = draw_world(conditions, rng, without=names)
     motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
     hidden = kind.hidden(names, world, motions[:-1], rng)

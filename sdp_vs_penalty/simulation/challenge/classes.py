@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,13 +44,16 @@ class CaseClass:
     def conditions(self, drawn: Conditions) -> Conditions:
         return replace(drawn, runs=1, duration=max(drawn.duration, 20.0)) if self.one_run else drawn
 
-    def names(self, index: int, rng: np.random.Generator) -> list[str]:
-        """Effects of the library to hide: the first in turn, so that each is met equally often; of
-        several none that the model usually has."""
+    def names(self, seed: int, index: int, rng: np.random.Generator) -> list[str]:
+        """Effects of the library to hide: a single one in turn, in an order of the seed's, so that each
+        is met equally often; of several none that the model usually has."""
         if self.what != "effects":
             return []
         if self.count == 1:
-            return [list(EFFECTS)[index % len(EFFECTS)]]
+            order = np.random.default_rng([seed, zlib.crc32(self.name.encode())]).permutation(
+                len(EFFECTS)
+            )
+            return [list(EFFECTS)[order[index % len(EFFECTS)]]]
         others = [name for name in EFFECTS if name not in USUAL]
         return [str(x) for x in rng.choice(others, self.count, replace=False)]
 

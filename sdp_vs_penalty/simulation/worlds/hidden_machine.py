@@ -99,14 +99,21 @@ def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _backlash(w: World, j: int, rng: Generator) -> Hidden:
-    """Nordin, Gutman 2002: the link rests on the flank that its torque presses it to; flanks that yield
-    a little let it change over within a fiftieth of the largest torque."""
+    """Nordin, Gutman 2002: between impacts the link rests on the flank that its torque presses it to.
+
+    Flanks that yield a little let it change over within a fiftieth of the largest torque; what the
+    impact itself does is left out."""
 
     def shift(w: World, m: Motion, b: float) -> Array:
         tau = rigid(w, m)[:, j]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
-    return replace(shifted("backlash", j, shift, 1.0), size=1e-4)
+    def change(w: World, m: Motion, b: float) -> Array:
+        q = m.q.copy()
+        q[:, j] += shift(w, m, b)
+        return rigid(w, replace(m, q=q)) - rigid(w, m)
+
+    return Hidden("backlash", (j,), change, 1.0, size=1e-4, shift=shift)
 
 
 def _tilt(w: World, j: int, rng: Generator) -> Hidden:
