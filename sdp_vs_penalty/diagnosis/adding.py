@@ -139,7 +139,7 @@ def with_shapes(
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             stage = prepare(rows, estimate, frozen, seed)
-        joints = [None] if effect.whole_robot else effect.joints
+        joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
         out += [_shaped(stage, effect, joint, fixed) for joint in joints]
     return out
 
