@@ -165,7 +165,8 @@ def cross_validate(
     """Judge a method on motion that its models have not seen, by phase-block cross-validation.
 
     problem, measurements, method, effects, preprocessing, weighting, seed : as :func:`identify` takes
-    them; folds : into how many stretches the clock of every motion is cut. Shape constants stay as the
+    them; folds : into how many stretches the clock of every motion is cut; progress : hears which is at
+    work. Shape constants stay as the
     effects have them. Raises InputError for input that cannot be used, or too short for so many folds.
     """
     problem = as_problem(problem, "cross_validate(problem=...)")
