@@ -57,11 +57,16 @@ def fetch(
     root = cache_folder() if folder is None else Path(folder)
     download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
     paths = []
-    for run, measurements in _CONVERTERS[name](root / name, say).items():
+    for run, measurements in converted(name, root / name, say).items():
         path = root / name / "runs" / f"{run}.csv"
         save(measurements, path)
         paths.append(path)
     return paths
+
+
+def converted(name: str, folder: str | Path, say: Say = _silent) -> dict[str, Measurements]:
+    """The runs of a data set by name, from a folder that holds its authors' files."""
+    return _CONVERTERS[name](Path(folder), say)
 
 
 def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:

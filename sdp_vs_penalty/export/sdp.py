@@ -63,7 +63,8 @@ def posed(
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
         raise InputError(
-            f"method {method} is not a single SDP", "choose lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic"
+            f"method {method} is not a single SDP",
+            "choose one whose name begins with lmi-sdp, except lmi-sdp-two-step",
         )
     robot = load_problem(problem)
     names = [joint.name for joint in robot.robot.joints]

@@ -176,7 +176,14 @@ def test_identify_writes_a_model_and_a_summary(run: Run, runs: list[Path], tmp_p
     out_file = tmp_path / "new" / "model.json"
     code, out, _ = run("identify", "two_link", "--data", *runs, "--seed", 3, "--out", out_file)
     assert code == 0
-    for words in ("loss", "worst violation", "every other constraint holds", "optimality gap", "mm"):
+    for words in (
+        "loss",
+        "worst violation",
+        "constraint holds",
+        "optimality gap",
+        "mm",
+        "radius of gyration",
+    ):
         assert words in out
     assert "positive definite  at 100 %" in out
     assert "RMSE" in out
