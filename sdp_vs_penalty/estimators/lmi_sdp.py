@@ -90,7 +90,7 @@ class LmiSdp(Estimator):
             constraints = constraints.plus(task.bodies)
         data = task.data
         if self.joint_prior > 0.0 and task.joint_scale is not None:
-            data = data.with_prior(task.joint_scale, self.joint_prior * _sample_variance(task))
+            data = data.with_prior(task.joint_scale, self.joint_prior * sample_variance(task))
         return Objective(data, self._entropy(task)), constraints
 
     def _entropy(self, task: Task) -> Entropy | None:
@@ -98,10 +98,11 @@ class LmiSdp(Estimator):
             return None
         links = tuple(c for c in task.constraints.convex if c.family == "pseudo-inertia")
         nominal = inertia.pseudo_inertia(task.prior_links)
-        return Entropy(self.entropy * _sample_variance(task), links, nominal)
+        return Entropy(self.entropy * sample_variance(task), links, nominal)
 
 
-def _sample_variance(task: Task) -> float:
+def sample_variance(task: Task) -> float:
+    """Residual variance of one filtered torque row in unconstrained least squares."""
     return task.data.loss(task.ols) / max(task.data.rows, 1)
 
 
