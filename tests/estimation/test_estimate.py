@@ -20,6 +20,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.certify import covariance
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -117,7 +118,7 @@ def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> 
         data["provenance"]["versions"]
     )
     assert data["settings"]["weighting"] == "noise"
-    assert data["settings"]["thickness"] == 0.02
+    assert data["settings"]["entropy"] == DEFAULT_ENTROPY
     assert data["robot"]["gravity"] == [0.0, 0.0, -9.81]
     assert set(data["preprocessing"]) == {"state_cutoff", "torque_cutoff", "standstill"}
     assert {"violations", "loss", "upper", "lower", "gap"} <= set(data["certificate"])
