@@ -28,6 +28,7 @@ from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, white_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -165,7 +166,7 @@ def quick_estimate(problem: Problem, measurements: Measurements, effects: Sequen
         problem,
         model,
         theta,
-        np.full((p, p), np.nan),
+        Uncertainty.unknown(model, theta),
         "ols",
         certificate,
         settings,
