@@ -33,7 +33,7 @@ def export_sdp(problem: ConicProblem, path: str | Path) -> None:
             raise InputError(
                 (
                     "the SDPA format has no exponential cone, which the entropic regulariser "
-                    "needs; write a .cbf file instead."
+                    "needs; write a .cbf file instead, or name a method without one."
                 ),
                 where=path,
             )
@@ -63,7 +63,8 @@ def posed(
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
         raise InputError(
-            f"method {method} is not a single SDP", "choose lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic"
+            f"method {method} is not a single SDP",
+            "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
     robot = load_problem(problem)
     names = [joint.name for joint in robot.robot.joints]

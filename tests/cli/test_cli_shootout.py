@@ -63,9 +63,8 @@ def test_export_writes_files_that_solve_to_the_same_optimum(
     save(experiment(problem).training_run(seed=0), tmp_path / "run.csv")
     optima = []
     for name, read in (("a.dat-s", read_sdpa), ("a.cbf", read_cbf)):
-        assert (
-            run("export-sdp", "two_link", "--data", tmp_path / "run.csv", "--out", tmp_path / name) == 0
-        )
+        given = ("--data", tmp_path / "run.csv", "--out", tmp_path / name)
+        assert run("export-sdp", "two_link", "--method", "lmi-sdp-thickness", *given) == 0
         conic = read(tmp_path / name)
         optima.append(float(conic.q @ solver("clarabel").solve(conic, 1e-8).x))
     assert optima[0] == pytest.approx(optima[1], rel=1e-6)
