@@ -330,11 +330,12 @@ def written(tallies: list[Tally], out: Path, seconds: float, count: int) -> None
     made = [
         "# Coverage of 95 % intervals",
         "",
-        f"Simulated: {count} replications a row, fresh torque noise of {100 * NOISE:g} % of each joint's "
-        f"torque at {RATE:g} Hz. Of {len(judged)} rows with a right model {len(inside)} lie within 92 and "
-        "97 %. Rows whose model is WRONG are shown to say what intervals cannot know: their truth lies "
-        "outside the model. Wilson intervals count a replication once, whatever the number of its "
-        "parameters. OLS: least squares; SDP: the default method, intervals cut to the physical set.",
+        f"Simulated: {count} replications a row, fresh torque noise of {100 * NOISE:g} % of each "
+        f"joint's torque at {RATE:g} Hz. Of {len(judged)} rows with a right model {len(inside)} lie "
+        "within 92 and 97 %. Rows whose model is WRONG are shown to say what intervals cannot know: "
+        "their truth lies outside the model. Wilson intervals count a replication once, whatever the "
+        "number of its parameters. OLS: least squares; SDP: the default method, intervals cut to the "
+        "physical set.",
         "",
         f"    python benchmarks/coverage.py --replications {count}",
         "",
