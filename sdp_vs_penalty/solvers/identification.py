@@ -118,7 +118,7 @@ def least_squares_sdp(
     size = loss_scale if fine else torque
     norms = np.linalg.norm(data.R, axis=0)
     seen = norms * bound > _ROUNDING * torque
-    unseen = _FARTHEST / np.maximum(_moves(constraints, reference, p), _FARTHEST / bound)
+    unseen = moving_scale(constraints, reference, bound)
     scale = np.where(seen, np.minimum(bound, size / np.where(seen, norms, 1.0)), unseen)
 
     rows, rho = _independent_rows(data.R * scale, data.rho - data.R @ centre)
@@ -146,16 +146,16 @@ def least_squares_sdp(
     return SdpProblem(conic, centre, scale, loss_scale, tuple(placed), objective.entropy, entropy_rows)
 
 
-def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: Array) -> SdpProblem:
+def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: Array) -> SdpProblem:
     """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone: an interior point if t > 0.
 
-    x = (scaled theta, t); t < 0 at the optimum proves that no theta satisfies all constraints.
+    x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all constraints.
     """
-    p = len(bound)
+    p = len(scale)
     pieces = _Rows(p + 1)
     placed = []
     for constraint in constraints:
-        start, cone_scale = pieces.constraint(constraint, np.zeros(p), bound, reference, slack=p)
+        start, cone_scale = pieces.constraint(constraint, np.zeros(p), scale, reference, slack=p)
         placed.append(Placed(constraint, start, cone_scale))
     top = np.zeros((1, p + 1))
     top[0, p] = 1.0
@@ -163,7 +163,7 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: A
     linear = np.zeros(p + 1)
     linear[p] = -1.0
     conic = pieces.problem(sparse.csc_matrix((p + 1, p + 1)), linear)
-    return SdpProblem(conic, np.zeros(p), bound, 1.0, tuple(placed))
+    return SdpProblem(conic, np.zeros(p), scale, 1.0, tuple(placed))
 
 
 class _Rows:
@@ -277,15 +277,15 @@ class _Rows:
         )
 
 
-def _moves(constraints: Sequence[Constraint], reference: Array, p: int) -> Array:
-    """(p,) how far a unit of each parameter moves a matrix, in its size at the reference."""
-    out = np.zeros(p)
+def moving_scale(constraints: Sequence[Constraint], reference: Array, bound: Array) -> Array:
+    """(p,) units of theta, at most ``bound``, that move no matrix far in its size at the reference."""
+    moves = np.zeros(len(bound))
     for c in constraints:
         if c.cone == "psd":
             t = _whitening(c.value(reference))
-            moves = np.linalg.norm(t @ c.coefficients @ t.T, axis=(1, 2))
-            out[c.indices] = np.maximum(out[c.indices], moves)
-    return out
+            size = np.linalg.norm(t @ c.coefficients @ t.T, axis=(1, 2))
+            moves[c.indices] = np.maximum(moves[c.indices], size)
+    return np.asarray(_FARTHEST / np.maximum(moves, _FARTHEST / bound))
 
 
 def _whitening(value: Array) -> Array:
