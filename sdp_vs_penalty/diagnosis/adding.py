@@ -28,6 +28,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.signals.motion import record_motion
 
 Array = NDArray[np.float64]
 
@@ -138,7 +139,7 @@ def with_shapes(
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             stage = prepare(rows, estimate, frozen, seed)
-        joints = [None] if effect.whole_robot else effect.joints
+        joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
         out += [_shaped(stage, effect, joint, fixed) for joint in joints]
     return out
 
@@ -199,6 +200,7 @@ def _add_frozen(
     fit = estimator.fit(task)
     part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
+    before, new_motion = estimate.training_motion, record_motion(measurements, settings)
     return replace(
         estimate,
         model=model,
@@ -214,6 +216,7 @@ def _add_frozen(
             "samples": len(measurements.t),
             "versions": versions(),
         },
+        training_motion=None if before is None or new_motion is None else before.joined(new_motion),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
 from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
@@ -44,6 +46,7 @@ def build_estimate(
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     theta, certificate = certify(task, fit)
+    certificate = dataclasses.replace(certificate, **body_figures(problem, theta[task.links]))
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {
         **dataclasses.asdict(estimator),  # type: ignore[call-overload]
@@ -67,6 +70,7 @@ def build_estimate(
         settings,
         {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
         provenance,
+        record_motion(measurements, preprocessing) if isinstance(measurements, Measurements) else None,
     )
 
 
@@ -95,7 +99,7 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
     """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
     found = []
     for c in constraints.convex:
-        if c.family in ("mass", "bounding ellipsoid", "range"):
+        if c.family in ("mass", "bounding ellipsoid", "body", "range"):
             size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
             if np.any(c.value(theta) <= 1e-6 * size):
                 found.append(f"{c.family} of {c.name}")
@@ -145,7 +149,26 @@ def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certifi
         positive_mass_matrices=positive_mass_matrices(model.robot, links) if len(links) else None,
         smallest_thickness=float(inertia.thickness(links).min()) if len(links) else None,
         held=[effect.text for effect in estimate.model.effects],
+        **body_figures(estimate.problem, links),
     )
+
+
+def body_figures(problem: Problem, links: Array) -> dict[str, Any]:
+    """What a certificate says of the links' extents and densities; empty for a model without links."""
+    if not len(links):
+        return {}
+    gyration = inertia.gyration(links)
+    bodies = problem.link_bodies
+    densities = [
+        float(mass / body.volume)
+        for mass, body in zip(links[:, 0], bodies, strict=True)
+        if body.volume is not None
+    ]
+    return {
+        "largest_gyration": float(gyration.max()),
+        "body_share": float(np.max(gyration / [body.reach for body in bodies])),
+        "density": [min(densities), max(densities)] if densities else None,
+    }
 
 
 def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:

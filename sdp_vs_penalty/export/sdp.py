@@ -59,7 +59,7 @@ def rewritten(problem: ConicProblem, path: str | Path) -> tuple[Rewritten, str]:
         if any(c.kind == "exp" for c in problem.cones):
             raise InputError(
                 "the SDPA format has no exponential cone, which the entropic regulariser needs",
-                "write a .cbf file instead",
+                "write a .cbf file instead, or name a method without one",
                 path,
             )
         made = linear_matrix_inequalities(problem)
@@ -131,7 +131,8 @@ def posed(
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
         raise InputError(
-            f"method {method} is not a single SDP", "choose lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic"
+            f"method {method} is not a single SDP",
+            "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
     robot = load_problem(problem)
     names = [joint.name for joint in robot.robot.joints]

@@ -75,12 +75,13 @@ PROGRAMS = {
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The 2R's problem in both formats."""
+    """The 2R's problem in both formats, and with the entropic prior of the default method in one."""
     folder = tmp_path_factory.mktemp("exported")
     save(experiment(load_problem("two_link")).training_run(seed=0), folder / "run.csv")
-    for name in ("a.dat-s", "a.cbf"):
-        code = run("export-sdp", "two_link", "--data", folder / "run.csv", "--out", folder / name)
-        assert code == 0
+    plain = ("--method", "lmi-sdp-thickness")
+    for name, method in (("a.dat-s", plain), ("a.cbf", plain), ("entropic.cbf", ())):
+        given = ("--data", folder / "run.csv", "--out", folder / name, *method)
+        assert run("export-sdp", "two_link", *given) == 0
     return folder
 
 
@@ -92,7 +93,7 @@ def within(about: dict[str, float], optimum: float, accuracy: float) -> bool:
 
 
 def test_export_writes_files_whose_optimum_is_the_proved_loss(exported: Path) -> None:
-    for name, read in (("a.dat-s", read_sdpa), ("a.cbf", read_cbf)):
+    for name, read in (("a.dat-s", read_sdpa), ("a.cbf", read_cbf), ("entropic.cbf", read_cbf)):
         about = json.loads((exported / f"{name}.json").read_text())
         assert about["sha256"] == hashlib.sha256((exported / name).read_bytes()).hexdigest()
         assert about["upper"] - about["lower"] < 1e-7 * about["upper"]

@@ -17,7 +17,7 @@ def verb(
         Path, typer.Option(metavar="FILE", help="File to write: .dat-s (sparse SDPA) or .cbf.")
     ],
     method: Annotated[
-        str, typer.Option(help="Method: lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic.")
+        str, typer.Option(help="Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic.")
     ] = "lmi-sdp",
     effects: Annotated[
         str | None, typer.Option(metavar="a,b,c", help="Effects, as for `identify`.")
