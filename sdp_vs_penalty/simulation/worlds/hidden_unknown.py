@@ -29,7 +29,7 @@ def unknown(w: World, j: int, rng: Generator) -> Hidden:
         "sin(2 q_j + 3 q_i)": lambda m: np.sin(2.0 * s[j] * m.q[:, j] + 3.0 * m.q[:, i] + c),
         "q_i dq_j": lambda m: m.q[:, i] * m.dq[:, j],
         "dq_i |dq_j|": lambda m: m.dq[:, i] * np.abs(m.dq[:, j]),
-        "a bump of q": lambda m: np.exp(-(((s[j] * (m.q[:, j] - m.q[:, j].mean()) - c) / 0.15) ** 2)),
+        "bumps of q": lambda m: np.exp(20.0 * (np.cos(2.0 * s[j] * m.q[:, j] - c) - 1.0)),
         "dq ddq": lambda m: m.dq[:, j] * m.ddq[:, j],
     }
     name = str(rng.choice(sorted(laws)))
