@@ -28,6 +28,7 @@ from sdp_vs_penalty.diagnosis.stage import prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
@@ -71,11 +72,30 @@ def diagnose(
     progress("searching for what is missing")
     state = search_through(stage)
     progress("held-out errors")
-    return conclude(estimate, state, test, settings)
+    share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
+    return conclude(estimate, state, test, settings, share)
+
+
+def _new_motion(
+    estimate: Estimate,
+    searched: Measurements,
+    test: Measurements,
+    settings: Preprocessing,
+    frozen: bool,
+) -> float | None:
+    """Share of the test run's motion that neither the search nor a frozen model has seen."""
+    record, known = record_motion(searched, settings), estimate.training_motion
+    if frozen and record is not None:
+        record = None if known is None else record.joined(known)
+    return None if record is None else record.new_share_of(test, settings)
 
 
 def conclude(
-    estimate: Estimate, state: SearchState, test: Measurements | None, settings: Preprocessing
+    estimate: Estimate,
+    state: SearchState,
+    test: Measurements | None,
+    settings: Preprocessing,
+    new_share: float | None = None,
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
     stage = state.stage
@@ -96,10 +116,11 @@ def conclude(
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(stage.noise.source, doubted, held_out.source),
+        explanations.remarks(stage.noise.source, doubted, held_out.source, new_share),
         held_out.ladder[0],
         held_out.source,
         stage.frozen,
+        new_share,
     )
 
 

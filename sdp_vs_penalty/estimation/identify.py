@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
@@ -23,7 +22,7 @@ from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.proof import infeasibility_proof, write_proof
 
@@ -39,6 +38,7 @@ def identify(
     seed: int = 0,
     progress: Progress = no_progress,
     proof: str | Path | None = None,
+    gain_uncertainty: float = 0.0,
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
@@ -50,7 +50,9 @@ def identify(
         the problem's); weighting : "noise" divides each joint's rows by its residual in a first
         least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
         random; progress : hears where the computation stands; proof : a file to write the proof of
-        optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`).
+        optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`);
+        gain_uncertainty : relative standard deviation of the torque channels' gains (0.01: known to a
+        per cent), which widens the intervals.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
@@ -84,7 +86,9 @@ def identify(
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
     if model.needs_reference:
-        model = with_reference(problem, model, measurements, settings, weighting, progress)
+        model = with_reference(
+            problem, model, lambda part: compress(measurements, part, settings), weighting, progress
+        )
     progress("compressing the measurements")
     regression = compress(measurements, model, settings)
     progress(f"estimating by {estimator.name}")
@@ -96,7 +100,7 @@ def identify(
             write_proof(infeasibility_proof(*error.proof, task.bound), proof)
         raise
     estimate = build_estimate(
-        problem, task, estimator, fit, regression, settings, measurements, weighting
+        problem, task, estimator, fit, regression, settings, measurements, weighting, gain_uncertainty
     )
     if proof is not None:
         progress("proving the optimum")
@@ -126,8 +130,7 @@ def _identify_black_box(
 def with_reference(
     problem: Problem,
     model: Model,
-    measurements: Measurements,
-    settings: Preprocessing,
+    compressed: Callable[[Model], Regression],
     weighting: str = "noise",
     progress: Progress = no_progress,
     passes: int = 2,
@@ -135,13 +138,14 @@ def with_reference(
     """The model with the current model that its torque-dependent effects refer to.
 
     Least squares without those effects, then ``passes - 1`` times with them: the reference is what
-    the other effects are estimated to be when these have taken their share.
+    the other effects are estimated to be when these have taken their share. compressed : the training
+    data in the columns of a model.
     """
     reference = np.zeros(len(model.parameters))
     for k in range(passes):
         progress(f"the current model, pass {k + 1} of {passes}")
         part = model.reference_free if k == 0 else replace(model, reference=reference)
-        regression = compress(measurements, part, settings)
+        regression = compressed(part)
         theta = make_task(problem, part, regression, weighting).ols
         free = theta if k == 0 else theta[model.reference_free_indices]
         reference = np.zeros(len(model.parameters))
