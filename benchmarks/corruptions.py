@@ -128,6 +128,13 @@ def summary(cases: Sequence[Case], title: str) -> list[str]:
 _WORDS = ("named", "refused", "warned", "wrong", "silent")
 
 
+_ABOUT = (
+    "Each corruption of `benchmarks/corruption_kinds.py` on each arm, one at a time. Thresholds of the",
+    f"check were chosen on {' and '.join(TUNED_ON)}; the other arms are kept back. Harm is the error on",
+    "clean held-out data of what is identified all the same, over that of the model from the clean run.",
+)
+
+
 def markdown(cases: Sequence[Case], seconds: float) -> str:
     head = [
         "log", "cases", *_WORDS, "silent and harmful", "cause named", "cause named, of those that do "
@@ -153,10 +160,7 @@ def markdown(cases: Sequence[Case], seconds: float) -> str:
     return "\n".join(
         [
             "# Corrupted logs: what the data check says", "",
-            "Each corruption of `benchmarks/corruption_kinds.py` on each arm, one at a time. Thresholds of",
-            f"the check were chosen on {' and '.join(TUNED_ON)}; the other arms are kept back. Harm is the",
-            "error on clean held-out data of what is identified all the same, over that of the model from",
-            "the clean run.",
+            *_ABOUT,
             f"Made by `python benchmarks/corruptions.py --data DATA` in {seconds:.0f} CPU seconds.", "",
             *table, "", "## By kind", "",
             *("| " + " | ".join(row) + " |" for row in by_kind), "",

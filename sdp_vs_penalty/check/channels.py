@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 
-#: Gains are tried on this grid, and named from this deviation on: drives are calibrated to a few percent.
+#: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
 _SMALLEST_GAIN = 0.06
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
@@ -22,7 +23,7 @@ _UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.11
 #: Delays and time constants [s] that are tried.
 _LATE = (-0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12)
 _SLOW = (0.0, 0.05, 0.12, 0.25)
-#: Where friction makes more than this share of a channel, its own lag behind reversals (presliding) looks
+#: Where friction makes more than this share of a channel, its lag behind reversals (presliding) looks
 #: like a small delay: so much gain of the score is needed then.
 _FRICTION, _FRICTION_NEEDED = 0.5, 3.0
 #: Shares of the weight that may be left in a channel.
@@ -40,10 +41,10 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             scale[j] = np.exp(log)
             return scale
 
-        found = best_number(
-            lambda x, scaled=scaled: physics.with_channels(scaled(x), same).evidence.score,
-            np.log(_GAINS).tolist(),
-        )
+        def score(log: float, scaled: Callable[[float], Array] = scaled) -> float:
+            return physics.with_channels(scaled(log), same).evidence.score
+
+        found = best_number(score, np.log(_GAINS).tolist())
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < 0.1), None)
         if abs(found) < np.log1p(_SMALLEST_GAIN):
             continue
@@ -55,8 +56,8 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             texts = ("torque unit", joints_text([j]), f"{what}: it is in {_UNITS[unit]}.", texts[3])
         scale = scaled(float(np.log(factor)))
         yield propose(
-            lambda p, s=scale: p.with_channels(s, same), 2, texts,
-            lambda run, s=scale: replace(run, tau=run.tau * s), joints=[int(j) + 1], factor=factor,
+            partial(Physics.with_channels, scale=scale, order=same), 2, texts,
+            partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
         )  # fmt: skip
 
 
@@ -69,24 +70,24 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         def score(seconds: float, order: int, one: Array = one) -> float:
             return physics.with_lead(seconds * one, order).evidence.score
 
-        delay = best_number(lambda s, f=score: f(s, 2), _LATE)
-        slow = best_number(lambda s, f=score: f(s, 1), _SLOW)
+        delay = best_number(partial(score, order=2), _LATE)
+        slow = best_number(partial(score, order=1), _SLOW)
         if abs(delay) > 0.005:
             word = "later" if delay > 0.0 else "earlier"
             yield propose(
-                lambda p, s=delay, one=one: p.with_lead(s * one), 2,
+                partial(Physics.with_lead, seconds=delay * one), 2,
                 (
                     "channel delay", joints_text([j]),
-                    f"the torque of joint {j + 1} comes {1e3 * abs(delay):.0f} ms {word} than the motion; "
-                    "the other torques do not.",
+                    f"the torque of joint {j + 1} comes {1e3 * abs(delay):.0f} ms {word} than the "
+                    "motion; the other torques do not.",
                     f"shift tau{j + 1} in time (and log all channels from one source)",
                 ),
-                lambda run, s=delay, j=int(j): shifted_channel(run, j, s),
+                partial(shifted_channel, j=int(j), seconds=delay),
                 severity="warning", needed=needed, joints=[int(j) + 1], seconds=delay,
             )  # fmt: skip
         if slow > 0.01:
             yield propose(
-                lambda p, s=slow, one=one: p.with_lead(s * one, 1), 3,
+                partial(Physics.with_lead, seconds=slow * one, order=1), 3,
                 (
                     "channel filter", joints_text([j]),
                     f"the torque of joint {j + 1} has passed a causal low-pass of "
@@ -103,7 +104,7 @@ def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis
     slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.score, _SLOW)
     if slow > 0.005:
         yield propose(
-            lambda p: p.with_lead(slow * one, 1), 2,
+            partial(Physics.with_lead, seconds=slow * one, order=1), 2,
             (
                 "torque filter", "all torque channels",
                 f"the torques have passed a causal low-pass of {_hertz(slow)}, the positions have not.",
@@ -111,6 +112,14 @@ def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis
             ),
             None, severity="warning", seconds=slow,
         )  # fmt: skip
+
+
+def _scaled(run: Measurements, scale: Array) -> Measurements:
+    return replace(run, tau=run.tau * scale)
+
+
+def _score_of_weight(physics: Physics, shares: Callable[[float], Array], share: float) -> float:
+    return physics.with_weight(shares(share)).evidence.score
 
 
 def _hertz(seconds: float) -> str:
@@ -145,7 +154,7 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         best = min(score, key=lambda x: score[x])
         if score[best] > physics.evidence.score - 0.5:
             continue
-        x = best_number(lambda a, left=left: physics.with_weight(left(a)).evidence.score, _WEIGHTS)
+        x = best_number(partial(_score_of_weight, physics, left), _WEIGHTS)
         x = 0.0 if abs(x) < 0.03 else x
         if x > 0.7 or x < -0.2:
             continue
@@ -153,12 +162,12 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         every = len(joints) == n
         gone = f"{100.0 * (1.0 - x):.0f} % of the weight is"
         of = "the torques" if every else f"the torque of {joints_text(joints)}"
-        g = tuple(float(round(x * v, 3)) + 0.0 for v in robot.gravity)
+        gx, gy, gz = (float(round(x * v, 3)) + 0.0 for v in robot.gravity)
         how = "log the torques before gravity compensation"
         if every:
-            how += f", or identify with --gravity {g[0]:g},{g[1]:g},{g[2]:g}"
+            how += f", or identify with --gravity {gx:g},{gy:g},{gz:g}"
         texts = ("gravity removed", joints_text(joints), f"{gone} missing from {of}.", how)
         yield propose(
-            lambda p, s=share: p.with_weight(s), 2 if every else 3, texts, None,
-            gravity=g if every else None, joints=[j + 1 for j in joints], share_left=x,
+            partial(Physics.with_weight, share=share), 2 if every else 3, texts, None,
+            gravity=(gx, gy, gz) if every else None, joints=[j + 1 for j in joints], share_left=x,
         )  # fmt: skip

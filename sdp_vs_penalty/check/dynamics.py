@@ -29,8 +29,8 @@ _LAST = (motion.two_quarters,)
 def find(physics: Physics, moving: NDArray[np.bool_], cutoff: float) -> Iterator[Issue]:
     """Issues in the order in which to mend them, if together they explain the torque.
 
-    cutoff : of the torque [Hz]. Where nothing does, the one issue is that: a cause that leaves most in the
-    dark is no cause.
+    cutoff : of the torque [Hz]. Where nothing does, the one issue is that: a cause that leaves most in
+    the dark is no cause.
     """
     first, found = unexplained(physics, moving), []
     for _ in range(_ROUNDS):

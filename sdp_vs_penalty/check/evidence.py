@@ -81,7 +81,7 @@ class Evidence:
 
     @cached_property
     def alone(self) -> Array:
-        """(n,) the same with a theta of its own for each joint: no arm of these kinematics does better."""
+        """(n,) the same with a theta of its own for each joint: no arm does better."""
         explained = [
             float(c @ solve(g, c[:, None])[:, 0]) for g, c in zip(self.gram, self.cross, strict=True)
         ]

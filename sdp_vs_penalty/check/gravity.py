@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from sdp_vs_penalty.check.hypothesis import NEAR, SIGNIFICANT, Hypothesis, few_rows, propose
 from sdp_vs_penalty.check.evidence import solve
+from sdp_vs_penalty.check.hypothesis import NEAR, SIGNIFICANT, Hypothesis, few_rows, propose
 from sdp_vs_penalty.check.physics import Array, Physics, turned_gravity
 
 #: Gravity is said to point elsewhere from this angle on; smaller ones are the effect base_tilt.

@@ -86,7 +86,7 @@ def few_rows(physics: Physics) -> NDArray[np.intp]:
 
 
 def best_number(score: Callable[[float], float], grid: Iterable[float], steps: int = 3) -> float:
-    """The number with the lowest score: the best of a grid, refined by parabolas through its neighbours."""
+    """The number with the lowest score: the best of a grid, refined by parabolas around it."""
     known = {x: score(x) for x in grid}
     for _ in range(steps):
         places = sorted(known)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -48,13 +49,13 @@ def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
         named = ("q1" if robot.n == 1 else f"q1 to q{robot.n}") if every else f"q{joints[0] + 1}"
         what = "the positions are" if every else f"the position of {joints_text(joints)} is"
         yield propose(
-            lambda p, factor=factor: p.with_motion(factor, same),
+            partial(Physics.with_motion, scale=factor, order=same),
             0 if every else 1,
             (
                 "positions in degrees" if every else "position unit",
                 named,
                 f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
-                f"multiply q (and dq) of {'revolute joints' if every else joints_text(joints)} by pi / 180",
+                f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180",
             ),
             motion_repair(factor, same),
             largest=largest,
@@ -85,6 +86,11 @@ def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     )
 
 
+def _both(physics: Physics, scale: Array, order: NDArray[np.intp]) -> Physics:
+    """Positions and torques turned or exchanged alike."""
+    return physics.with_motion(scale, order).with_channels(scale, order)
+
+
 def turned(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A joint that counts the other way: its position alone, or position and torque together."""
     same = np.arange(physics.n)
@@ -93,7 +99,7 @@ def turned(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         sign[j] = -1.0
         name = joints_text([j])
         yield propose(
-            lambda p, s=sign: p.with_motion(s, same), 3,
+            partial(Physics.with_motion, scale=sign, order=same), 3,
             (
                 "position sign", name, f"the position of {name} has the wrong sign.",
                 f"flip the sign of q{j + 1} (and dq{j + 1})",
@@ -105,7 +111,7 @@ def turned(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             return replace(motion_repair(s, same)(run), tau=run.tau * s)
 
         yield propose(
-            lambda p, s=sign: p.with_motion(s, same).with_channels(s, same), 2,
+            partial(_both, scale=sign, order=same), 2,
             (
                 "joint sign", name, f"{name} counts the other way, position and torque alike.",
                 f"flip the signs of q{j + 1}, dq{j + 1} and tau{j + 1}",
@@ -122,7 +128,7 @@ def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
         order[[a, b]] = order[[b, a]]
         name, joints = joints_text([a, b]), [int(a) + 1, int(b) + 1]
         yield propose(
-            lambda p, o=order: p.with_motion(one, o), 3,
+            partial(Physics.with_motion, scale=one, order=order), 3,
             (
                 "position order", name, f"the positions of {name} are swapped.",
                 f"swap q{a + 1} and q{b + 1} (and dq)",
@@ -134,7 +140,7 @@ def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
             return replace(motion_repair(one, o)(run), tau=run.tau[:, o])
 
         yield propose(
-            lambda p, o=order: p.with_motion(one, o).with_channels(one, o), 2,
+            partial(_both, scale=one, order=order), 2,
             (
                 "joint order", name, f"{name} are swapped, positions and torques alike.",
                 f"swap q{a + 1} and q{b + 1}, dq and tau",
@@ -161,7 +167,7 @@ def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
             continue
         near = np.radians([0.3 * coarse, coarse, 1.7 * coarse] if abs(coarse) < 60.0 else
                           [coarse - 40.0, coarse, coarse + 40.0])  # fmt: skip
-        found = best_number(lambda x, j=j: left(j, x), near.tolist(), 4)
+        found = best_number(partial(left, j), near.tolist(), 4)
         quarter = 0.5 * np.pi * round(found / (0.5 * np.pi))
         found = quarter if quarter and abs(found - quarter) < _QUARTER else found
         if abs(found) < np.radians(1.5):
@@ -185,7 +191,7 @@ def zero_offset(physics: Physics, joints: tuple[int, ...], radians: tuple[float,
     sizes = " and ".join(f"{np.degrees(-r):.4g}" for r in radians)
     change = " and ".join(f"{r:+.5g} rad to q{j + 1}" for j, r in zip(joints, radians, strict=True))
     return propose(
-        lambda p: p.with_motion(one, same, offset), 2 + len(joints),
+        partial(Physics.with_motion, scale=one, order=same, offset=offset), 2 + len(joints),
         (
             "encoder offset", joints_text(joints),
             f"the zero of {joints_text(joints)} is {sizes} degrees away from the robot's kinematics.",
@@ -208,11 +214,11 @@ def clock(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         return
     word = "fast" if factor < 1.0 else "slow"
     yield propose(
-        lambda p: p.with_clock(factor), 3,
+        partial(Physics.with_clock, factor=factor), 3,
         (
             "clock rate", "column t",
-            f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the torques does "
-            "not fit the weight.",
+            f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
+            "torques does not fit the weight.",
             f"multiply t by {factor:.3g} (find out the log's true rate)",
         ),
         lambda run: replace(run, t=run.t[0] + factor * (run.t - run.t[0]),

@@ -36,9 +36,9 @@ OVERSAMPLING = 4.0
 
 @dataclass(frozen=True)
 class Own:
-    """Columns that each joint's motion alone makes (friction, offset, rotor), low-passed like the torque:
+    """Columns that each joint's own motion makes (friction, offset, rotor), low-passed as the torque is.
 
-    friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
+    Friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
     their parameters sit in theta. To exchange joints or turn them round exchanges or turns columns.
     """
 
@@ -109,9 +109,9 @@ class Physics:
         """What one arm explains of the channels."""
         return Evidence.of(self.grams, self.columns, self.channels)
 
-    def _other_channels(self, **changes: Array) -> Physics:
+    def _other_channels(self, channels: Array, rate: Array, curvature: Array) -> Physics:
         """Other channels on the same motion: the columns, which are dear, are kept."""
-        made = replace(self, **changes)
+        made = replace(self, channels=channels, rate=rate, curvature=curvature)
         for name in ("columns", "grams"):
             if name in self.__dict__:
                 made.__dict__[name] = self.__dict__[name]
@@ -123,12 +123,10 @@ class Physics:
         motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
         channels, rate, curvature = (x[rows] for x in (self.channels, self.rate, self.curvature))
         own = None if self.own is None else self.own.part(rows)
-        return replace(
-            self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own
-        )
+        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own)
 
     def with_motion(self, scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Physics:
-        """The hypothesis that joint j's position is scale_j times the file's channel order_j + offset_j."""
+        """The hypothesis that joint j's position is scale_j times the channel order_j + offset_j."""
         m = self.motion
         q, dq, ddq = (scale * x[:, order] for x in (m.q, m.dq, m.ddq))
         own = None if self.own is None else self.own.moved(scale, order)
@@ -138,18 +136,18 @@ class Physics:
         """The hypothesis that joint j's torque is scale_j times the file's channel order_j."""
         parts = (self.channels, self.rate, self.curvature)
         channels, rate, curvature = (scale * x[:, order] for x in parts)
-        return self._other_channels(channels=channels, rate=rate, curvature=curvature)
+        return self._other_channels(channels, rate, curvature)
 
     def with_lead(self, seconds: Array, order: int = 2) -> Physics:
-        """Each channel moved ``seconds`` (n,) earlier: delays (order 2) or first-order lags (order 1)."""
+        """Each channel ``seconds`` (n,) earlier: delays (order 2) or first-order lags (order 1)."""
         channels = self.channels + seconds * self.rate
         if order > 1:
             channels = channels + 0.5 * seconds**2 * self.curvature
-        return self._other_channels(channels=channels)
+        return self._other_channels(channels, self.rate, self.curvature)
 
     def without(self, torque: Array) -> Physics:
         """The channels less a torque (M, n)."""
-        return self._other_channels(channels=self.channels - torque)
+        return self._other_channels(self.channels - torque, self.rate, self.curvature)
 
     def with_clock(self, factor: float) -> Physics:
         """The hypothesis that the true time is ``factor`` times the file's."""
@@ -165,9 +163,7 @@ class Physics:
         channels, rate, curvature = self.channels[::-1], -self.rate[::-1], self.curvature[::-1]
         turned = self.part(slice(None, None, -1)).own
         own = None if turned is None else replace(turned, columns=-turned.columns)
-        return replace(
-            self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own
-        )
+        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own)
 
     def with_weight(self, share: Array) -> Physics:
         """The hypothesis that of the gravity torque only this share (n,) is in the channels."""
@@ -293,8 +289,8 @@ class Physics:
             return 0.0
         columns, y = self.own.columns[j], self.channels[:, j]
         cross = columns.T @ y
-        return float(cross @ solve(columns.T @ columns, cross[:, None])[:, 0]) / float(
-            max(y @ y, 1e-300)
+        return float(cross @ solve(columns.T @ columns, cross[:, None])[:, 0]) / max(
+            float(y @ y), 1e-300
         )
 
     def best_signs(self) -> tuple[Array, float]:

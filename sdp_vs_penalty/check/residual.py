@@ -22,8 +22,8 @@ from sdp_vs_penalty.problem.problem import Problem
 _TYPICAL = {"link": 0.05, "motor": 0.1}
 #: So many times as much is a warning.
 _TIMES = 3.0
-#: A joint contradicts its neighbours where one arm leaves this many times the energy that the joint's own
-#: model leaves, and at least this share (root mean square).
+#: A joint contradicts its neighbours where one arm leaves this many times the energy that the joint's
+#: own model leaves, and at least this share (root mean square).
 _CONTRADICTS, _AT_LEAST = 8.0, 0.02
 #: Above this share of its energy a joint's own torque is as good as unexplained by its own motion.
 _OWN = 0.5
@@ -34,7 +34,9 @@ def overall(evidence: Evidence) -> float:
     return float(evidence.shares @ evidence.energy / evidence.energy.sum())
 
 
-def find(evidence: Evidence, problem: Problem, moving: NDArray[np.bool_], tried: bool) -> Iterator[Issue]:
+def find(
+    evidence: Evidence, problem: Problem, moving: NDArray[np.bool_], tried: bool
+) -> Iterator[Issue]:
     """A warning where what is left over is more than such an arm leaves. tried : whether causes were."""
     shares, alone = evidence.shares, evidence.alone
     total = overall(evidence) ** 0.5
@@ -69,10 +71,10 @@ def find(evidence: Evidence, problem: Problem, moving: NDArray[np.bool_], tried:
         worst = int(np.argmax(np.where(moving, shares * evidence.energy, 0.0)))
         yield Issue(
             "unexplained torque", "warning", joints_text([worst]),
-            f"{100.0 * total:.2g} % of the torque stays unexplained, {total / usual:.1f} times what arms with "
-            f"torque on the {problem.torque_side} side usually leave (joint by joint: {listed} %).",
+            f"{100.0 * total:.2g} % of the torque stays unexplained, {total / usual:.1f} times what "
+            f"arms with torque on the {problem.torque_side} side usually leave (by joint: {listed} %).",
             f"certain: by the best fit of this arm; {rest}",
-            "check that robot, mounting and torque side are those of the problem; `diagnose` looks for effects "
-            "that the model is missing",
+            "check that robot, mounting and torque side are those of the problem; `diagnose` looks for "
+            "effects that the model is missing",
             None, {**figures, "joints": [worst + 1]},
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What single rows and channels give away, before any arm is fitted: stuck, torn, doubled, made-up samples."""
+"""What rows and channels give away before any arm is fitted: stuck, torn, doubled, made-up samples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check.issue import Array, Issue, Repair, joints_text
+from sdp_vs_penalty.check.issue import Array, Issue, joints_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import Movement, moving_joints
@@ -110,7 +110,6 @@ def _doubled(run: Measurements, robot: Robot, standstill: float) -> Iterator[Iss
     same &= Movement(run, standstill).moves
     if same.mean() < 0.002 or same.mean() > 0.8:
         return
-    # A logger faster than its source holds samples, and the next step is as long as all of them: no harm.
     at = np.flatnonzero(same)
     at = at[(at > 2) & (at < len(run.t) - 3)]
     at = at[~same[at - 1] & ~same[at + 1]]
@@ -175,6 +174,9 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
     if len(run.t) < 4 * _WIDTH:
         return
     found: dict[str, NDArray[np.intp]] = {}
+    # Rows at rest are not used, and drives click when they start and stop.
+    movement = Movement(run, standstill)
+    moves = movement.at(run.t - 0.5) & movement.moves & movement.at(run.t + 0.5)
     for name, values in (("q", run.q), ("tau", run.tau)):
         for j in range(run.n):
             x = values[:, j]
@@ -183,26 +185,29 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
             scatter = np.quantile(off, 0.9)
             low, high = np.quantile(x, [0.02, 0.98])
             share = np.where(x == 0.0, _ZERO_RANGE, _SPIKE_RANGE)
-            bad = np.flatnonzero(off > np.maximum(_SPIKE * scatter, share * (high - low) + 1e-9))
+            bad = np.flatnonzero(
+                (off > np.maximum(_SPIKE * scatter, share * (high - low) + 1e-9)) & moves
+            )
             if 0 < len(bad) <= _FEW * len(x):
                 found[f"{name}{j + 1}"] = bad
     if not found:
         return
 
     def repair(r: Measurements) -> Measurements:
-        blocks = {"q": r.q.copy(), "tau": r.tau.copy()}
+        q, tau = r.q.copy(), r.tau.copy()
         for name, bad in found.items():
             group, j = name.rstrip("0123456789"), int(name.lstrip("qtau")) - 1
             good = np.setdiff1d(np.arange(len(r.t)), bad)
-            column = blocks[group][:, j]
+            column = (q if group == "q" else tau)[:, j]
             column[bad] = np.interp(r.t[bad], r.t[good], column[good])
-        return replace(r, **blocks)
+        return replace(r, q=q, tau=tau)
 
     count = sum(len(bad) for bad in found.values())
     first = min(int(bad[0]) for bad in found.values())
     joints = sorted({int(name.lstrip("qtau")) for name in found})
     yield Issue(
-        "spikes", "error", f"{', '.join(found)}, row {first + 2}" + (f" and {count - 1} more" * (count > 1)),
+        "spikes", "error",
+        f"{', '.join(found)}, row {first + 2}" + (f" and {count - 1} more" if count > 1 else ""),
         f"{show.count(count, 'sample')} of {', '.join(found)} lie far from the samples on both sides.",
         "certain: no joint moves like that", "replace them by interpolation", repair,
         {"channels": list(found), "joints": joints, "samples": count},
@@ -286,8 +291,8 @@ def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue
 
             yield Issue(
                 f"frozen {word}", "error", f"{name}{j + 1}, rows {a + 2} to {b + 2}",
-                f"the {word} of joint {j + 1} repeats one value for {seconds:.3g} s while the arm moves: "
-                "the channel was frozen.",
+                f"the {word} of joint {j + 1} repeats one value for {seconds:.3g} s while the arm "
+                "moves: the channel was frozen.",
                 f"certain: elsewhere it never repeats for more than {elsewhere} rows",
                 "delete these rows", repair, {"joints": [j + 1], "seconds": seconds},
             )  # fmt: skip

@@ -77,7 +77,7 @@ _FAR_OVER = 3.0
 _USED = 0.2
 
 
-#: A channel this many times larger against the nominal arm than the others in the middle has another unit.
+#: A channel so many times larger against the nominal arm than the others are has another unit.
 _ALONE = 40.0
 
 

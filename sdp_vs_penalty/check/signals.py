@@ -47,8 +47,8 @@ def frozen(run: Measurements, physics: Physics) -> Iterator[Issue]:
             "frozen position",
             "error",
             f"q{j + 1}",
-            f"q{j + 1} is {run.q[0, j]:g} in every row, while {100.0 * left:.0f} % of that joint's torque is not "
-            "that of a joint at rest: the position channel is frozen.",
+            f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that joint's torque "
+            "is not that of a joint at rest: the position channel is frozen.",
             "likely: the torque of a joint that is held follows from the motion of the others",
             "record again with that channel; leave the run out until then",
             None,
@@ -71,7 +71,8 @@ def implausible(run: Measurements, robot: Robot) -> Iterator[Issue]:
             "positions",
             f"{error.what.rstrip('.')}.",
             "certain: outside what the joint can reach",
-            error.remedy or "convert degrees to radians, or choose the problem that belongs to this file",
+            error.remedy
+            or "convert degrees to radians, or choose the problem that belongs to this file",
         )
 
 

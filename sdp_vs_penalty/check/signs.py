@@ -51,8 +51,8 @@ def time_reversed(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis | N
             "reverse q and tau in time",
         ),
         repair,
-        certainty=f"likely: friction would drive {joints_text(np.flatnonzero(driven))}, while inertia and "
-        "weight have the right sign",
+        certainty=f"likely: friction would drive {joints_text(np.flatnonzero(driven))}, while inertia "
+        "and weight have the right sign",
     )
 
 

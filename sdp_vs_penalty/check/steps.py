@@ -21,27 +21,28 @@ _STRIPES = 20
 
 
 def drift(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """A torque channel that drifts with time, or that steps once (a contact, a tool picked up, a re-zeroing).
+    """A torque channel that drifts with time, or that steps once (a contact, a load, a re-zeroing).
 
     By a score test: of each joint's column the part that the arm's columns do not explain, against the
     residual; the best one is then applied and judged like any other hypothesis.
     """
     t = physics.motion.t
     u = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300)
-    shapes = {None: u - 0.5, **{float(s): (u > s) - 0.5 for s in _STEPS}}
+    shapes: dict[float | None, Array] = {None: u - 0.5}
+    shapes |= {float(s): (u > s) - 0.5 for s in _STEPS}
     evidence = physics.evidence
     weights = 1.0 / (evidence.shares * evidence.energy)
     gram = np.tensordot(weights, evidence.gram, 1)
     best: dict[bool, tuple[float, int, float | None]] = {}
     x = np.column_stack(list(shapes.values()))
-    for j in np.flatnonzero(moving):
+    for j in np.flatnonzero(moving).tolist():
         columns = physics.columns[j]
         residual = physics.channels[:, j] - columns @ evidence.theta
         shared = columns.T @ x
         own = np.sum(x**2, axis=0) - weights[j] * np.sum(shared * solve(gram, shared), axis=0)
         found = weights[j] * (residual @ x) ** 2 / np.maximum(own, 1e-6 * np.sum(x**2, axis=0))
         for k, at in enumerate(shapes):
-            best[at is None] = max(best.get(at is None, (0.0, 0, None)), (float(found[k]), int(j), at),
+            best[at is None] = max(best.get(at is None, (0.0, 0, None)), (float(found[k]), j, at),
                                    key=lambda b: b[0])  # fmt: skip
     for _, j, at in best.values():
         yield _stepped(physics, j, at)
@@ -84,13 +85,13 @@ def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
     else:
         texts = (
             "torque step", joints_text([j]),
-            f"the torque of joint {j + 1} steps by {size:.3g} {unit} at t = {t0 + at * length:.4g} s and "
-            "stays: a contact, a load, or a sensor that was zeroed.",
+            f"the torque of joint {j + 1} steps by {size:.3g} {unit} at t = {t0 + at * length:.4g} s "
+            "and stays: a contact, a load, or a sensor that was zeroed.",
             "identify from one part of the run: --window cuts it there",
         )  # fmt: skip
     return propose(
         apply, 2, texts, None, severity="warning", once=at is not None, joints=[j + 1], size=size,
-        **({} if at is None else {"t": t0 + at * length}),
+        t=None if at is None else t0 + at * length,
     )  # fmt: skip
 
 

@@ -46,7 +46,9 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     spread = np.array([q.std() for q in run.q.T])
     step = np.array([np.sqrt(np.mean(np.diff(q) ** 2)) for q in run.q.T])
     # A constant has the standard deviation of its rounding, and no motion.
-    return np.asarray(((spread > 4.0 * step) | (spread > _LARGEST_NOISE)) & (np.ptp(run.q, axis=0) > 0.0))
+    return np.asarray(
+        ((spread > 4.0 * step) | (spread > _LARGEST_NOISE)) & (np.ptp(run.q, axis=0) > 0.0)
+    )
 
 
 class Movement:
