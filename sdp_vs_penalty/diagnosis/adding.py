@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import certify, certify_beside, covariance, on_bounds, versions
+from sdp_vs_penalty.estimation.determined import record
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -207,7 +209,10 @@ def _add_frozen(
         theta=theta,
         covariance=_side_by_side(estimate.covariance, covariance(data, regression.oversampling)),
         certificate=certify_beside(estimate, model, theta, certificate),
-        details={"on_bounds": on_bounds(problem.constraints(model), theta)},
+        details={
+            **_determined(estimate, record(problem, task, part)),
+            "on_bounds": on_bounds(problem.constraints(model), theta),
+        },
         provenance={
             **estimate.provenance,
             "seed": seed,
@@ -218,6 +223,11 @@ def _add_frozen(
         },
         training_motion=None if before is None or new_motion is None else before.joined(new_motion),
     )
+
+
+def _determined(estimate: Estimate, new: dict[str, Any]) -> dict[str, Any]:
+    """Who determines which parameter: of the model that was held, then of the new effects."""
+    return {key: [*estimate.details.get(key, []), *more] for key, more in new.items()}
 
 
 def _side_by_side(old: Array, new: Array) -> Array:

@@ -73,6 +73,19 @@ class Estimate(Shown):
         """(p,) of each parameter on its own; NaN where the data do not determine it."""
         return np.sqrt(np.diagonal(self.covariance))
 
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """(p,) of each parameter "data", or "prior" where the data say less of it than the prior."""
+        prior = set(self.details.get("from_prior", ()))
+        return tuple("prior" if p.name in prior else "data" for p in self.model.parameters)
+
+    @property
+    def nominal(self) -> Array:
+        """(p,) the nominal links' parameters, NaN for those of other effects."""
+        known = np.full(len(self.theta), np.nan)
+        known[self.model.rigid_indices] = self.problem.nominal(self.model)[self.model.rigid_indices]
+        return known
+
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""
         return self.model.torque(self.theta, motion)
@@ -118,8 +131,9 @@ class Estimate(Shown):
         ]
 
     def _table(self) -> Table:
-        rows = parameter_rows(self.model.parameters, self.theta, self.standard_deviations)
-        return ("parameter", "value", "unit", "effect"), rows
+        spread = self.standard_deviations
+        rows = parameter_rows(self.model.parameters, self.theta, spread, self.nominal, self.sources)
+        return ("parameter", "value", "nominal", "from", "unit", "effect"), rows
 
     def to_frame(self) -> pandas.DataFrame:
         """The parameters as a table, indexed by name: value, std, unit, effect, joint."""
@@ -135,11 +149,18 @@ class Estimate(Shown):
                 "value": float(value),
                 "unit": p.unit,
                 "std": None if np.isnan(std) else float(std),
+                "nominal": None if np.isnan(nominal) else float(nominal),
+                "source": source,
                 "effect": p.effect,
                 "joint": p.joint,
             }
-            for p, value, std in zip(
-                self.model.parameters, self.theta, self.standard_deviations, strict=True
+            for p, value, std, nominal, source in zip(
+                self.model.parameters,
+                self.theta,
+                self.standard_deviations,
+                self.nominal,
+                self.sources,
+                strict=True,
             )
         ]
         seen = np.flatnonzero(~np.isnan(np.diagonal(self.covariance)))

@@ -171,7 +171,7 @@ def of_regression(
     deviations = _bootstrap(regression, weights, centre, visible, draws, seed)
     value = centre if theta is None else np.asarray(theta, float)
 
-    base, base_names, leading = _base(problem, model)
+    base, base_names, leading = base_rows(problem, model)
     base_units = [model.parameters[k].unit for k in leading]
     torque_size = np.sqrt(data.tau_squared) / np.where(
         data.column_norms > 0.0, data.column_norms, np.nan
@@ -271,7 +271,7 @@ def _bootstrap(
     return out
 
 
-def _base(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
+def base_rows(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
     """(b, p) base parameters of the links, then all others; their names; the symbols that lead them."""
     p = len(model.parameters)
     rotors = [k for k, q in enumerate(model.parameters) if q.effect == "rotor_inertia"]

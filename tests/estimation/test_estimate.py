@@ -104,7 +104,9 @@ def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> 
     estimate.save(tmp_path / "model.json")
     data = strict((tmp_path / "model.json").read_text())
     parameters = data["parameters"]
-    assert [set(p) for p in parameters] == [{"name", "value", "unit", "std", "effect", "joint"}] * 26
+    assert [set(p) for p in parameters] == [
+        {"name", "value", "unit", "std", "nominal", "source", "effect", "joint"}
+    ] * 26
     assert [p["name"] for p in parameters[10:20]] == [
         *("m2", "mx2", "my2", "mz2"),
         *("Ixx2", "Ixy2", "Iyy2", "Ixz2", "Iyz2", "Izz2"),
