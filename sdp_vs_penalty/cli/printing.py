@@ -72,7 +72,7 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     base = result.details.get("base_parameters")
     if base is None:
         return []
-    prior = [b["name"] for b in base if b["source"] == "prior"]
+    prior = [b["name"] for b in base if b["source"] != "data"]
     own = sum(source == "data" for source in result.sources)
     text = (
         f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
@@ -80,7 +80,10 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     lines = [("determined by the data", text)]
     if prior:
         more = f" and {len(prior) - _LISTED} more" if len(prior) > _LISTED else ""
-        lines.append(("from the prior", f"{', '.join(prior[:_LISTED])}{more}; see `source` in the file"))
+        rest = next(b["source"] for b in base if b["source"] != "data")
+        lines.append(
+            (f"from the {rest}", f"{', '.join(prior[:_LISTED])}{more}; see `source` in the file")
+        )
     return lines
 
 

@@ -210,7 +210,7 @@ def _add_frozen(
         covariance=_side_by_side(estimate.covariance, covariance(data, regression.oversampling)),
         certificate=certify_beside(estimate, model, theta, certificate),
         details={
-            **_determined(estimate, record(problem, task, part)),
+            **_determined(estimate, record(problem, task, part, estimator.rest)),
             "on_bounds": on_bounds(problem.constraints(model), theta),
         },
         provenance={
@@ -227,7 +227,11 @@ def _add_frozen(
 
 def _determined(estimate: Estimate, new: dict[str, Any]) -> dict[str, Any]:
     """Who determines which parameter: of the model that was held, then of the new effects."""
-    return {key: [*estimate.details.get(key, []), *more] for key, more in new.items()}
+    old = estimate.details
+    return {
+        "undetermined": {**old.get("undetermined", {}), **new["undetermined"]},
+        "base_parameters": [*old.get("base_parameters", []), *new["base_parameters"]],
+    }
 
 
 def _side_by_side(old: Array, new: Array) -> Array:

@@ -72,7 +72,7 @@ def build_estimate(
         {
             **{k: v for k, v in fit.details.items() if k != "interior"},
             "on_bounds": bounds,
-            **record(problem, task, theta),
+            **record(problem, task, theta, estimator.rest),
         },
         provenance,
         record_motion(measurements, preprocessing) if isinstance(measurements, Measurements) else None,

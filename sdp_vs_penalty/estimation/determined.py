@@ -1,15 +1,11 @@
-"""Which parameters the data determine, and which the prior: resolution, parameter by parameter.
+"""Which parameters the data determine, and which the prior: who alone would know them better.
 
-Beside the data's information H = R^T R stands that of the prior, sigma^2 times that of one independent
-measurement a link: 1/2 P0^-1 (x) P0^-1, the curvature of the entropic pull at the nominal robot P0, and
-of the joints' own parameters one over their scale squared. For a linear function a^T theta the data's
-share
-
-    a^T C H C a / a^T C a,      C = (H + H_prior)^-1,
-
-is the share of what is known of it that the data say (the resolution of linear inverse theory: Backus,
-Gilbert 1970; Tarantola 2005, sec. 3.2). Above one half it is from the data, else from the prior: for a
-method without a prior that is where its answer is an accident of the bounds.
+Of a linear function a^T theta the data alone know the variance a^T H^-1 a, H = R^T R in units of the
+residual variance (infinite where no torque shows it), the prior alone a^T H_prior^-1 a. H_prior is one
+independent measurement a link: 1/2 P0^-1 (x) P0^-1, the curvature of the entropic pull at the nominal
+robot P0, and of the joints' own parameters one over their scale squared. The data's share of what both
+know, prior variance over the sum of the two, decides: above one half the parameter is from the data.
+For a method without a prior the rest is where its answer is an accident of the bounds.
 """
 
 from __future__ import annotations
@@ -18,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimation.uncertainty import base_rows
 from sdp_vs_penalty.estimators.estimator import Task
@@ -28,15 +24,17 @@ from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
 
-DATA, PRIOR = "data", "prior"
+DATA = "data"
+#: Information of the data in a direction that no torque shows, in the prior's.
+_UNSEEN = 1e-12
 #: Share of the information from which on a parameter counts as the data's.
 _HALF = 0.5
 
 
-def base_record(problem: Problem, task: Task, theta: Array) -> list[dict[str, Any]]:
+def base_record(problem: Problem, task: Task, theta: Array, rest: str) -> list[dict[str, Any]]:
     """What model.json says of the base parameters: name, value, nominal value, and who determines it."""
     rows, names, _ = base_rows(problem, task.model)
-    kinds = sources(task, rows)
+    kinds = [DATA if own else rest for own in determined(task, rows)]
     values = zip(names, rows @ theta, rows @ task.nominal, kinds, strict=True)
     return [
         {"name": name, "value": float(value), "nominal": float(nominal), "source": kind}
@@ -44,19 +42,22 @@ def base_record(problem: Problem, task: Task, theta: Array) -> list[dict[str, An
     ]
 
 
-def record(problem: Problem, task: Task, theta: Array) -> dict[str, Any]:
-    """For the details of an estimate: the parameters that are the prior's, and all base parameters."""
-    kinds = zip(task.model.parameters, sources(task), strict=True)
+def record(problem: Problem, task: Task, theta: Array, rest: str) -> dict[str, Any]:
+    """For the details of an estimate: the parameters that the data leave open, all base parameters.
+
+    rest : what decides those (:attr:`Estimator.rest`).
+    """
+    own = determined(task, np.eye(len(theta)))
+    names = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
     return {
-        "from_prior": [parameter.name for parameter, kind in kinds if kind == PRIOR],
-        "base_parameters": base_record(problem, task, theta),
+        "undetermined": dict.fromkeys(names, rest),
+        "base_parameters": base_record(problem, task, theta, rest),
     }
 
 
-def sources(task: Task, rows: ArrayLike | None = None) -> tuple[str, ...]:
-    """Of each linear function in rows (b, p) of theta "data" or "prior"; default: of each parameter."""
-    share = data_share(task, np.eye(len(task.bound)) if rows is None else np.asarray(rows, float))
-    return tuple(DATA if x > _HALF else PRIOR for x in share)
+def determined(task: Task, rows: Array) -> NDArray[np.bool_]:
+    """(b,) whether the data say more than the prior of each linear function, rows (b, p), of theta."""
+    return np.asarray(data_share(task, rows) > _HALF)
 
 
 def data_share(task: Task, rows: Array) -> Array:
@@ -68,9 +69,9 @@ def data_share(task: Task, rows: Array) -> Array:
     _, s, vt = np.linalg.svd(task.data.R @ into, full_matrices=True)
     information = np.zeros(len(half))
     information[: len(s)] = s**2
-    weight = (a @ vt.T) ** 2 / (1.0 + information)
-    total = weight.sum(axis=1)
-    return np.asarray((weight * (information / (1.0 + information))).sum(axis=1) / total)
+    weight = (a @ vt.T) ** 2
+    data, prior = weight @ (1.0 / np.maximum(information, _UNSEEN)), weight.sum(axis=1)
+    return np.asarray(prior / (prior + data))
 
 
 def _prior_factor(task: Task) -> Array:

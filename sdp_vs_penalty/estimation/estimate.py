@@ -75,9 +75,9 @@ class Estimate(Shown):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """(p,) of each parameter "data", or "prior" where the data say less of it than the prior."""
-        prior = set(self.details.get("from_prior", ()))
-        return tuple("prior" if p.name in prior else "data" for p in self.model.parameters)
+        """(p,) who decides each parameter: the "data", else its method's "prior" or the "bounds"."""
+        rest = self.details.get("undetermined", {})
+        return tuple(rest.get(p.name, "data") for p in self.model.parameters)
 
     @property
     def nominal(self) -> Array:

@@ -25,7 +25,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def fits(problem: Problem, links: np.ndarray) -> np.ndarray:
-    """(n,) tr(P Q) / m of each link: 1 for a point at the body's centre, below 0 for what does not fit."""
+    """(n,) tr(P Q) / m of each link: 1 for a point at the body's centre, below 0 for no fit."""
     quadrics = np.array([body.quadric for body in problem.link_bodies])
     return np.einsum("kab,kab->k", quadrics, inertia.pseudo_inertia(links)) / links[:, 0]
 
@@ -135,6 +135,10 @@ def test_geometry_is_read_in_any_unit(kind: str, tmp_path: Path) -> None:
     assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * np.prod(BOX), rel=1e-4)
 
 
+def visual(radius: float) -> str:
+    return f'<visual><geometry><sphere radius="{radius}"/></geometry></visual>'
+
+
 @pytest.mark.parametrize(
     ("shape", "fixed", "source"),
     [
@@ -145,10 +149,10 @@ def test_geometry_is_read_in_any_unit(kind: str, tmp_path: Path) -> None:
         ('<box size="400 100 80"/>', "", "inertial"),  # millimetres called metres
         ('<box size="0.4 x 0.08"/>', "", "inertial"),
         ('<cylinder radius="nan" length="1"/>', "", "inertial"),
-        ('<mesh filename="gone.stl"/>', '<visual><geometry><sphere radius="0.02"/></geometry></visual>', "inertial"),
-        ('<sphere radius="0.1"/>', '<visual><geometry><sphere radius="0.05"/></geometry></visual>', "geometry"),
+        ('<mesh filename="gone.stl"/>', visual(0.02), "inertial"),
+        ('<sphere radius="0.1"/>', visual(0.05), "geometry"),
     ],
-)  # fmt: skip
+)
 def test_geometry_that_says_nothing_is_left_out(
     shape: str, fixed: str, source: str, tmp_path: Path
 ) -> None:
