@@ -24,7 +24,13 @@ from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
-from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.conic import Solution
+from sdp_vs_penalty.solvers.identification import (
+    SdpProblem,
+    largest_margin,
+    least_squares_sdp,
+    moving_scale,
+)
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.verified import proves_infeasible
@@ -273,7 +279,8 @@ def _aligned(
 def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "clarabel") -> Array:
     """A theta strictly inside all convex constraints: the nominal one, or that of largest margin.
 
-    Raises InputError naming the families that exclude each other where there is none.
+    Raises Infeasible, which names the families that exclude each other or leave no room, and
+    InputError where the solver finds neither a point nor an optimum.
     """
     nominal = task.nominal.copy()
     others = np.setdiff1d(np.arange(len(nominal)), task.model.rigid_indices)
@@ -283,27 +290,49 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
         nominal[k] = 0.0 if np.isinf(lower) else lower + 1e-6 * task.bound[k]
     if constraints.depth(nominal) >= _DEEP:
         return nominal
-    problem = largest_margin(constraints.convex, nominal, task.bound)
-    solution = solver(solver_name).solve(problem.conic, 1e-8)
-    theta = max((problem.theta(solution), nominal), key=constraints.depth)
-    if constraints.depth(theta) > _NO_ROOM:
-        return theta
-    families = conflicting(constraints.convex, problem.shares(solution))
-    between = " and ".join(families)
-    multipliers = problem.multipliers(solution)
-    if proves_infeasible(constraints.convex, multipliers, task.bound):
-        raise Infeasible(
-            f"The constraints admit no parameters: {between} exclude each other (from the "
-            "infeasibility certificate)",
-            "relax one of them",
-            families=families,
-            proof=(constraints.convex, multipliers),
+    optimum = None
+    # Where a link may weigh a hundred times what it does, units as large as the bounds can cost a
+    # solver the digits that decide; then units that move each matrix about as far.
+    for scale in (task.bound, moving_scale(constraints.convex, nominal, task.bound)):
+        problem = largest_margin(constraints.convex, nominal, scale)
+        solution = solver(solver_name).solve(problem.conic, 1e-8)
+        if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
+            continue
+        theta = max((problem.theta(solution), nominal), key=constraints.depth)
+        if constraints.depth(theta) > _NO_ROOM:
+            return theta
+        _refuse_if_proved(task, constraints, problem, solution)
+        if solution.claims == "optimal":
+            optimum = problem, solution
+    if optimum is None:
+        raise InputError(
+            f"solver {solver_name} found neither parameters that satisfy all constraints nor a proof "
+            "that there are none",
+            "choose another solver, or check the units of the bounds",
         )
+    families = conflicting(constraints.convex, optimum[0].shares(optimum[1]))
     raise Infeasible(
-        f"The constraints leave no room for parameters: {between} can at best hold with nothing to "
-        "spare (equal bounds?)",
+        f"The constraints leave no room for parameters: {' and '.join(families)} can at best hold with "
+        "nothing to spare (equal bounds?)",
         "widen one of them a little",
         families=families,
+    )
+
+
+def _refuse_if_proved(
+    task: Task, constraints: ConstraintSet, problem: SdpProblem, solution: Solution
+) -> None:
+    """Raises Infeasible where the dual of the largest margin proves that nothing satisfies all."""
+    multipliers = problem.multipliers(solution)
+    if not proves_infeasible(constraints.convex, multipliers, task.bound):
+        return
+    families = conflicting(constraints.convex, problem.shares(solution))
+    raise Infeasible(
+        f"The constraints admit no parameters: {' and '.join(families)} exclude each other (from the "
+        "infeasibility certificate)",
+        "relax one of them",
+        families=families,
+        proof=(constraints.convex, multipliers),
     )
 
 

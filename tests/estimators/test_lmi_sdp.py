@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import make_estimator
@@ -32,6 +33,7 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 seeds = st.integers(0, 2**32 - 1)
@@ -340,6 +342,40 @@ def test_a_model_without_links_is_a_bounded_least_squares_problem(two_link: Prob
     assert estimate.theta[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert estimate.certificate.worst == 0.0
     assert estimate.certificate.positive_mass_matrices is None
+
+
+def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
+    """The solver's first answers are not numbers."""
+    from sdp_vs_penalty.solvers import clarabel
+
+    real, calls = clarabel.solve, iter(range(1000))
+
+    def solve(problem: ConicProblem, accuracy: float) -> Solution:
+        answer = real(problem, accuracy)
+        if next(calls) >= failures:
+            return answer
+        return replace(answer, x=np.full_like(answer.x, np.nan), claims="failed")
+
+    monkeypatch.setattr(clarabel, "solve", solve)
+
+
+def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(
+    panda: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The panda's nominal links are thinner than 7 cm: an interior point has to be searched."""
+    model = panda.model()
+    p = len(model.parameters)
+    data = LeastSquares(np.eye(p), np.ones(p), 0.0, float(p), p)
+    demands = panda.constraints(model)
+    task = Task(model, data, demands, panda.parameter_bound(model), panda.nominal(model), panda.box)
+    demands = demands.plus(task.minimum_thickness(0.07))
+    assert demands.margin(task.nominal) < 0.0
+    without_answers(monkeypatch, 1)
+    assert demands.margin(interior_point(task, demands)) > 0.0
+    without_answers(monkeypatch, 2)
+    with pytest.raises(InputError, match=r"neither parameters that satisfy .* nor a proof") as error:
+        interior_point(task, demands)
+    assert not isinstance(error.value, Infeasible)
 
 
 def test_interior_points_are_interior_for_every_built_in_problem(request: pytest.FixtureRequest) -> None:

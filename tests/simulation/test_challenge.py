@@ -59,7 +59,7 @@ def test_hidden_effects_are_found_and_clean_robots_are_clean() -> None:
     assert judge.first_right(hidden)
     assert judge.sizes(hidden)[0][1] < 0.2
     assert judge.outcome(run_case(Case("clean", "encoder", 1000, 16))[1]) in ("silent", "named")
-    assert judge.abstained(run_case(Case("unknown_strong", "encoder", 1000, 19))[1])
+    assert judge.abstained(run_case(Case("unknown_strong", "encoder", 1000, 10))[1])
 
 
 def test_a_contact_is_an_event_not_an_effect() -> None:
