@@ -22,7 +22,6 @@ from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
-
 Change = Callable[[Instance], Instance]
 
 
