@@ -37,18 +37,25 @@ def load_measurements(
         check_usable(path, part, word, first)
         parts.append(part)
     refuse_twice(paths, parts)
-    whole = parts[0] if len(parts) == 1 else concatenate(parts)
-    if start > 0.0 or np.isfinite(stop):
-        for run in whole.runs():
-            since = run.t - run.t[0]
-            if np.count_nonzero((since >= start) & (since < stop)) < 2:
-                end = "its end" if np.isinf(stop) else f"{stop:g} s"
-                raise InputError(
-                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
-                    where=run.names[0],
-                )
-        whole = whole.window(start, stop)
-    return whole
+    return windowed(parts[0] if len(parts) == 1 else concatenate(parts), start, stop)
+
+
+def windowed(whole: Measurements, start: float = 0.0, stop: float = np.inf) -> Measurements:
+    """The part of each run from ``start`` to ``stop`` seconds after its beginning.
+
+    Raises InputError naming the run of which nothing is left.
+    """
+    if start <= 0.0 and not np.isfinite(stop):
+        return whole
+    for run in whole.runs():
+        since = run.t - run.t[0]
+        if np.count_nonzero((since >= start) & (since < stop)) < 2:
+            end = "its end" if np.isinf(stop) else f"{stop:g} s"
+            raise InputError(
+                f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
+                where=run.names[0],
+            )
+    return whole.window(start, stop)
 
 
 def read_run(

@@ -199,6 +199,7 @@ def find(request: Request, progress: Progress) -> Answer:
         frozen=bool(request["frozen"]),
         seed=int(request["seed"]),
         progress=progress,
+        noise_from=runs.whole,
     )
     return {"diagnosis": result.to_dict(), "seconds": time.perf_counter() - begin}
 
@@ -224,7 +225,7 @@ def methods(request: Request, progress: Progress) -> Answer:
             rows.append({"method": name, "failed": str(error)})
             continue
         seconds = time.perf_counter() - begin
-        c = compare({name: made}, runs.judge)[0]
+        c = compare({name: made}, runs.judge, noise_from=runs.whole)[0]
         rows.append(
             {
                 "method": name,
@@ -252,10 +253,12 @@ def take(request: Request, progress: Progress) -> Answer:
 
 def report(request: Request, progress: Progress) -> Answer:
     """The self-contained report about the ladder of models."""
+    runs = _runs(request)
     made = make_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},
-        _runs(request).judge,
+        runs.judge,
         commands=request["commands"],
+        noise_from=runs.whole,
         progress=progress,
     )
     write_text(request["out"], made)
