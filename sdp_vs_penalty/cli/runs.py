@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.cli.arguments import time_window
+from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,8 +40,7 @@ def runs_for(
 
     robot = estimate.robot
     names = robot.joint_names
-    start, stop = time_window(window)
-    first, last = time_window(test_window, "--test-window")
+    train, judge = time_windows(window), time_windows(test_window, "--test-window")
     if test is None and test_window is not None:
         raise InputError(
             f"--test-window {test_window!r}", "name the run that it is a part of with --test"
@@ -60,5 +59,5 @@ def runs_for(
     whole = measured
     if tested is not None and tested.data_hash not in {run.data_hash for run in measured.runs()}:
         whole = concatenate([measured, tested])
-    held_out = None if tested is None else windowed(tested, first, last)
-    return Given(windowed(measured, start, stop), held_out, whole)
+    held_out = None if tested is None else windowed(tested, judge)
+    return Given(windowed(measured, train), held_out, whole)

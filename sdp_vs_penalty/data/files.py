@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,25 +38,30 @@ def load_measurements(
         check_usable(path, part, word, first)
         parts.append(part)
     refuse_twice(paths, parts)
-    return windowed(parts[0] if len(parts) == 1 else concatenate(parts), start, stop)
+    return windowed(parts[0] if len(parts) == 1 else concatenate(parts), [(start, stop)])
 
 
-def windowed(whole: Measurements, start: float = 0.0, stop: float = np.inf) -> Measurements:
-    """The part of each run from ``start`` to ``stop`` seconds after its beginning.
+def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Measurements:
+    """Of each run its windows (start, stop) [s after its beginning], each a run of its own.
 
-    Raises InputError naming the run of which nothing is left.
+    Raises InputError naming the run of which a window leaves nothing.
     """
-    if start <= 0.0 and not np.isfinite(stop):
+    if list(windows) == [(0.0, np.inf)]:
         return whole
+    parts = []
     for run in whole.runs():
         since = run.t - run.t[0]
-        if np.count_nonzero((since >= start) & (since < stop)) < 2:
+        for start, stop in windows:
             end = "its end" if np.isinf(stop) else f"{stop:g} s"
-            raise InputError(
-                f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
-                where=run.names[0],
-            )
-    return whole.window(start, stop)
+            if np.count_nonzero((since >= start) & (since < stop)) < 2:
+                raise InputError(
+                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
+                    where=run.names[0],
+                )
+            part = run.window(start, stop)
+            name = f"{run.names[0]}, {start:.4g} s to {end}"
+            parts.append(part if len(windows) == 1 else replace(part, names=(name,)))
+    return parts[0] if len(parts) == 1 else concatenate(parts)
 
 
 def read_run(

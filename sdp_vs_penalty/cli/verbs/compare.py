@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import time_window
+from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.cli.options import Data, Debug, Verbose, Window, json_option
 
 
@@ -37,7 +37,7 @@ def verb(
     estimates = {str(path): load_estimate(path) for path in models}
     newest, estimate = list(estimates.items())[-1]
     whole = load_measurements(*data, names=estimate.robot.joint_names)
-    runs = windowed(whole, *time_window(window))
+    runs = windowed(whole, time_windows(window))
     results = compare(estimates, runs, noise_from=whole)
     oldest = next(iter(estimates.values()))
     failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import numbers, time_window
+from sdp_vs_penalty.cli.arguments import numbers, time_windows
 from sdp_vs_penalty.cli.checking import refuse_meaningless
 from sdp_vs_penalty.cli.options import Data, Debug, Gravity, Problem, Seed, Window
 from sdp_vs_penalty.errors import InputError
@@ -61,12 +61,12 @@ def verb(
 
     estimator = _estimator(method, solver)
     robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
-    start, stop = time_window(window)
+    windows = time_windows(window)
     with console.progress("reading the measurements") as progress:
         answers = load_answers(data, joints=robot.robot.n)
         names = robot.robot.joint_names
         whole = answers or load_measurements(*data, joints=robot.robot.n, names=names)
-        given = windowed(whole, start, stop) if isinstance(whole, Measurements) else whole
+        given = windowed(whole, windows) if isinstance(whole, Measurements) else whole
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
             refuse_meaningless(robot, given)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import time_window
+from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.cli.options import Debug, Window
 
 
@@ -40,7 +40,7 @@ def verb(
     robot = next(iter(estimates.values())).robot
     with console.progress("reading the measurements") as progress:
         whole = load_measurements(*data, names=robot.joint_names)
-        runs = windowed(whole, *time_window(window))
+        runs = windowed(whole, time_windows(window))
         command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
         report(estimates, runs, out, commands=[command], noise_from=whole, progress=progress)
     console.written(out)
