@@ -26,7 +26,9 @@ Test = Annotated[
 ]
 Window = Annotated[
     str | None,
-    typer.Option(metavar="START:STOP", help="Part of each run to use, in seconds from its start."),
+    typer.Option(
+        metavar="START:STOP", help="Part of each run to use, in seconds from its start; or A:B,C:D."
+    ),
 ]
 TestWindow = Annotated[
     str | None,

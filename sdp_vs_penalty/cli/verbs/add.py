@@ -62,18 +62,18 @@ def verb(
     effects = _effects(effect, findings, confident, only)
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
-        measurements, held_out = runs_for(estimate, data, window, test, test_window)
+        given = runs_for(estimate, data, window, test, test_window)
         bigger = run(
             estimate,
             effects,
-            measurements,
+            given.train,
             frozen=frozen,
             seed=seed,
             progress=progress,
             gain_uncertainty=gain_uncertainty,
         )
-        judge = measurements if held_out is None else held_out
-        before, after = compare({"before": estimate, "after": bigger}, judge)
+        models = {"before": estimate, "after": bigger}
+        before, after = compare(models, given.judge, noise_from=given.whole)
         bigger.save(out)
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
