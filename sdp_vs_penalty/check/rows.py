@@ -48,15 +48,15 @@ def physics_of(
         start += len(k)
         if len(at):
             pieces.append(_piece(filters, part, at, model))
-    t, q, dq, ddq, tau, rate, curvature, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
+    t, q, dq, ddq, tau, rate, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
     indices = _own_indices(model)
     nominal = problem.nominal(model)
     kept = None if indices is None else Own(np.moveaxis(own, 1, 0), indices)
-    return Physics(model, Motion(t, q, dq, ddq), tau, rate, curvature, nominal, own=kept)
+    return Physics(model, Motion(t, q, dq, ddq), tau, rate, nominal, own=kept)
 
 
 def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
-    """t, q, dq, ddq, torque and its derivatives, own columns (M, n, k) of one stretch."""
+    """t, q, dq, ddq, torque and its rate, own columns (M, n, k) of one stretch."""
     coarse = filters.coarse
     reach = filters.stride * coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
@@ -69,10 +69,7 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Mode
     kernel, half = filters.column, filters.column.half
     around = part.resampled(part.tau, int(exact[0]) - half, int(exact[-1]) + half + 1)
     places = exact - exact[0] + half
-    torque = [
-        LowPass(x).decimator(len(around), places) @ around
-        for x in (kernel.value, kernel.first, kernel.second)
-    ]
+    torque = [LowPass(x).decimator(len(around), places) @ around for x in (kernel.value, kernel.first)]
     states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
     return (part.clock(exact), *states, *torque, own)
 
