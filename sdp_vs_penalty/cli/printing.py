@@ -196,7 +196,8 @@ def diagnosis(
     if result.effects:
         _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
     share = ", ".join(f"{100 * max(x, 0.0):.0f} %" for x in result.unexplained)
-    say(f"unexplained variance / noise variance, per joint: {share}")
+    known = result.noise_source == "repetition"
+    say(f"unexplained variance / noise variance, per joint: {share if known else 'not known'}")
     for event in result.events:
         hum = "" if event.frequency is None else f", a hum of {number(event.frequency)} Hz"
         say(f"event on joint {event.joint + 1}: {event.t_start:.2f} s to {event.t_end:.2f} s{hum}")
