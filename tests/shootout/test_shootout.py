@@ -323,7 +323,8 @@ def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def
         return {
             "problem": problem, "group": "g", "hash": "h", "solver": solver, "settings": "1e-06",
             "accuracy": 1e-6, "claimed": claimed, "class": kind, "objective_error": gap,
-            "violation": 0.0, "own_gap": np.inf, "dimacs": 1e-7, "seconds": seconds, "version": "1", "machine": "m",
+            "violation": 0.0, "own_gap": np.inf, "dimacs": 1e-7, "seconds": seconds, "version": "1",
+            "machine": "m",
         }  # fmt: skip
 
     rows = [
