@@ -125,14 +125,6 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
                 f"delete the {word} or fill it in",
                 path,
             )
-        if values.size and np.abs(values).max() > LARGEST_VALUE[name]:
-            row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
-            column = name if name == "t" else f"{name}{joint + 1}"
-            raise InputError(
-                f"{word} {row + first}, column {column}: no robot measures {values[row, joint]:.3g}",
-                f"correct the {word} or delete it",
-                path,
-            )
     steps = np.diff(m.t)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0))
@@ -145,6 +137,17 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
             "delete them, or cut the file there",
             path,
         )
+    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
+        if values is None:
+            continue
+        if values.size and np.abs(values).max() > LARGEST_VALUE[name]:
+            row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+            column = name if name == "t" else f"{name}{joint + 1}"
+            raise InputError(
+                f"{word} {row + first}, column {column}: no robot measures {values[row, joint]:.3g}",
+                f"correct the {word} or delete it",
+                path,
+            )
 
 
 def save(measurements: Measurements, path: str | Path) -> None:
