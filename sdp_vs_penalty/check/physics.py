@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from sdp_vs_penalty.check.evidence import Evidence, solve
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -92,10 +92,12 @@ class Physics:
     def columns_of(self, model: Model) -> list[Array]:
         if self.own is None:
             return wide_columns(model, self.motion)
-        rigid = tuple(e for e in model.effects if e.name == "rigid_body")
         out = [np.zeros((len(self.motion.t), len(model.parameters))) for _ in range(self.n)]
-        for j, block in enumerate(Model(model.robot, rigid).columns(self.motion) if rigid else []):
-            out[j][:, model.rigid_indices[block.indices]] = block.columns
+        rest = [k for k in range(len(model.effects)) if k not in own_effects(model)]
+        where = np.concatenate([np.arange(0), *(model.indices[k] for k in rest)]).astype(int)
+        part = Model(model.robot, tuple(model.effects[k] for k in rest))
+        for j, block in enumerate(part.columns(self.motion) if rest else []):
+            out[j][:, where[block.indices]] = block.columns
         for j, columns in enumerate(self.own.columns):
             out[j][:, self.own.indices[j]] = columns
         return out
@@ -316,6 +318,14 @@ class Physics:
         """For each joint the channel that its columns alone explain best, all channels given out."""
         _, order = linear_sum_assignment(np.log(self.alone))
         return np.asarray(order, np.intp)
+
+
+def own_effects(model: Model) -> list[int]:
+    """Which of the model's effects have one column on every joint, made by that joint's motion."""
+    every = list(range(model.robot.n))
+    return [
+        k for k, e in enumerate(model.effects) if isinstance(e, JointEffect) and list(e.joints) == every
+    ]
 
 
 def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:

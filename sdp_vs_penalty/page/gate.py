@@ -109,9 +109,7 @@ async def _refuse(scope: Scope, send: Any) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return
-    text = (
-        b"Only the page itself may ask here: open the address that was printed, key included.\n"
-    )
+    text = b"Only the page itself may ask here: open the address that was printed, key included.\n"
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
     await send({"type": "http.response.start", "status": 403, "headers": headers})
     await send({"type": "http.response.body", "body": text})
