@@ -247,17 +247,31 @@ def report(rows: list[Row]) -> str:
 
 
 def _verdict(rows: list[Row]) -> str:
-    """What the tables say of the default, in two sentences."""
-    own = {r.arm: r for r in rows if r.method == DEFAULT}
-    best = {arm: min(r.error for r in rows if r.arm == arm) for arm in own}
-    behind = {arm: 100.0 * (r.error / best[arm] - 1.0) for arm, r in own.items()}
-    worst = max(behind, key=lambda arm: behind[arm])
-    wide = max(own.values(), key=lambda r: r.gyration)
+    """What the tables say of the default: robot by robot, split by split, and of its widest link."""
+    robots = {r.arm: r.arm.partition(",")[0] for r in rows}
+    robot, behind = _farthest_behind(rows, lambda r: robots[r.arm])
+    split, most = _farthest_behind(rows, lambda r: r.arm)
+    wide = max((r for r in rows if r.method == DEFAULT), key=lambda r: r.gyration)
     return (
-        f"The default's error is at most {behind[worst]:.1f} % above the least of all methods here "
-        f"({worst}),\nand its largest radius of gyration {wide.gyration:.2f} of what the body allows "
-        f"({wide.arm}).\n"
+        f"The default's error is at most {behind:.1f} % above that of the best method of all (averaged "
+        f"over a robot's splits:\n{robot}), {most:.1f} % in a single split ({split}). Its largest "
+        f"radius of gyration is\n{wide.gyration:.2f} of what the body allows ({wide.arm}).\n"
     )
+
+
+def _farthest_behind(rows: list[Row], group: Callable[[Row], str]) -> tuple[str, float]:
+    """The group in which the default's mean error is the most above the least mean error, and by [%]."""
+    means = {
+        (name, method): np.mean([r.error for r in rows if group(r) == name and r.method == method])
+        for name in dict.fromkeys(map(group, rows))
+        for method in METHODS
+    }
+    behind = {
+        name: 100.0 * (means[name, DEFAULT] / min(means[name, m] for m in METHODS) - 1.0)
+        for name in dict.fromkeys(map(group, rows))
+    }
+    worst = max(behind, key=lambda name: behind[name])
+    return worst, float(behind[worst])
 
 
 def _three(x: float) -> str | None:
