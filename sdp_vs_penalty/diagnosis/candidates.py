@@ -116,7 +116,8 @@ class Candidates:
         return self.judged(fit, best.key, best.effect, best.columns)
 
     def _refine_one(self, fit: WhiteFit, start: Candidate, name: str) -> Candidate:
-        constant, value = start.effect.shapes[name], start.effect.shape[name]
+        robot, value = start.effect.robot, start.effect.shape[name]
+        constant = start.effect.shapes[name].on(robot.joints[start.effect.joints[0]].kind)
         assert constant.bounds is not None
         low, high = constant.bounds
         linear = constant.scale == "linear"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,17 +22,22 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, search_through
+from sdp_vs_penalty.diagnosis.own_shapes import adopted, profiled
 from sdp_vs_penalty.diagnosis.remaining import remaining
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.scoring import score_library
 from sdp_vs_penalty.diagnosis.stage import prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
+#: How often the model's own shape constants are adopted, before the search and after.
+_ADOPTIONS = 2
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
 
@@ -67,18 +73,59 @@ def diagnose(
     settings = estimate.preprocessing.resolve(measurements)
     progress("filtering the runs")
     rows = diagnosis_rows(measurements, estimate, settings)
+    found = search(rows, estimate, frozen, seed, progress)
+    progress("held-out errors")
+    return conclude(found, test, settings)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search came to: first : the model as it was given; estimate : with the shape constants
+    that explain most, refitted; shapes : those constants; state : the search beside them."""
+
+    first: Estimate
+    estimate: Estimate
+    shapes: tuple[ShapeEstimate, ...]
+    state: SearchState
+
+
+def search(
+    rows: SegmentedRuns,
+    estimate: Estimate,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Callable[[str], None] = quiet,
+) -> Found:
+    """The search, beside the model's own shape constants as these rows show them: they are adopted
+    before the first name is given, and again beside the picks."""
+    now, shapes = estimate, list[ShapeEstimate]()
     stage = prepare(rows, estimate, frozen, seed, progress)
+    state = SearchState.start(stage)
+    if not frozen:
+        for _ in range(_ADOPTIONS):
+            shapes = profiled(estimate, now, state)
+            other = adopted(now, state, shapes)
+            if other is None:
+                break
+            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
+            state = SearchState.start(stage)
     progress("searching for what is missing")
     state = search_through(stage)
-    progress("held-out errors")
-    return conclude(estimate, state, test, settings)
+    for _ in range(0 if frozen else _ADOPTIONS):
+        if not state.picks:
+            break
+        shapes = profiled(estimate, now, state)
+        other = adopted(now, state, shapes)
+        if other is None:
+            break
+        now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
+        state = search_through(stage)
+    return Found(estimate, now, tuple(shapes), state)
 
 
-def conclude(
-    estimate: Estimate, state: SearchState, test: Measurements | None, settings: Preprocessing
-) -> Diagnosis:
+def conclude(found: Found, test: Measurements | None, settings: Preprocessing) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
-    stage = state.stage
+    estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
     held_out = held_out_errors(estimate, state, test, settings)
     findings = tuple(_finding(state, k, held_out) for k in range(len(state.picks)))

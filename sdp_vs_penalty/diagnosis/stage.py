@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.candidates import Candidates
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
-from sdp_vs_penalty.diagnosis.library import Key, Library, build_library, spread_columns
+from sdp_vs_penalty.diagnosis.library import Candidacy, Key, Library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.autoregression import ORDER
@@ -45,7 +45,7 @@ class Stage:
     labels: RowLabels
     columns: Array
     residual: Array
-    library: Library
+    candidacy: Candidacy
     known: frozenset[Key]
     seed: int
     frozen: bool
@@ -53,7 +53,7 @@ class Stage:
     @cached_property
     def white(self) -> Library:
         """The library's columns, white."""
-        return self.library.whitened(self.noise, self.rows)
+        return self.candidacy.library.whitened(self.noise, self.rows)
 
     @cached_property
     def candidates(self) -> Candidates:
@@ -121,10 +121,10 @@ def prepare(
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
     progress("columns of all candidates")
-    library = build_library(rows, estimate.model, frozen)
     columns = model_columns(rows, estimate, frozen)
     known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
-    return Stage(rows, noise, label_rows(rows), columns, residual, library, known, seed, frozen)
+    candidacy = Candidacy(rows, estimate.model, frozen)
+    return Stage(rows, noise, label_rows(rows), columns, residual, candidacy, known, seed, frozen)
 
 
 def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,10 +21,11 @@ class Shape:
     grid : the values that a search starts from; bounds : the range in which it refines them (None: it
         stays on the grid); scale : how neighbours are spaced there: widths, exponents and times by a
         ratio ("log"), numbers of waves by a difference ("linear").
+    metres : how many metres (per second) on a prismatic joint stand for a radian of grid and bounds.
     signed : whether it may be zero or negative.
-    role : "searched", found from measurements where it is not given; "convention", part of how a model
-        is written, which no search touches; "clock", the instant from which time counts, taken from
-        the measurements.
+    role : "searched", found from measurements by `diagnose` and `add` where it is not given;
+        "estimated", by `identify` as well; "clock", the instant from which time counts, taken from the
+        measurements.
     """
 
     default: float
@@ -33,8 +34,16 @@ class Shape:
     bounds: tuple[float, float] | None = None
     scale: Literal["log", "linear"] = "log"
     choices: tuple[float, ...] = ()
+    metres: float = 1.0
     signed: bool = False
-    role: Literal["searched", "convention", "clock"] = "searched"
+    role: Literal["searched", "estimated", "clock"] = "searched"
+
+    def on(self, kind: str) -> Shape:
+        """The same with grid and bounds for a joint of this kind ("revolute", "prismatic")."""
+        if kind != "prismatic" or self.metres == 1.0:
+            return self
+        grid, bounds = (tuple(self.metres * x for x in xs) for xs in (self.grid, self.bounds or ()))
+        return replace(self, grid=grid, bounds=(bounds[0], bounds[1]) if bounds else None, metres=1.0)
 
     def complaint(self, value: float) -> str | None:
         """What is wrong with a value, or None: the end of a sentence that begins with its name."""

@@ -17,6 +17,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
@@ -46,7 +47,8 @@ def identify(
     measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
-    effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
+    effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
+        round is estimated joint by joint unless it is given (``coulomb_friction@v_s=``); preprocessing : filter settings (default:
         the problem's); weighting : "noise" divides each joint's rows by its residual in a first
         least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
         random; progress : hears where the computation stands; proof : a file to write the proof of
@@ -83,6 +85,9 @@ def identify(
     check_plausible(problem.robot, measurements)
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
+    progress("estimating shape constants")
+    shapes = estimate_shapes(model, measurements, settings, weighting)
+    model = replace(model, effects=with_shapes(model.effects, shapes))
     if model.needs_reference:
         model = with_reference(problem, model, measurements, settings, weighting, progress)
     progress("compressing the measurements")
@@ -98,6 +103,9 @@ def identify(
     estimate = build_estimate(
         problem, task, estimator, fit, regression, settings, measurements, weighting
     )
+    if shapes:
+        shown = {"shapes": [s.to_dict() for s in shapes]}
+        estimate = replace(estimate, details={**estimate.details, **shown})
     if proof is not None:
         progress("proving the optimum")
         write_proof(proved(task, fit, estimate), proof)

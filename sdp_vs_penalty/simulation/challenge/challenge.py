@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.diagnose import conclude
+from sdp_vs_penalty.diagnosis.diagnose import conclude, search
 from sdp_vs_penalty.diagnosis.fit import orthonormal
-from sdp_vs_penalty.diagnosis.ladder import search_through
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, white_rows
+from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, white_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.files import write_text
@@ -105,8 +104,9 @@ def run_case(problem_name: str, key: str) -> dict[str, Any]:
     estimate = quick_estimate(problem, model_runs, made.truth["model_effects"])
     begin = time.perf_counter()
     rows = diagnosis_rows(data, estimate, estimate.preprocessing)
-    state = search_through(prepare(rows, estimate, case.frozen, seed))
-    result = conclude(estimate, state, made.runs[3], estimate.preprocessing)
+    search_end = search(rows, estimate, case.frozen, seed)
+    result = conclude(search_end, made.runs[3], estimate.preprocessing)
+    estimate, state = search_end.estimate, search_end.state
     seconds = time.perf_counter() - begin
     ideal = diagnosis_rows(concatenate(made.ideal[: case.runs]), estimate, estimate.preprocessing)
     floor = noise_std(rows, ideal)
