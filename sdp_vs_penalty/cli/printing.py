@@ -21,9 +21,12 @@ from sdp_vs_penalty.cli.console import (
 )
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import BANDS, JointFailure, dependences
 from sdp_vs_penalty.estimation.estimate import Estimate
 
+#: What an error is called that no other run was kept for.
+TRAINING = "the training data"
 #: What `weak` means, where findings are called so.
 _WEAK = (
     "weak = at least one of: an alternative fits as well; size uncertain by > 20 %; small gain; no "
@@ -74,6 +77,18 @@ def comparison(results: Sequence[Comparison], units: Sequence[str], title: str =
     table(band, ("joint", "unit", *heads, "noise floor", *([] if several else ["R2"])), rows, words=2)
     for k, result in enumerate(results if several else [], start=1):
         say(f"[{k}] {result.name}")
+
+
+def judged_motion(results: Sequence[Comparison]) -> None:
+    """How much of the judged motion each model has not been trained on; a warning where it is little."""
+    shares = ", ".join(new_motion(r.new_motion_share) for r in results)
+    distances = {r.new_motion_distance for r in results} - {None}
+    how = " or ".join(f"{d:g}" for d in sorted(filter(None, distances)))
+    beyond = f" (farther than {how} spreads of the training motion from all of it)" if how else ""
+    say(f"new motion: {shares}{beyond}")
+    for result in results:
+        if result.warning:
+            explain(result.warning if len(results) == 1 else f"{result.name}: {result.warning}")
 
 
 def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
@@ -176,6 +191,8 @@ def before_after(before: Comparison, after: Comparison, units: Sequence[str], wh
     """RMSE of each joint before and after an effect was added, the relative errors first."""
     errors = (number(before.relative_error_percent), number(after.relative_error_percent))
     say(f"relative error on {what}: {errors[0]} % before, {errors[1]} % after", style="bold")
+    if what != TRAINING and after.warning:
+        explain(after.warning)
     floor = after.noise_floor
     rows = []
     for j, torque in enumerate(units):

@@ -28,6 +28,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.signals.motion import record_motion
 
 Array = NDArray[np.float64]
 
@@ -199,6 +200,7 @@ def _add_frozen(
     fit = estimator.fit(task)
     part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
+    before, new_motion = estimate.training_motion, record_motion(measurements, settings)
     return replace(
         estimate,
         model=model,
@@ -214,6 +216,7 @@ def _add_frozen(
             "samples": len(measurements.t),
             "versions": versions(),
         },
+        training_motion=None if before is None or new_motion is None else before.joined(new_motion),
     )
 
 

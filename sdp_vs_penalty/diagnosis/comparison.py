@@ -13,7 +13,13 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.rows import with_estimate
-from sdp_vs_penalty.diagnosis.show import fit_verdict, plot_errors, plot_residual
+from sdp_vs_penalty.diagnosis.show import (
+    fit_verdict,
+    new_motion,
+    plot_errors,
+    plot_residual,
+    repeatability_warning,
+)
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.show import Shown, Summary
@@ -49,7 +55,10 @@ class Comparison(Shown):
 
     rmse [N m or N], mse, r2 (1 - mse / variance of the measured torque): (n,) each; noise_floor
     (n,) or None where no motion repeats; relative_error_percent: 100 |tau - tau_hat| / |tau| over
-    all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows themselves.
+    all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows themselves;
+    new_motion_share: of the rows, those whose motion the model has not been trained on (see
+    :mod:`~sdp_vs_penalty.signals.motion`), farther than new_motion_distance spreads from all that it
+    has; None where its model.json does not record that.
     """
 
     name: str
@@ -60,6 +69,13 @@ class Comparison(Shown):
     relative_error_percent: float
     band_hz: float
     signals: Signals = field(compare=False)
+    new_motion_share: float | None = None
+    new_motion_distance: float | None = None
+
+    @property
+    def warning(self) -> str | None:
+        """One sentence where these measurements repeat the motion that the model was trained on."""
+        return repeatability_warning(self.new_motion_share)
 
     @property
     def verdict(self) -> str:
@@ -91,6 +107,7 @@ class Comparison(Shown):
             ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
             *_floor_row(self.noise_floor),
             ("band", f"below {self.band_hz:.3g} Hz"),
+            ("new motion", new_motion(self.new_motion_share)),
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -104,6 +121,7 @@ class Comparison(Shown):
             else self.noise_floor.tolist(),
             "relative_error_percent": _number(self.relative_error_percent),
             "band_hz": self.band_hz,
+            "new_motion_share": self.new_motion_share,
         }
 
 
@@ -204,8 +222,21 @@ def compare(
         t, q, dq = (np.concatenate([getattr(rows.motion, x) for rows in runs]) for x in ("t", "q", "dq"))
         signals = Signals(t, q, dq, torque, torque - error)
         band = settings.torque_cutoff
-        rmse = np.sqrt(mse)
-        out.append(Comparison(name, rmse, mse, r2, floor, float(relative), band, signals))
+        record = model.training_motion
+        out.append(
+            Comparison(
+                name,
+                np.sqrt(mse),
+                mse,
+                r2,
+                floor,
+                float(relative),
+                band,
+                signals,
+                None if record is None else record.new_share(q, dq),
+                None if record is None else record.distance,
+            )
+        )
     return out
 
 

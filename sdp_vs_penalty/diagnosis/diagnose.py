@@ -31,6 +31,7 @@ from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -75,7 +76,8 @@ def diagnose(
     rows = diagnosis_rows(measurements, estimate, settings)
     found = search(rows, estimate, frozen, seed, progress)
     progress("held-out errors")
-    return conclude(found, test, settings)
+    share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
+    return conclude(found, test, settings, share)
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,26 @@ def search(
     return Found(estimate, now, tuple(shapes), state)
 
 
-def conclude(found: Found, test: Measurements | None, settings: Preprocessing) -> Diagnosis:
+def _new_motion(
+    estimate: Estimate,
+    searched: Measurements,
+    test: Measurements,
+    settings: Preprocessing,
+    frozen: bool,
+) -> float | None:
+    """Share of the test run's motion that neither the search nor a frozen model has seen."""
+    record, known = record_motion(searched, settings), estimate.training_motion
+    if frozen and record is not None:
+        record = None if known is None else record.joined(known)
+    return None if record is None else record.new_share_of(test, settings)
+
+
+def conclude(
+    found: Found,
+    test: Measurements | None,
+    settings: Preprocessing,
+    new_share: float | None = None,
+) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
@@ -143,10 +164,11 @@ def conclude(found: Found, test: Measurements | None, settings: Preprocessing) -
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(stage.noise.source, doubted, held_out.source),
+        explanations.remarks(stage.noise.source, doubted, held_out.source, new_share),
         held_out.ladder[0],
         held_out.source,
         stage.frozen,
+        new_share,
     )
 
 

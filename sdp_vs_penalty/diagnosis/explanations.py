@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 
@@ -67,7 +68,9 @@ def doubts(findings: Sequence[Finding]) -> tuple[str, ...]:
     return tuple(text for text in said if text)
 
 
-def remarks(noise_source: str, doubted: Sequence[str], held_out: str) -> tuple[str, ...]:
+def remarks(
+    noise_source: str, doubted: Sequence[str], held_out: str, new_share: float | None
+) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
     out = []
     if noise_source == "residual":
@@ -76,6 +79,8 @@ def remarks(noise_source: str, doubted: Sequence[str], held_out: str) -> tuple[s
             "is weaker evidence. Record a run with more than one period."
         )
     out += doubted
+    if warning := repeatability_warning(new_share):
+        out.append(warning)
     if held_out == "folds":
         out.append(
             "Held-out errors come from outer folds: the search was repeated without each of them; "

@@ -121,7 +121,8 @@ class Diagnosis(Shown):
     unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
     held_out_rmse (n,) : before the first effect and after the last, on the source that
     held_out_source names: "test" (a test run) or "folds"; band_hz : below which all errors are meant;
-    remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`.
+    remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
+    new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched.
     """
 
     verdict: str
@@ -137,6 +138,7 @@ class Diagnosis(Shown):
     held_out_rmse_before: Array
     held_out_source: str
     frozen: bool
+    new_motion_share: float | None = None
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
@@ -207,6 +209,7 @@ class Diagnosis(Shown):
             "invisible": [i.to_dict() for i in self.invisible],
             "events": [e.to_dict() for e in self.events],
             "remarks": list(self.remarks),
+            "new_motion_share": self.new_motion_share,
         }
 
     @classmethod
@@ -228,6 +231,7 @@ class Diagnosis(Shown):
             np.array(data["held_out_rmse_before"], float),
             str(data["held_out_source"]),
             bool(data["frozen"]),
+            data.get("new_motion_share"),
         )
 
 

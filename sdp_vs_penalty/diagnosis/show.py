@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 #: A joint's error is called out above so many noise floors.
 ABOVE_NOISE = 2.0
+#: Below this share of new motion, errors say more of repeatability than of other motions.
+MOSTLY_NEW = 0.5
 
 
 def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None) -> str:
@@ -30,6 +32,22 @@ def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None) -> st
     times = low if low == high else f"{low} to {high}"
     verb = "exceeds" if len(above) == 1 else "exceed"
     return f"{text}; {show.joints((above + 1).tolist())} {verb} the noise floor {times} times."
+
+
+def repeatability_warning(new_share: float | None) -> str | None:
+    """One sentence where most of the judged motion is the training motion again, else None."""
+    if new_share is None or new_share >= MOSTLY_NEW:
+        return None
+    percent = f"{100.0 * new_share:.0f}"
+    return (
+        f"{'None' if percent == '0' else f'Only {percent} %'} of the judged motion is new to the model: "
+        "these errors show repeatability; judge on another motion to see how it generalises."
+    )
+
+
+def new_motion(new_share: float | None) -> str:
+    """The share of the judged motion that the model has not been trained on, as text."""
+    return "not recorded" if new_share is None else f"{100.0 * new_share:.0f} %"
 
 
 def diagnosis_verdict(

@@ -22,6 +22,7 @@ class CoulombFriction(JointEffect):
     units = ("N*m", "N")
     lower = 0.0
     dissipates = True
+    turns = "Coulomb turns over"
     shapes = {
         "v_s": Shape(
             SIGN_WIDTH,

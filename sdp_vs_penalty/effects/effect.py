@@ -190,6 +190,8 @@ class Effect(ABC):
     frozen_only: ClassVar[bool] = False
     #: True where a joint can have it more than once, with other shape constants.
     several: ClassVar[bool] = False
+    #: How a sentence begins that tells a new value of its shape constant: "Coulomb turns over".
+    turns: ClassVar[str] = ""
     #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
     widens: ClassVar[bool] = False
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.

@@ -20,6 +20,7 @@ from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
 from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
@@ -67,6 +68,7 @@ def build_estimate(
         settings,
         {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
         provenance,
+        record_motion(measurements, preprocessing) if isinstance(measurements, Measurements) else None,
     )
 
 

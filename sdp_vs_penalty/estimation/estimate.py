@@ -23,6 +23,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary, Table
+from sdp_vs_penalty.signals.motion import MotionRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import Certificate
 
@@ -42,7 +43,8 @@ class Estimate(Shown):
 
     problem : the bounds and the prior that it was identified under, which travel with it; covariance
     (p, p) : of the identifiable part of theta, NaN rows for what the data do not see; settings : those
-    of the method; preprocessing : the resolved filters; provenance : versions, data hash, seed.
+    of the method; preprocessing : the resolved filters; provenance : versions, data hash, seed;
+    training_motion : which motion it has been identified from, None where that is not recorded.
     """
 
     problem: Problem
@@ -55,6 +57,7 @@ class Estimate(Shown):
     settings: dict[str, Any]
     details: dict[str, Any]
     provenance: dict[str, Any]
+    training_motion: MotionRecord | None = None
 
     @property
     def robot(self) -> Robot:
@@ -157,6 +160,7 @@ class Estimate(Shown):
             },
             "details": self.details,
             "provenance": self.provenance,
+            "training_motion": None if self.training_motion is None else self.training_motion.to_dict(),
         }
 
     def require_joints(self, measurements: Measurements, what: str = "measurements") -> None:
@@ -214,6 +218,11 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         raise KeyError(f"parameters: {missing[0]}")
     if not np.all(np.isfinite(list(given.values()))):
         raise ValueError("a parameter's value is not a finite number")
+    motion = data.get("training_motion")  # earlier versions did not keep it
+    if motion is not None:
+        motion = MotionRecord.from_dict(motion)
+        if len(motion.centre) != 2 * robot.n:
+            raise ValueError("training_motion is of another number of joints")
     p = len(names)
     covariance = np.full((p, p), np.nan)
     seen = [names.index(name) for name in data["covariance"]["parameters"]]
@@ -231,4 +240,5 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         data["settings"],
         data["details"],
         data["provenance"],
+        motion,
     )

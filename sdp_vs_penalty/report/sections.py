@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.report.plots import POINTS, Curves, ladder_figure, torque_figure
@@ -29,6 +30,7 @@ def summary(material: Material) -> Section:
                 estimate.method,
                 len(estimate.theta),
                 f"{comparison.relative_error_percent:.3f} %",
+                new_motion(comparison.new_motion_share),
                 "every constraint holds" if worst == 0.0 else f"violated by {worst:.2g}",
                 number(estimate.certificate.gap, 2),
             )
@@ -41,7 +43,17 @@ def summary(material: Material) -> Section:
         f"{', '.join(m.names)}. Measured and modelled torques passed the same low-pass at "
         f"{material.comparisons[0].band_hz:.3g} Hz."
     )
-    heads = ("model", "method", "parameters", "relative error", "constraints", "certified gap")
+    heads = (
+        "model",
+        "method",
+        "parameters",
+        "relative error",
+        "new motion",
+        "constraints",
+        "certified gap",
+    )
+    for warning in dict.fromkeys(c.warning for c in material.comparisons if c.warning):
+        body += text(warning)
     return Section("summary", "Summary", body + table(heads, rows, numbers_from=2))
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.certify import covariance
@@ -125,6 +126,19 @@ def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> 
     assert set(seen) <= set(names)
     assert np.shape(data["covariance"]["matrix"]) == (len(seen), len(seen))
     assert {p["name"] for p in parameters if p["std"] is not None} == set(seen)
+
+
+def test_a_file_without_the_training_motion_loads_and_says_so(two_link: Problem, tmp_path: Path) -> None:
+    run = noisy_run(two_link, 1)
+    estimate = identify(two_link, run)
+    assert compare(estimate, run)[0].new_motion_share == 0.0
+    old = estimate.to_dict()
+    del old["training_motion"]
+    (tmp_path / "old.json").write_text(json.dumps(old))
+    judged = compare(tmp_path / "old.json", run)[0]
+    assert judged.new_motion_share is None
+    assert judged.warning is None
+    assert "not recorded" in repr(judged)
 
 
 def test_spread_is_given_only_where_data_determine_a_parameter(two_link: Problem) -> None:

@@ -56,7 +56,7 @@ def verb(
         judge = measurements if held_out is None else held_out
         before, after = compare({"before": estimate, "after": bigger}, judge)
         bigger.save(out)
-    what = "the training data" if test is None else str(test)
+    what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     for e in bigger.model.effects[len(estimate.model.effects) :]:
         console.say(f"added: {e.text}")

@@ -17,6 +17,10 @@ def verb(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for challenge.*.")] = Path("results"),
     jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
     only: Annotated[str | None, typer.Option(metavar="a,b", help="Classes; default: all.")] = None,
+    nuisance: Annotated[
+        str | None,
+        typer.Option(metavar="a,b", help="Clean cases under these conditions (all: every one)."),
+    ] = None,
     debug: Debug = False,
 ) -> None:
     """Score diagnose on simulated measurements with hidden effects.
@@ -25,9 +29,14 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.simulation.challenge.challenge import run_challenge
+    from sdp_vs_penalty.simulation.challenge.nuisances import run_clean
 
     classes = None if only is None else only.split(",")
     with console.progress("challenge") as progress:
-        written = run_challenge(problem, cases, seed, out, jobs, classes, progress)
+        if nuisance is not None:
+            names = None if nuisance == "all" else nuisance.split(",")
+            written = run_clean(cases, seed, out, names, jobs, progress)
+        else:
+            written = run_challenge(problem, cases, seed, out, jobs, classes, progress)
     for path in written:
         print(path)

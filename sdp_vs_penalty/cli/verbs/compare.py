@@ -43,6 +43,7 @@ def verb(
     failures = where_it_fails(estimate, runs, oldest.preprocessing)
     for result in results:
         console.say(result.verdict, style="bold")
+    printing.judged_motion(results)
     part = [] if window is None else ["--window", window]
     console.next_step(["diagnose", newest, "--data", *data, *part])
     units = estimate.robot.torque_units

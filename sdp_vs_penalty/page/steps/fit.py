@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty.diagnosis.show import new_motion, repeatability_warning
 from sdp_vs_penalty.page.charts import asked_span, merged, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
 from sdp_vs_penalty.page.session import Session
@@ -31,12 +32,16 @@ def _draw(view: View) -> None:
         {
             "relative error": f"{figure(comparison['relative_error_percent'])} %",
             "judged on": _names(model.judged_on),
+            "new motion": new_motion(comparison["new_motion_share"]),
             "below": f"{figure(comparison['band_hz'])} Hz",
             "constraints": held(model.violation),
             "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
             "time": f"{model.seconds:.2g} s",
         }
     )
+    warning = repeatability_warning(comparison["new_motion_share"])
+    if warning and model.judged_on != model.runs:
+        tag("p", warning, "finding")
     chips: list[Any] = []
     parts: dict[str, Any] = {}
     with tag("div", style="chips", role="group", aria_label="Joint to show"):

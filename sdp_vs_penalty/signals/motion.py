@@ -1,0 +1,216 @@
+"""Which motion a model has been trained on, and how much of another one is new to it.
+
+A model judged on motion that it was trained on shows its repeatability, not how it does elsewhere. So a
+model keeps a record of its training motion: the path of (q, dq), behind the filters, each coordinate in
+units of its spread. Motion is new where some joint's position or velocity is farther than ``distance``
+spreads from every point of that path. The path is kept as straight lines between few points, and what
+comes back is kept once; both stay far below the distance, so that neither makes a repeated motion new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals.runs import stretches
+
+Array = NDArray[np.float64]
+
+#: Motion is new beyond so many spreads of the training motion; a path that would need more points than
+#: ``_MOST`` is kept more coarsely, with a distance that grows alike.
+DISTANCE, _MOST = 0.1, 2000
+#: In units of the distance: how far the lines may pass beside a row, how near a row counts as there
+#: already, and the spacing at which lines are looked up.
+_BESIDE, _THERE, _SPACING = 0.2, 0.3, 0.2
+#: A coordinate that spreads less than this share of the largest one is measured in that instead: the
+#: noise of a joint that hardly moves is no motion.
+_IDLE = 0.1
+#: Rows per period of the torque low-pass's cut-off, as the regression has them.
+_ROW_RATE = 4.0
+#: Rows of a path that are compared with the record at a time, at least; a quarter of all before, so that
+#: a long path takes few looks, and its first periods are enough for the later ones.
+_CHUNK = 200
+
+
+@dataclass(frozen=True)
+class MotionRecord:
+    """The path of a training motion.
+
+    centre, scale (2 n,) of q [rad or m] and dq; lines : stretches (K, 2 n) of points on the path, less
+    the centre, over the scale; distance : beyond which motion is new, in units of the scale.
+    """
+
+    centre: Array
+    scale: Array
+    lines: tuple[Array, ...]
+    distance: float
+
+    @property
+    def points(self) -> int:
+        return sum(len(line) for line in self.lines)
+
+    def is_new(self, q: Array, dq: Array) -> NDArray[np.bool_]:
+        """(M,) whether states q, dq (M, n) are farther than the distance from all of the path."""
+        near = self._tree.query(
+            (np.hstack([q, dq]) - self.centre) / self.scale,
+            p=np.inf,
+            distance_upper_bound=self.distance,
+        )[0]
+        return np.asarray(np.isinf(near))
+
+    def new_share(self, q: Array, dq: Array) -> float:
+        """Share of the rows q, dq (M, n) that are new."""
+        return float(np.mean(self.is_new(q, dq)))
+
+    def new_share_of(self, measurements: Measurements, settings: Preprocessing) -> float | None:
+        """The same of runs' filtered rows; ``settings`` must be resolved. None where none are left."""
+        paths = [path for run in measurements.runs() for path in _paths(run, settings)]
+        if not paths:
+            return None
+        q, dq = np.split(np.concatenate(paths), 2, axis=1)
+        return self.new_share(q, dq)
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(_filled(self.lines, _SPACING * self.distance))
+
+    def joined(self, other: MotionRecord) -> MotionRecord:
+        """The motion of both, in units of this one's spread."""
+        there = [(line * other.scale + other.centre - self.centre) / self.scale for line in other.lines]
+        return _record(self.centre, self.scale, [*self.lines, *there], self.distance)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "distance": self.distance,
+            "centre": self.centre.tolist(),
+            "scale": self.scale.tolist(),
+            "lines": [line.tolist() for line in self.lines],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> MotionRecord:
+        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
+        centre, scale = np.array(data["centre"], float), np.array(data["scale"], float)
+        width = len(centre)
+        lines = tuple(np.array(line, float).reshape(-1, width) for line in data["lines"])
+        record = cls(centre, scale, lines, float(data["distance"]))
+        everything = np.concatenate([centre, scale, [record.distance], *map(np.ravel, lines)])
+        if not (len(scale) == width and lines and np.all(np.isfinite(everything))):
+            raise ValueError("training_motion: not numbers for each joint")
+        if not (np.all(scale > 0.0) and record.distance > 0.0):
+            raise ValueError("training_motion: a scale is not above 0")
+        return record
+
+
+def record_motion(measurements: Measurements, settings: Preprocessing) -> MotionRecord | None:
+    """The record of the runs' rows; ``settings`` must be resolved. None where the filters leave none."""
+    paths = [path for run in measurements.runs() for path in _paths(run, settings)]
+    if not paths:
+        return None
+    rows = np.concatenate(paths)
+    n = measurements.n
+    spread = rows.std(axis=0).reshape(2, n)
+    scale = np.maximum(spread, _IDLE * spread.max(axis=1, keepdims=True)).ravel()
+    centre = rows.mean(axis=0)
+    if not np.all(scale > 0.0):
+        return None
+    return _record(centre, scale, [(path - centre) / scale for path in paths], DISTANCE)
+
+
+def _paths(run: Measurements, settings: Preprocessing) -> Iterator[Array]:
+    """Uninterrupted paths (M, 2 n) of a run's filtered rows in which the robot moves."""
+    filters = RunFilter(run, settings)
+    margin, step = filters.state.half + filters.column.half, filters.step(_ROW_RATE)
+    for part in stretches(run):
+        rows = np.arange(margin, part.count - margin, step)
+        moving = filters.movement.at(part.clock(rows))
+        cuts = np.flatnonzero(np.diff(moving)) + 1
+        for at, moves in zip(np.split(rows, cuts), np.split(moving, cuts), strict=True):
+            if len(at) and moves[0]:
+                states = []
+                for few in np.array_split(at, -(-len(at) // _CHUNK)):
+                    motion = filters.motion(part, few[0], few[-1])
+                    local = (few - few[0]) // filters.stride
+                    states.append(np.hstack([motion.q[local], motion.dq[local]]))
+                yield np.concatenate(states)
+
+
+def _record(centre: Array, scale: Array, paths: Sequence[Array], distance: float) -> MotionRecord:
+    """Thin paths (in units of the scale) until the record is small enough."""
+    while True:
+        lines = _thinned(paths, distance)
+        if lines is not None:
+            return MotionRecord(centre, scale, tuple(np.round(x, 3) + 0.0 for x in lines), distance)
+        distance *= 2.0
+
+
+def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
+    """Few points of each path, and only where it has not been before; None for too many."""
+    from scipy.spatial import cKDTree
+
+    lines: list[Array] = []
+    before = 0
+    for path in paths:
+        start = 0
+        while start < len(path):
+            count = max(_CHUNK, before // 4)
+            rows = path[start : start + count + 1]  # one more, which the next piece begins with
+            start, before = start + count, before + count
+            fresh = np.ones(len(rows), bool)
+            if lines:
+                tree = cKDTree(_filled(lines, _SPACING * distance))
+                near = tree.query(rows, p=np.inf, distance_upper_bound=_THERE * distance)[0]
+                fresh = np.isinf(near)
+            for piece in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(fresh)) + 1):
+                if fresh[piece[0]]:
+                    around = slice(max(piece[0] - 1, 0), piece[-1] + 2)
+                    lines.append(_straight(rows[around], _BESIDE * distance))
+            if sum(map(len, lines)) > _MOST:
+                return None
+    return lines
+
+
+def _straight(rows: Array, beside: float) -> Array:
+    """Rows between which straight lines pass all the others within ``beside`` in every coordinate."""
+    kept, last = [0], len(rows) - 1
+    while kept[-1] < last:
+        start, reach = kept[-1], 1
+        while start + reach < last and _passes(rows[start : start + 2 * reach + 1], beside):
+            reach *= 2
+        low, high = start + max(reach // 2, 1), min(start + reach, last)
+        while low < high:  # the farthest row to which the line still passes; one step always does
+            middle = (low + high + 1) // 2
+            low, high = (
+                (middle, high) if _passes(rows[start : middle + 1], beside) else (low, middle - 1)
+            )
+        kept.append(low)
+    return rows[kept]
+
+
+def _passes(rows: Array, beside: float) -> bool:
+    """Whether the line from the first row to the last passes all between them within ``beside``."""
+    along = rows[-1] - rows[0]
+    length = float(along @ along)
+    share = np.clip((rows - rows[0]) @ along / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(rows))
+    return bool(np.all(np.abs(rows - rows[0] - share[:, None] * along) <= beside))
+
+
+def _filled(lines: Iterable[Array], spacing: float) -> Array:
+    """Points (K, 2 n) at most ``spacing`` apart on all lines."""
+    out = []
+    for line in lines:
+        steps = np.diff(line, axis=0)
+        count = np.maximum(np.ceil(np.abs(steps).max(axis=1, initial=0.0) / spacing), 1).astype(int)
+        index = np.repeat(np.arange(len(steps)), count)
+        within = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+        out += [line[index] + steps[index] * (within / count[index])[:, None], line[-1:]]
+    return np.concatenate(out)

@@ -1,0 +1,73 @@
+"""Arms as URDF files, read by Pinocchio itself; what they say of friction and limits sets all sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.robot._pinocchio import pin
+
+Array = NDArray[np.float64]
+
+ARMS = ("panda", "elbow", "desk", "scara")
+#: Torque noise of an arm over the Coulomb friction in its URDF.
+NOISE_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Arm:
+    """lower, upper, speed (n,) : limits of the joints [rad or m, and per s]; coulomb, viscous, noise
+    (n,) : nominal sizes [N m or N]; rotary (n,) : whether a joint turns; model : Pinocchio's."""
+
+    name: str
+    urdf: Path
+    model: Any
+    lower: Array
+    upper: Array
+    speed: Array
+    coulomb: Array
+    viscous: Array
+    rotary: NDArray[np.bool_]
+
+    @property
+    def n(self) -> int:
+        return len(self.lower)
+
+    @property
+    def noise(self) -> Array:
+        return NOISE_SHARE * self.coulomb
+
+    @property
+    def unit_speed(self) -> Array:
+        """(n,) what 1 rad/s of a turning joint corresponds to: on a prismatic one 0.5 m/s."""
+        return np.where(self.rotary, 1.0, 0.5)
+
+
+def load_arm(name: str) -> Arm:
+    """One of ARMS."""
+    path = Path(__file__).parent / f"{name}.urdf"
+    model = pin.buildModelFromUrdf(str(path))
+    rotary = np.array([joint.shortname().startswith("JointModelR") for joint in model.joints[1:]])
+    limits = (model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit)
+    lower, upper, speed, coulomb, viscous = map(np.array, (*limits, model.friction, model.damping))
+    return Arm(name, path, model, lower, upper, speed, coulomb, viscous, rotary)
+
+
+def misplaced(model: Any, metres: float, degrees: float, rng: np.random.Generator) -> Any:
+    """The arm as it was built: every joint's frame is off by normal errors of these sizes an axis."""
+    built = pin.Model(model)
+    for i in range(1, model.njoints):
+        slip = metres * rng.normal(size=3)
+        turn = np.deg2rad(degrees) * rng.normal(size=3)
+        built.jointPlacements[i] = model.jointPlacements[i] * pin.SE3(pin.exp3(turn), slip)
+    return built
+
+
+def inverse_dynamics(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
+    """(N, n) M(q) ddq + C(q, dq) dq + g(q)."""
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *x) for x in zip(q, dq, ddq, strict=True)])

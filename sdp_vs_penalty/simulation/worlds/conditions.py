@@ -1,0 +1,147 @@
+"""Under which conditions a robot is measured, and the nuisances: conditions that are no finding.
+
+What a nuisance makes fair to name is stated here, before any case is run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sdp_vs_penalty.simulation.worlds.arm import ARMS
+from sdp_vs_penalty.simulation.worlds.channel import Channel, Noise
+
+Generator = np.random.Generator
+RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
+#: The width that the library's Coulomb friction has unless told otherwise [rad/s or m/s].
+USUAL_WIDTH = 0.01
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """width : (smallest, largest) of tanh, drawn joint by joint; asymmetry : of Coulomb and viscous
+    friction, as a share; warming : share of the viscous friction that goes as grease warms up;
+    misplacement : (m, degrees) of the true joints beside the URDF; runs, duration : of what is
+    diagnosed, a test run apart; motion : of motion.KINDS."""
+
+    arm: str = "panda"
+    law: str = "tanh"
+    width: tuple[float, float] = (USUAL_WIDTH, USUAL_WIDTH)
+    asymmetry: float = 0.0
+    warming: float = 0.0
+    misplacement: tuple[float, float] = (0.0, 0.0)
+    channel: Channel = field(default_factory=Channel)
+    noise: Noise = field(default_factory=Noise)
+    motion: str = "periodic"
+    runs: int = 3
+    duration: float = 20.0
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """draw : the conditions of one case; fair : effects that are a right answer to it (a changed shape
+    constant, kind "retune", always is); abstains : whether "unknown effect" is one as well."""
+
+    name: str
+    draw: Callable[[Conditions, Generator], Conditions]
+    fair: tuple[str, ...] = ()
+    abstains: bool = False
+
+
+def _log(rng: Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _channel(c: Conditions, **changes: float | None) -> Conditions:
+    return replace(c, channel=replace(c.channel, **changes))  # type: ignore[arg-type]
+
+
+def _encoder(c: Conditions, rng: Generator) -> Conditions:
+    step = 2.0 * np.pi / 2.0 ** int(rng.integers(13, 21))
+    return _channel(c, step=step, speed_noise=_log(rng, 1e-4, 3e-3) if rng.random() < 0.5 else None)
+
+
+def _noise(c: Conditions, rng: Generator) -> Conditions:
+    tails = float(rng.uniform(3.0, 8.0)) if rng.random() < 0.5 else None
+    return replace(c, noise=Noise(_log(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails))
+
+
+def _mixed(c: Conditions, rng: Generator) -> Conditions:
+    """Several at once: each kind of nuisance in half of the cases."""
+    kinds = ("sign", "tanh_0.002", "widths", "dahl", "lugre")
+    drawn = [str(rng.choice(kinds)), *("asymmetric", "warming", "geometry", "encoder", "rate", "noise")]
+    drawn += [str(rng.choice(["smoothed", "causal", "delay"])), "points", "aperiodic"]
+    for name in drawn:
+        if rng.random() < 0.5:
+            c = NUISANCES[name].draw(c, rng)
+    return c
+
+
+_LATE = ("global_delay", "torque_delay", "torque_filter")
+_GEOMETRY = ("kinematic_error", "base_tilt", "joint_zero_error")
+
+NUISANCES: Mapping[str, Nuisance] = {
+    x.name: x
+    for x in (
+        Nuisance("plain", lambda c, _: replace(c, arm="panda", channel=Channel(rate=1000.0))),
+        Nuisance("sign", lambda c, _: replace(c, law="sign")),
+        Nuisance("tanh_0.002", lambda c, _: replace(c, law="tanh", width=(0.002, 0.002))),
+        Nuisance(
+            "widths", lambda c, _: replace(c, law="tanh", width=(0.002, 0.1)), ("sigmoid_friction",)
+        ),
+        Nuisance(
+            "asymmetric",
+            lambda c, rng: replace(c, asymmetry=float(rng.uniform(0.05, 0.3))),
+            ("asymmetric_viscous_friction", "asymmetric_coulomb_friction", "torque_offset"),
+        ),
+        Nuisance(
+            "warming",
+            lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4))),
+            ("drift_friction",),
+        ),
+        Nuisance("dahl", lambda c, _: replace(c, law="dahl"), ("presliding_hysteresis",)),
+        Nuisance(
+            "lugre",
+            lambda c, _: replace(c, law="lugre"),
+            ("presliding_hysteresis", "stribeck_friction"),
+            True,
+        ),
+        Nuisance("smoothed", lambda c, _: _channel(c, smooth=0.04), ("torque_filter",), True),
+        Nuisance("causal", lambda c, rng: _channel(c, lag=_log(rng, 0.003, 0.02)), _LATE),
+        Nuisance("delay", lambda c, rng: _channel(c, delay=_log(rng, 0.002, 0.02)), _LATE),
+        Nuisance("geometry", lambda c, _: replace(c, misplacement=(1e-3, 0.1)), _GEOMETRY, True),
+        Nuisance("encoder", _encoder),
+        Nuisance("rate", lambda c, rng: _channel(c, rate=float(rng.choice(RATES)))),
+        Nuisance("noise", _noise),
+        Nuisance("points", lambda c, _: replace(c, motion="points")),
+        Nuisance("aperiodic", lambda c, _: replace(c, motion="aperiodic")),
+        Nuisance("one_run", lambda c, rng: replace(c, runs=1, duration=float(rng.uniform(15.0, 60.0)))),
+        Nuisance("short", lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0)))),
+        Nuisance("mixed", _mixed),
+    )
+}
+
+
+def draw_conditions(nuisance: str, rng: Generator) -> Conditions:
+    """Conditions of one case of a class of nuisance, on any of the arms (plain: on the Panda)."""
+    arm = str(rng.choice(ARMS, p=[0.4, 0.2, 0.2, 0.2]))
+    return NUISANCES[nuisance].draw(Conditions(arm), rng)
+
+
+def fair(c: Conditions) -> tuple[set[str], bool]:
+    """The effects that are a right answer to these conditions, and whether abstaining is one."""
+    at_work = {
+        "widths": c.law == "tanh" and max(c.width) > USUAL_WIDTH,
+        "asymmetric": c.asymmetry > 0.0,
+        "warming": c.warming > 0.0,
+        "dahl": c.law == "dahl",
+        "lugre": c.law == "lugre",
+        "smoothed": c.channel.smooth > 0.0,
+        "causal": c.channel.lag > 0.0,
+        "delay": c.channel.delay > 0.0,
+        "geometry": c.misplacement != (0.0, 0.0),
+    }
+    present = [NUISANCES[name] for name, here in at_work.items() if here]
+    return {effect for x in present for effect in x.fair}, any(x.abstains for x in present)

@@ -1,0 +1,120 @@
+"""The record of a training motion: small, and near everything that it was made from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.signals import motion
+from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+Array = NDArray[np.float64]
+
+SETTINGS = Preprocessing(5.0, 8.0)
+JOINTS = 4
+
+
+def run_of(
+    seed: int,
+    seconds: float,
+    first: float = 0.0,
+    period: float = 9.63,
+    dt: float = 4e-3,
+    still: float = 0.0,
+) -> Measurements:
+    """Five harmonics a joint in other units each, encoder noise; it stands ``still`` seconds at first.
+
+    The motion depends on the seed's tens only, the noise on all of it. The last joint does not move.
+    """
+    shape = np.random.default_rng(seed // 10)
+    t = np.arange(0.0, still + seconds, dt)
+    w = 2.0 * np.pi / period * np.arange(1, 6)
+    a, b = shape.normal(size=(2, JOINTS, 5)) / np.arange(1, 6)
+    clock = np.maximum(t - still, 0.0) + first
+    q = np.sin(np.outer(clock, w)) @ a.T + np.cos(np.outer(clock, w)) @ b.T
+    q = q * [1.0, 0.3, 2.0, 0.0] + [0.0, 1.0, -3.0, 0.7]
+    q += 1e-4 * np.random.default_rng(seed).normal(size=q.shape)
+    return Measurements(t, q, np.ones_like(q), names=(f"run {seed}",))
+
+
+def share(train: Measurements, judged: Measurements) -> float:
+    record = record_motion(train, SETTINGS)
+    assert record is not None
+    kept = MotionRecord.from_dict(json.loads(json.dumps(record.to_dict())))
+    found = kept.new_share_of(judged, SETTINGS)
+    assert found is not None
+    return found
+
+
+def test_what_has_been_trained_on_is_not_new() -> None:
+    """Off the samples, at another rate, a period later; with a stand before it, of which only the
+    sudden start is new."""
+    once = run_of(10, 11.0)
+    assert share(once, once) == 0.0
+    assert share(once, run_of(11, 9.0, 0.3137)) == 0.0
+    assert share(once, run_of(12, 9.0, 9.63 + 0.3137, dt=3.1e-3)) == 0.0
+    assert share(once, run_of(13, 8.0, 1.0, still=4.0)) < 0.05
+    assert share(run_of(14, 9.0, 1.0, still=4.0), run_of(15, 7.0, 1.1)) < 0.05
+    both = concatenate([run_of(20, 9.0), once])
+    assert share(both, run_of(16, 9.0, 0.9)) == 0.0
+
+
+def test_other_motion_is_new() -> None:
+    once = run_of(10, 11.0)
+    assert share(once, run_of(20, 11.0)) > 0.9
+    assert share(run_of(10, 5.0), run_of(11, 4.0, 5.2)) > 0.9
+    assert share(run_of(10, 6.0), run_of(11, 6.0, 3.0)) == pytest.approx(
+        3.0 / 4.7, abs=0.02
+    )  # without 0.65 s at either end
+    moved = run_of(11, 9.0)
+    moved.q[:, 3] += 0.5  # the joint that stands, elsewhere
+    assert share(once, moved) == 1.0
+    slower = run_of(11, 11.0, period=20.0)  # the same positions, half as fast
+    assert share(once, slower) > 0.8
+
+
+def test_periods_add_nothing_to_the_record() -> None:
+    """Nor does it grow beyond its bound; its distance does, and what was trained on stays known."""
+    one, ten = (record_motion(run_of(10, s), SETTINGS) for s in (11.0, 96.0))
+    assert one is not None
+    assert ten is not None
+    assert ten.points < 1.5 * one.points
+    rng = np.random.default_rng(3)
+    wild = run_of(10, 600.0)
+    smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
+    wild.q[:, 0] = smooth / smooth.std()
+    record = record_motion(wild, SETTINGS)
+    assert record is not None
+    assert record.points <= motion._MOST
+    assert record.distance > motion.DISTANCE
+    assert record.new_share_of(wild, SETTINGS) == 0.0
+
+
+def test_records_join() -> None:
+    a, b = (record_motion(run_of(seed, 11.0), SETTINGS) for seed in (10, 20))
+    assert a is not None
+    assert b is not None
+    both = a.joined(b)
+    for seed in (11, 21):
+        assert both.new_share_of(run_of(seed, 9.0, 0.5), SETTINGS) == 0.0
+    assert both.new_share_of(run_of(30, 9.0), SETTINGS) > 0.9
+
+
+@pytest.mark.real_data
+def test_the_panda_repeats_itself_after_a_period(data_folder: Path) -> None:
+    """14.2-20.9 s are 0.9-7.6 s again; what lies between them is another motion."""
+    problem = load_problem("panda")
+    run = load_measurements(data_folder / "panda")
+    settings = problem.preprocessing.resolve(run)
+    for train, judged, new in (((0, 14), (14.2, 20.9), 0.0), ((0, 7.6), (8, 13.2), 1.0)):
+        record = record_motion(run.window(*train), settings)
+        assert record is not None
+        assert record.new_share_of(run.window(*judged), settings) == pytest.approx(new, abs=0.01)

@@ -1,0 +1,114 @@
+"""The challenge's own worlds: independent of the library, right by physics, drawn by their seed."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.simulation import worlds
+from sdp_vs_penalty.simulation.worlds.arm import ARMS, inverse_dynamics, load_arm
+from sdp_vs_penalty.simulation.worlds.channel import Noise, average, first_order
+from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, draw_conditions, fair
+from sdp_vs_penalty.simulation.worlds.friction import DryFriction, bristles
+from sdp_vs_penalty.simulation.worlds.motion import KINDS, plan
+from sdp_vs_penalty.simulation.worlds.world import draw_world, log_run
+
+FOLDER = Path(worlds.__file__).parent
+#: Of the package, what a world may know: how measurements look, and where Pinocchio is.
+ALLOWED = {"sdp_vs_penalty.data.measurements", "sdp_vs_penalty.robot._pinocchio"}
+
+
+def test_the_worlds_share_nothing_with_the_library_that_they_judge() -> None:
+    for path in FOLDER.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+            ours = {x for x in names if x.startswith("sdp_vs_penalty")}
+            own = {x for x in ours if x.startswith("sdp_vs_penalty.simulation.worlds")}
+            assert ours - own <= ALLOWED, path
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_arms_are_bodies_that_move(name: str) -> None:
+    """Positive definite mass matrices, friction on all joints, energy kept by the dynamics."""
+    arm = load_arm(name)
+    assert (arm.coulomb > 0.0).all()
+    assert (arm.viscous > 0.0).all()
+    rng = np.random.default_rng(1)
+    q = rng.uniform(arm.lower, arm.upper, (5, arm.n))
+    zero = np.zeros((1, arm.n))
+    for row in q[:, None]:
+        weight = inverse_dynamics(arm.model, row, zero, zero)
+        unit = [inverse_dynamics(arm.model, row, zero, e[None]) - weight for e in np.eye(arm.n)]
+        assert np.linalg.eigvalsh(np.concatenate(unit))[0] > 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_motions_stay_inside_limits_and_their_rates_are_their_derivatives(kind: str) -> None:
+    arm = load_arm("scara")
+    t = np.arange(0.0, 12.0, 1e-3)
+    q, dq, ddq = plan(arm, kind, 12.0, np.random.default_rng(3))(t)
+    assert (q >= arm.lower).all()
+    assert (q <= arm.upper).all()
+    assert (np.abs(dq) <= arm.speed).all()
+    assert np.abs(np.gradient(q, t, axis=0) - dq)[1:-1].max() < 1e-3 * np.abs(dq).max()
+    assert np.abs(np.gradient(dq, t, axis=0) - ddq)[1:-1].max() < 1e-3 * np.abs(ddq).max()
+
+
+@pytest.mark.parametrize("travel", [1e-6, 0.005])
+def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel: float) -> None:
+    """After a reversal z = 1 - 2 exp(-x / d) in closed form (Dahl 1976, for sigma = 1)."""
+    t = np.arange(0.0, 2.0, 1e-3)
+    dq = 0.3 * np.sin(np.pi * t)[:, None]
+    z = bristles(t, dq, np.array([travel]), lambda v: np.ones_like(v))[:, 0]
+    after = t > 1.0
+    travelled = 0.3 / np.pi * (1.0 + np.cos(np.pi * t[after]))
+    exact = -1.0 + (1.0 + z[~after][-1]) * np.exp(-travelled / travel)
+    assert np.abs(z[after] - exact).max() < 2e-3
+
+
+def test_lugre_slides_at_the_stribeck_level() -> None:
+    t = np.arange(0.0, 3.0, 1e-3)
+    one = np.ones(1)
+    law = DryFriction("lugre", 0.01 * one, 0.002 * one, 0.3 * one, 0.05 * one)
+    for speed in (0.01, 0.05, -0.4):
+        level = np.sign(speed) * (1.0 + 0.3 * np.exp(-((speed / 0.05) ** 2)))
+        assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(level, rel=1e-4)
+
+
+def test_channels_and_noise_are_what_they_say() -> None:
+    t = np.arange(0.0, 4.0, 1e-3)
+    wave = np.sin(2 * np.pi * 2.0 * t)[:, None]
+    late = first_order(wave, 1e-3, 0.02)[2000:, 0]
+    gain, phase = 1.0 / np.hypot(1.0, 0.08 * np.pi), np.arctan(0.08 * np.pi)
+    assert late == pytest.approx(gain * np.sin(2 * np.pi * 2.0 * t[2000:] - phase), abs=5e-3)
+    middle = slice(500, -500)
+    sinc = np.sin(np.pi * 2.0 * 0.041) / (np.pi * 2.0 * 0.041)
+    assert average(wave, 40)[middle] == pytest.approx(sinc * wave[middle], abs=1e-4)
+    std = np.array([0.1, 2.0])
+    for noise in (Noise(), Noise(3.0, 0.9), Noise(0.5, 0.0, 5.0)):
+        drawn = noise.draw(200_000, std, np.random.default_rng(0))
+        assert drawn.std(axis=0) == pytest.approx(noise.level * std, rel=0.03)
+
+
+@pytest.mark.parametrize("name", NUISANCES)
+def test_every_nuisance_makes_runs_that_its_seed_repeats(name: str) -> None:
+    runs = []
+    for _ in range(2):
+        rng = np.random.default_rng(17)
+        conditions = draw_conditions(name, rng)
+        short = type(conditions)(**{**vars(conditions), "duration": 8.0})
+        runs.append(log_run(draw_world(short, rng), 1, rng))
+    (first, second), run = runs, runs[0].run
+    assert run.data_hash == second.run.data_hash
+    rate = conditions.channel.rate
+    assert run.samples == round(8.0 * rate)
+    assert np.diff(run.t) == pytest.approx(1.0 / rate)
+    assert np.isfinite(run.tau).all()
+    assert (run.dq is not None) == (conditions.channel.speed_noise is not None)
+    noise = (run.tau - first.ideal.tau).std(axis=0)
+    assert noise == pytest.approx(conditions.noise.level * load_arm(conditions.arm).noise, rel=0.25)
+    assert fair(conditions)[0] >= set(NUISANCES[name].fair) or name == "widths"
