@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,24 +20,21 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, search_through
-from sdp_vs_penalty.diagnosis.own_shapes import adopted, profiled
+from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
 from sdp_vs_penalty.diagnosis.remaining import remaining
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
+from sdp_vs_penalty.diagnosis.retunes import retunes
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.scoring import score_library
-from sdp_vs_penalty.diagnosis.stage import prepare, quiet
+from sdp_vs_penalty.diagnosis.search import Found, search
+from sdp_vs_penalty.diagnosis.stage import quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
-#: How often the model's own shape constants are adopted, before the search and after.
-_ADOPTIONS = 2
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
 
@@ -80,51 +76,6 @@ def diagnose(
     return conclude(found, test, settings, share)
 
 
-@dataclass(frozen=True)
-class Found:
-    """What a search came to: first : the model as it was given; estimate : with the shape constants
-    that explain most, refitted; shapes : those constants; state : the search beside them."""
-
-    first: Estimate
-    estimate: Estimate
-    shapes: tuple[ShapeEstimate, ...]
-    state: SearchState
-
-
-def search(
-    rows: SegmentedRuns,
-    estimate: Estimate,
-    frozen: bool = False,
-    seed: int = 0,
-    progress: Callable[[str], None] = quiet,
-) -> Found:
-    """The search, beside the model's own shape constants as these rows show them: they are adopted
-    before the first name is given, and again beside the picks."""
-    now, shapes = estimate, list[ShapeEstimate]()
-    stage = prepare(rows, estimate, frozen, seed, progress)
-    state = SearchState.start(stage)
-    if not frozen:
-        for _ in range(_ADOPTIONS):
-            shapes = profiled(estimate, now, state)
-            other = adopted(now, state, shapes)
-            if other is None:
-                break
-            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
-            state = SearchState.start(stage)
-    progress("searching for what is missing")
-    state = search_through(stage)
-    for _ in range(0 if frozen else _ADOPTIONS):
-        if not state.picks:
-            break
-        shapes = profiled(estimate, now, state)
-        other = adopted(now, state, shapes)
-        if other is None:
-            break
-        now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
-        state = search_through(stage)
-    return Found(estimate, now, tuple(shapes), state)
-
-
 def _new_motion(
     estimate: Estimate,
     searched: Measurements,
@@ -148,7 +99,8 @@ def conclude(
     """Verdict, findings and held-out errors of a search that has come to its end."""
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
-    held_out = held_out_errors(estimate, state, test, settings)
+    held_out = held_out_errors(found, test, settings)
+    retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     findings = tuple(_finding(state, k, held_out) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
@@ -165,10 +117,11 @@ def conclude(
         held_out.ladder[-1],
         stage.rows.cutoff,
         explanations.remarks(stage.noise.source, doubted, held_out.source, new_share),
-        held_out.ladder[0],
+        held_out.before if retuned else held_out.ladder[0],
         held_out.source,
         stage.frozen,
         new_share,
+        retuned,
     )
 
 

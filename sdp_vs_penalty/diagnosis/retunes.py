@@ -20,12 +20,14 @@ Array = NDArray[np.float64]
 MIN_GAIN = 15.0
 #: Standard deviations by which it must move.
 _FAR = 3.0
+#: Share by which it must move: less makes no other torque.
+_MOVES = 0.05
 
 
 @dataclass(frozen=True)
 class Retune:
-    """A shape constant of the model's own effect on one joint (from 1): ``before`` in the model, ``after``
-    as it explains most, with its standard deviation (infinite at the end of the range).
+    """A shape constant of the model's own effect on one joint (from 1): ``before`` in the model,
+    ``after`` as it explains most, with its standard deviation (infinite at the end of the range).
 
     gain : what the change takes from the squared error, in units of the noise's variance;
     rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new
@@ -57,7 +59,7 @@ class Retune:
         texts = {k: str(data[k]) for k in ("effect", "shape", "confidence", "explanation", "text")}
         std = np.inf if data["std"] is None else float(data["std"])
         remarks = tuple(map(str, data["remarks"]))
-        return cls(joint=int(data["joint"]), std=std, remarks=remarks, **numbers, **texts)
+        return cls(joint=int(data["joint"]), std=std, remarks=remarks, **numbers, **texts)  # type: ignore[arg-type]
 
 
 def retunes(
@@ -68,7 +70,7 @@ def retunes(
     out = []
     for s in found:
         spread = s.std / s.after if np.isfinite(s.std) else 0.0
-        if s.gain < MIN_GAIN or abs(np.log(s.after / s.before)) < _FAR * spread:
+        if s.gain < MIN_GAIN or abs(np.log(s.after / s.before)) < max(_FAR * spread, _MOVES):
             continue
         errors = float(before[s.joint]), float(after[s.joint])
         shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind

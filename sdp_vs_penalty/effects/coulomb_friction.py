@@ -28,8 +28,9 @@ class CoulombFriction(JointEffect):
             SIGN_WIDTH,
             VELOCITY,
             # Wider transitions are another law (a sigmoid, a hysteresis): they have to earn their name.
-            grid=(0.0001, 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
-            bounds=(0.0001, 0.032),
+            grid=(0.00002, 0.0001, 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
+            bounds=(0.00002, 0.032),
+            earned=0.64,
             metres=0.1,
             role="estimated",
         )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -58,7 +59,7 @@ class Sampling:
     def offsets(self) -> Array:
         """When those samples were taken, around the instant [s]; two at the ends share an even count."""
         half = self.count // 2
-        return self.dt * np.arange(-half, half + 1)
+        return np.asarray(self.dt * np.arange(-half, half + 1), float)
 
     @property
     def weights(self) -> Array:
@@ -67,7 +68,7 @@ class Sampling:
         out = np.ones(2 * half + 1)
         if self.count % 2 == 0:
             out[[0, -1]] = 0.5
-        return out / self.count
+        return np.asarray(out / self.count)
 
 
 INSTANT = Sampling()
@@ -279,6 +280,12 @@ class Effect(ABC):
     def searched(self) -> tuple[str, ...]:
         """The shape constants that measurements can tell, on which the columns truly depend."""
         return tuple(key for key, shape in self.shapes.items() if shape.role != "clock")
+
+    def opened(self, keys: Iterable[str]) -> Effect:
+        """The same effect, some of whose shape constants are to be estimated again."""
+        out = copy(self)
+        out.given = self.given - frozenset(keys)
+        return out
 
     # What a reader is told.
 

@@ -21,6 +21,7 @@ class Shape:
     grid : the values that a search starts from; bounds : the range in which it refines them (None: it
         stays on the grid); scale : how neighbours are spaced there: widths, exponents and times by a
         ratio ("log"), numbers of waves by a difference ("linear").
+    earned : how far beyond the bounds it may lie where that explains as much as another effect does.
     metres : how many metres (per second) on a prismatic joint stand for a radian of grid and bounds.
     signed : whether it may be zero or negative.
     role : "searched", found from measurements by `diagnose` and `add` where it is not given;
@@ -34,6 +35,7 @@ class Shape:
     bounds: tuple[float, float] | None = None
     scale: Literal["log", "linear"] = "log"
     choices: tuple[float, ...] = ()
+    earned: float | None = None
     metres: float = 1.0
     signed: bool = False
     role: Literal["searched", "estimated", "clock"] = "searched"
@@ -43,7 +45,9 @@ class Shape:
         if kind != "prismatic" or self.metres == 1.0:
             return self
         grid, bounds = (tuple(self.metres * x for x in xs) for xs in (self.grid, self.bounds or ()))
-        return replace(self, grid=grid, bounds=(bounds[0], bounds[1]) if bounds else None, metres=1.0)
+        ends = (bounds[0], bounds[1]) if bounds else None
+        earned = None if self.earned is None else self.metres * self.earned
+        return replace(self, grid=grid, bounds=ends, earned=earned, metres=1.0)
 
     def complaint(self, value: float) -> str | None:
         """What is wrong with a value, or None: the end of a sentence that begins with its name."""

@@ -48,11 +48,12 @@ def identify(
         a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
     effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
-        round is estimated joint by joint unless it is given (``coulomb_friction@v_s=``); preprocessing : filter settings (default:
-        the problem's); weighting : "noise" divides each joint's rows by its residual in a first
-        least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
-        random; progress : hears where the computation stands; proof : a file to write the proof of
-        optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`).
+        round is estimated joint by joint unless it is given (``coulomb_friction@v_s=``).
+    preprocessing : filter settings (default: the problem's); weighting : "noise" divides each joint's
+        rows by its residual in a first least-squares pass, "none" leaves newton metres of all joints
+        equal; seed : of everything random; progress : hears where the computation stands; proof : a
+        file to write the proof of optimality to, or that nothing satisfies all constraints
+        (:mod:`~sdp_vs_penalty.solvers.proof`).
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.

@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 #: Values looked at between two of the grid.
 _FINE = 12
 #: Turns in which several constants are brought to agree.
-_TURNS = 3
-#: A constant whose best value takes less than this from the squared error, in units of its variance, stays.
+_TURNS = 12
+#: A constant stays whose best value takes less than this from the squared error, in its variances.
 _WORTH = 2.0
 #: Of a range's logarithm: nearer to an end than this, a constant is at it.
 _AT_END = 0.02
@@ -89,13 +89,21 @@ class Normal:
     def __add__(self, other: Normal) -> Normal:
         return Normal(self.gram + other.gram, self.right + other.right, self.square + other.square)
 
+    def part(self, columns: NDArray[np.intp]) -> Normal:
+        """Of some of the columns."""
+        return Normal(self.gram[np.ix_(columns, columns)], self.right[columns], self.square)
+
+    def least(self) -> float:
+        """The squared error of least squares."""
+        return self.left(self.solved()[0])
+
     def scaled(self, factor: float) -> Normal:
         """Of rows multiplied by the square root of a factor."""
         return Normal(factor * self.gram, factor * self.right, factor * self.square)
 
     def solved(self) -> tuple[Array, int]:
         """Least-squares coefficients (p,), and how many of their directions the data show."""
-        norms = np.sqrt(np.diagonal(self.gram))
+        norms = np.sqrt(np.maximum(np.diagonal(self.gram), 0.0))
         unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
         inverse, rank = _pseudo_inverse(self.gram / np.outer(unit, unit))
         return (inverse @ (self.right / unit)) / unit, rank
@@ -122,13 +130,7 @@ def best_shapes(
     data : of the columns of base and banks; variance : of one independent row, times how often rows
     repeat. A constant that the data do not tell stays what it is.
     """
-    pool = np.concatenate([bank.columns.ravel() for bank in banks])
-    rest = _beside(data, pool, np.eye(len(data.right))[:, base])
-    places, first = [], 0
-    for bank in banks:
-        places.append(first + np.arange(bank.columns.size))
-        first += bank.columns.size
-    curves = [_Curve(bank, p, rest) for bank, p in zip(banks, places, strict=True)]
+    rest, curves = _curves(data, base, banks)
     values = [bank.now for bank in banks]
     found = [curve.best(rest, [], variance) for curve in curves]
     for _ in range(_TURNS):
@@ -142,7 +144,26 @@ def best_shapes(
     return found
 
 
-def _beside(data: Normal, pool: NDArray[np.intp], others: Array) -> Normal:
+def error_at(
+    data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], values: Sequence[float]
+) -> float:
+    """The squared error that least squares leave with these constants."""
+    rest, curves = _curves(data, base, banks)
+    columns = np.hstack([curve.at(v) for curve, v in zip(curves, values, strict=True)])
+    return beside(rest, np.arange(0), columns).square
+
+
+def _curves(
+    data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank]
+) -> tuple[Normal, list[_Curve]]:
+    """The banks' columns, less what the base explains of them."""
+    pool = np.concatenate([bank.columns.ravel() for bank in banks])
+    rest = beside(data, pool, np.eye(len(data.right))[:, base])
+    places = np.split(np.arange(len(pool)), np.cumsum([bank.columns.size for bank in banks])[:-1])
+    return rest, [_Curve(bank, p, rest) for bank, p in zip(banks, places, strict=True)]
+
+
+def beside(data: Normal, pool: NDArray[np.intp], others: Array) -> Normal:
     """Of the columns ``pool`` and the torque, what combinations ``others`` (p, q) of columns leave."""
     own = Normal(data.gram[np.ix_(pool, pool)], data.right[pool], data.square)
     norms = np.sqrt(np.maximum(np.einsum("pq,pq->q", others, data.gram @ others), 0.0))
@@ -182,7 +203,7 @@ class _Curve:
         now = float(np.clip(np.log(self.bank.now), low, high))
         fine = np.linspace(low, high, _FINE * (len(self.grid) - 1) + 1)
         none = np.zeros((self.size, 0))
-        own = _beside(rest, self.places, np.hstack([none, *others]))
+        own = beside(rest, self.places, np.hstack([none, *others]))
         w = self.weights(np.append(fine, now))
         taken = self._taken(own, w) / variance
         u, gain, bend = _vertex(fine, taken[:-1], int(np.argmax(taken[:-1])))

@@ -52,9 +52,9 @@ def verb(
     options += [] if test_window is None else ["--test-window", test_window]
     options += ["--frozen"] if frozen else []
     add: list[str] = []
-    if result.effects:
+    if result.effects or result.retuned:
         shown = printing.worth_showing(result.effects)
-        what = [",".join(f.text for f in shown)]
+        what = [",".join([*(r.text for r in result.retuned), *(f.text for f in shown)])]
         if json_file is not None:
             what = ["--from", str(json_file)]
             if len(shown) < len(result.effects):

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.diagnose import conclude, search
+from sdp_vs_penalty.diagnosis.diagnose import conclude
 from sdp_vs_penalty.diagnosis.fit import orthonormal
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.search import search
 from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, white_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
