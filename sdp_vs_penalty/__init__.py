@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as diagnose
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails as where_it_fails
     from sdp_vs_penalty.errors import InputError as InputError
+    from sdp_vs_penalty.estimation.cross_validation import cross_validate as cross_validate
     from sdp_vs_penalty.estimation.estimate import Estimate as Estimate
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
@@ -37,6 +38,7 @@ _HOME = {
     "check": "check",
     "compare": "diagnosis.comparison",
     "convert": "problem.convert",
+    "cross_validate": "estimation.cross_validation",
     "diagnose": "diagnosis.diagnose",
     "Estimate": "estimation.estimate",
     "excite": "estimation.excitation",

@@ -1,4 +1,7 @@
-"""Outputs are written whole or not at all, never over what the same command has read; JSON is read."""
+"""Outputs are written whole or not at all, never over what the same command has read; JSON is read.
+
+And where the files of the package itself are.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,13 @@ def protecting() -> Iterator[None]:
         yield
     finally:
         _inputs = before
+
+
+def problems_folder() -> Path:
+    """Where the built-in problems are: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).parent
+    inside = package / "problems"
+    return inside if inside.is_dir() else package.parent / "problems"
 
 
 def opened(path: str | Path) -> None:

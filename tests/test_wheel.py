@@ -70,7 +70,7 @@ def test_the_command_works_from_another_folder(
         [sys.executable, "-c", where], cwd=tmp_path, env=environment, text=True, capture_output=True
     )
     assert Path(found.stdout.strip()).is_relative_to(installed)
-    for name in ("panda", "two_link", "ur10e", "emps"):
+    for name in ("panda", "two_link", "ur10e", "emps", "tx40"):
         assert name in call(installed, tmp_path, "list", "problems")
     call(installed, tmp_path, "identify", "two_link", "--data", "run.csv", "--out", "model.json")
     assert "RMSE" in call(installed, tmp_path, "compare", "model.json", "--data", "run.csv")

@@ -24,6 +24,7 @@ VERBS = {
     "Models": {
         "identify": "Identify dynamic parameters from runs, with a certificate.",
         "compare": "Compare models with runs: error and noise of each joint.",
+        "cross-validate": "Judge a method on motion that its models have not seen.",
         "diagnose": "Name the physical effects that a model is missing.",
         "add": "Add an effect to a model and identify it again.",
         "report": "Write a self-contained HTML report.",

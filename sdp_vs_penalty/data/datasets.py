@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
 from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.joint_side import to_joints, transmission_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 
@@ -28,6 +29,9 @@ MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 UR10E_DRIVE_GAINS = (10.0, 10.70, 8.46, 9.00, 9.48, 10.12)
 #: A gap in the clock of a UR10e log [s] that no recording at 100 Hz has.
 _UR10E_GAP = 0.1
+
+#: Samples a second of the TX40's log.
+_TX40_RATE = 5000.0
 
 Say = Callable[[str], None]
 
@@ -57,9 +61,10 @@ def fetch(
     root = cache_folder() if folder is None else Path(folder)
     download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
     paths = []
+    transmission = transmission_of(chosen.problem)
     for run, measurements in _CONVERTERS[name](root / name, say).items():
         path = root / name / "runs" / f"{run}.csv"
-        save(measurements, path)
+        save(measurements if transmission is None else to_joints(measurements, transmission), path)
         paths.append(path)
     return paths
 
@@ -167,4 +172,12 @@ def _emps_runs(folder: Path, say: Say) -> dict[str, Measurements]:
     return runs
 
 
-_CONVERTERS = {"panda": _panda_runs, "ur10e": _ur10e_runs, "emps": _emps_runs}
+def _tx40_runs(folder: Path, say: Say) -> dict[str, Measurements]:
+    """Angles [rad] and torques [N m] of the motors at 5 kHz, a header and one column a motor each."""
+    q, tau = (
+        np.loadtxt(folder / file.name, delimiter=",", skiprows=1) for file in DATASETS["tx40"].files
+    )
+    return {"exciting": Measurements(np.arange(len(q)) / _TX40_RATE, q, tau, names=("exciting",))}
+
+
+_CONVERTERS = {"panda": _panda_runs, "ur10e": _ur10e_runs, "emps": _emps_runs, "tx40": _tx40_runs}

@@ -180,7 +180,7 @@ def _shaped_effects(
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             stage = prepare(rows, estimate, frozen, seed)
-        joints = [None] if effect.whole_robot else effect.joints
+        joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
         out += [_shaped(stage, effect, joint, fixed) for joint in joints]
     return out
 

@@ -120,7 +120,7 @@ def build_library(
             key = (name, joint)
             if key in taken:
                 continue
-            spread = several if joint is None or kind.needs_links else own[joint]
+            spread = several if joint is None or kind.needs_links or kind.joins else own[joint]
             spread += [(key, effect) for effect in kind.candidates(robot, joint, start)]
     groups: list[Group] = []
     matrices = []

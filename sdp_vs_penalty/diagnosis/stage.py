@@ -16,8 +16,8 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.autoregression import ORDER
 from sdp_vs_penalty.signals.noise import Noise, noise_in, noise_of
-from sdp_vs_penalty.signals.repetition import repeat_period
-from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 
 Array = NDArray[np.float64]
 
@@ -143,37 +143,48 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
 
 
 def label_rows(rows: SegmentedRuns) -> RowLabels:
-    """Blocks of equal length within runs; folds: whole runs, or phases of the one run's period."""
+    """Blocks of equal length within runs; folds: whole motions, or phases of the one that there is."""
     run, t = rows.run, rows.t
     spans = [t[run == r][-1] - t[run == r][0] for r in np.unique(run)]
     length = max(0.5, sum(spans) / _BLOCKS)
     block = np.zeros(len(t), np.intp)
-    fold = np.zeros(len(t), np.intp)
     count = 0
-    for f, r in enumerate(np.unique(run)):
+    for r in np.unique(run):
         mine = run == r
         pieces = max(1, round((t[mine][-1] - t[mine][0]) / length))
         edges = np.linspace(t[mine][0], t[mine][-1], pieces + 1)[1:-1]
         block[mine] = count + np.searchsorted(edges, t[mine], side="right")
         count += pieces
-        fold[mine] = f
-    if len(spans) == 1:
-        fold = phase_folds(rows)
+    clocks = clocks_of(rows)
+    motion = np.array([clocks[r].motion if r in clocks else 0 for r in range(run.max() + 1)])[run]
+    found, fold = np.unique(motion, return_inverse=True)
+    if len(found) == 1:
+        fold = phase_folds(rows, clocks)
     _, block = np.unique(block, return_inverse=True)
     seen = [sum(max(len(p) - ORDER, 0) for p in rows.pieces(j)) for j in range(rows.n)]
     return RowLabels(rows.n, block, fold, np.array(seen, float))
 
 
-def phase_folds(rows: SegmentedRuns) -> NDArray[np.intp]:
-    """Folds of one run: samples one period apart share a fold; without a period, stretches of time."""
-    t = rows.t
-    longest = max(rows.segments, key=lambda s: len(s.t))
-    period = repeat_period(longest.t_dense, longest.q_dense)
-    span = t[-1] - t[0]
-    cycle = span * (1.0 + 1e-9) if period is None else period
-    # Each fold is made of two stretches, so that training data surround it.
-    slot = np.floor((t - t[0]) % cycle / cycle * 2 * _PHASE_FOLDS).astype(np.intp)
-    return slot % _PHASE_FOLDS
+def clocks_of(rows: SegmentedRuns) -> dict[int, MotionClock]:
+    """The clock of each run's motion, from its longest segment, by the run's index."""
+    longest: dict[int, Segment] = {}
+    for segment in rows.segments:
+        if segment.run not in longest or len(segment.t) > len(longest[segment.run].t):
+            longest[segment.run] = segment
+    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in longest.values()])
+    return dict(zip(longest, clocks, strict=True))
+
+
+def phase_folds(rows: SegmentedRuns, clocks: dict[int, MotionClock]) -> NDArray[np.intp]:
+    """(M,) folds by phase: what the motion repeats shares a fold; else stretches of time.
+
+    Each fold is made of two stretches of every motion's clock, so that training data surround it.
+    """
+    out = np.zeros(len(rows.t), np.intp)
+    for run, clock in clocks.items():
+        mine = rows.run == run
+        out[mine] = PhaseFolds((clock,), 2 * _PHASE_FOLDS).fold(0, rows.t[mine])
+    return out % _PHASE_FOLDS
 
 
 def white_rows(

@@ -2,7 +2,8 @@
 
 Nothing here names a physical effect (`diagnose` does); it shows what the error looks like, joint by
 joint, beside the noise. Shares are held out: a smooth function of the quantity is fitted to some
-blocks of time and judged on others, so that a share above zero is no accident of the fit.
+stretches of the motion and judged on others, so that a share above zero is no accident of the fit, nor
+of a motion that comes back.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
-from sdp_vs_penalty.diagnosis.stage import label_rows
+from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -140,7 +141,7 @@ def where_it_fails(
     residual = rows.residual
     repeated = rows if noise_from is None else with_estimate(segmented(noise_from, settings), estimate)
     floors = noise_floor(repeated)
-    labels = label_rows(rows)
+    folds = phase_folds(rows, clocks_of(rows))
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -159,7 +160,7 @@ def where_it_fails(
                 rmse,
                 floor,
                 explainable,
-                _shares(states, j, error, keep, labels.block % 5),
+                _shares(states, j, error, keep, folds),
                 lift,
                 asymmetry,
                 _bands(full),

@@ -61,9 +61,12 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
     for item in shapes:
         key, _, value = item.partition("=")
         try:
-            shape[key.strip()] = float(value)
+            known = kind.shapes.get(key.strip())
+            shape[key.strip()] = float(value) if known is None else known.parsed(value)
         except ValueError:
-            raise InputError(f"effect {text!r}", "write a shape constant as @name=number") from None
+            words = known.words if known is not None else ()
+            how = f"@{key.strip()}={'|'.join(words)}" if words else "@name=number"
+            raise InputError(f"effect {text!r}", f"write a shape constant as {how}") from None
     return kind(robot, joints, **shape)
 
 

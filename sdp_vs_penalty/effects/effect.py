@@ -173,11 +173,11 @@ class Effect(ABC):
     equation: ClassVar[str]
     explanation: ClassVar[str]
     reference: ClassVar[str]
-    #: Non-linear shape constants by name.
-    shapes: ClassVar[Mapping[str, Shape]] = {}
+    #: Non-linear shape constants by name; an object's own may be more or fewer than its class's.
+    shapes: Mapping[str, Shape] = {}
 
     #: True where a column depends on earlier motion: it is then computed over whole runs.
-    has_memory: ClassVar[bool] = False
+    has_memory: bool = False
     #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
     follows_clock: ClassVar[bool] = False
     #: True where the columns need Motion.torque.
@@ -195,6 +195,8 @@ class Effect(ABC):
     turns: ClassVar[str] = ""
     #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
     widens: ClassVar[bool] = False
+    #: True where its joints belong together: one parameter acts on all of them.
+    joins: ClassVar[bool] = False
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: ClassVar[tuple[str, ...]] = ()
 
@@ -309,7 +311,7 @@ class Effect(ABC):
     def text(self) -> str:
         """How the effect is written on the command line."""
         joints = "" if self.asked_joints is None else ":" + "+".join(str(j + 1) for j in self.joints)
-        shape = "".join(f"@{k}={v:.6g}" for k, v in self.shape.items())
+        shape = "".join(f"@{k}={self.shapes[k].written(v)}" for k, v in self.shape.items())
         return f"{self.name}{joints}{shape}"
 
     def shape_unit(self, key: str, joint: int) -> str:

@@ -17,7 +17,8 @@ class Shape:
     """One shape constant of an effect; its name is the key under which the effect declares it.
 
     default : its value where none is given. unit : "-" for a number; a pair for a revolute and a
-        prismatic joint. choices : the only values that it may have, if they are few.
+        prismatic joint. choices : the only values that it may have, if they are few; words : what they
+        are called where they are written.
     grid : the values that a search starts from; bounds : the range in which it refines them (None: it
         stays on the grid); scale : how neighbours are spaced there: widths, exponents and times by a
         ratio ("log"), numbers of waves by a difference ("linear").
@@ -37,6 +38,7 @@ class Shape:
     choices: tuple[float, ...] = ()
     earned: float | None = None
     metres: float = 1.0
+    words: tuple[str, ...] = ()
     signed: bool = False
     role: Literal["searched", "estimated", "clock"] = "searched"
 
@@ -54,11 +56,22 @@ class Shape:
         if not np.isfinite(value):
             return "must be finite"
         if self.choices and value not in self.choices:
+            if self.words:
+                return f"must be one of {', '.join(self.words)}"
             first, last = (f"{x:g}" for x in (self.choices[0], self.choices[-1]))
             return f"must be a whole number from {first} to {last}, not {value:g}"
         if not self.signed and not value > 0.0:
             return f"must be above 0, not {value:g}"
         return None
+
+    def parsed(self, text: str) -> float:
+        """The value that a text means: one of the words, or a number. ValueError where it is neither."""
+        word = text.strip()
+        return self.choices[self.words.index(word)] if word in self.words else float(word)
+
+    def written(self, value: float) -> str:
+        """The value as :meth:`parsed` reads it."""
+        return self.words[self.choices.index(value)] if self.words else f"{value:.6g}"
 
     def unit_on(self, kind: str) -> str:
         """The unit on a joint of this kind ("revolute", "prismatic")."""
@@ -70,6 +83,8 @@ class Shape:
         >>> Shape(2.0, ("1/turn", "rad/m")).said(7.0, "revolute")
         '7 per turn'
         """
+        if self.words:
+            return self.written(value)
         unit = self.unit_on(kind)
         words = "" if unit == "-" else unit.replace("1/", "per ")
         return f"{value:.4g} {words}".strip()

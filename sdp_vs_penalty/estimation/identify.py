@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
@@ -24,7 +23,7 @@ from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.proof import infeasibility_proof, write_proof
 
@@ -90,7 +89,9 @@ def identify(
     shapes = estimate_shapes(model, measurements, settings, weighting)
     model = replace(model, effects=with_shapes(model.effects, shapes))
     if model.needs_reference:
-        model = with_reference(problem, model, measurements, settings, weighting, progress)
+        model = with_reference(
+            problem, model, lambda part: compress(measurements, part, settings), weighting, progress
+        )
     progress("compressing the measurements")
     regression = compress(measurements, model, settings)
     progress(f"estimating by {estimator.name}")
@@ -135,8 +136,7 @@ def _identify_black_box(
 def with_reference(
     problem: Problem,
     model: Model,
-    measurements: Measurements,
-    settings: Preprocessing,
+    compressed: Callable[[Model], Regression],
     weighting: str = "noise",
     progress: Progress = no_progress,
     passes: int = 2,
@@ -144,13 +144,14 @@ def with_reference(
     """The model with the current model that its torque-dependent effects refer to.
 
     Least squares without those effects, then ``passes - 1`` times with them: the reference is what
-    the other effects are estimated to be when these have taken their share.
+    the other effects are estimated to be when these have taken their share. compressed : the training
+    data in the columns of a model.
     """
     reference = np.zeros(len(model.parameters))
     for k in range(passes):
         progress(f"the current model, pass {k + 1} of {passes}")
         part = model.reference_free if k == 0 else replace(model, reference=reference)
-        regression = compress(measurements, part, settings)
+        regression = compressed(part)
         theta = make_task(problem, part, regression, weighting).ols
         free = theta if k == 0 else theta[model.reference_free_indices]
         reference = np.zeros(len(model.parameters))

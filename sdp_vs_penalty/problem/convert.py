@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sdp_vs_penalty.data.files import read_run, save
+from sdp_vs_penalty.data.joint_side import to_joints
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.transmission import Transmission, parse_transmission
 
 
 def convert(
@@ -19,6 +22,7 @@ def convert(
     joints: Sequence[str] | None = None,
     topic: str | None = None,
     rename: Mapping[str, str] | None = None,
+    motors: str | Sequence[str] | bool = False,
 ) -> Measurements:
     """Read measurements of another program, and write them in the format of ``out``'s suffix.
 
@@ -27,11 +31,34 @@ def convert(
     problem : the robot whose joint names choose the joints of a ROS bag; joints : these names, instead.
     topic : the JointState topic, where a bag has several; rename : from t, q, dq, tau (or q1, ...) to
         the names of the file's columns or variables.
+    motors : the channels were logged at the motors: each motor's position as a formula of the joints'
+        ("32 q5 + 32 q6"), several separated by commas or in a sequence, or True for the transmission of
+        ``problem``. The run is written on the joint side, which is what every other verb reads.
     Raises InputError for a file that cannot be read, or columns that are missing.
     """
     if joints is None and problem is not None:
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names
+    transmission = _transmission(motors, problem)
     run = read_run(source, None, joints, topic, rename)
+    if transmission is not None:
+        run = to_joints(run, transmission)
     if out is not None:
         save(run, out)
     return run
+
+
+def _transmission(
+    motors: str | Sequence[str] | bool, problem: str | Path | Problem | None
+) -> Transmission | None:
+    if isinstance(motors, bool):
+        if not motors:
+            return None
+        found = None if problem is None else as_problem(problem).robot.transmission
+        if found is None:
+            raise InputError(
+                "no transmission is known",
+                "name a problem that has one, or write each motor's position, such as 50 q1,30 q2",
+                "convert(motors=True)",
+            )
+        return found
+    return parse_transmission(motors.split(",") if isinstance(motors, str) else motors)

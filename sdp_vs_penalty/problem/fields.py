@@ -42,6 +42,11 @@ SECTIONS: Mapping[str, Mapping[str, Field]] = {
         "velocity": _LIMIT,
         "effort": _LIMIT,
     },
+    "transmission": {
+        "motors": Field("texts", needed=True, hint='["50 q1", "32 q5 + 32 q6"], the motors\' positions'),
+        "positions": Field("texts", hint='["motor"], or one word a channel: motor or joint'),
+        "torques": Field("texts", hint='["motor"], or one word a channel: motor or joint'),
+    },
     "bounds": {
         "tables": Field("texts", hint='["bounds.csv"]'),
         "total_mass": Field("numbers", 2, hint="[lower, upper] in kg"),

@@ -19,6 +19,7 @@ from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_link
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.problem.tables import read_table
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
+from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -66,6 +67,8 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
             kinematics.get("gravity", STANDARD_GRAVITY),
             [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
         )
+    if "transmission" in data:
+        robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
     if data.get("links", robot.n) != robot.n:
         raise InputError(f"links = {data['links']}, the kinematics have {robot.n}.")
     bounds = data.get("bounds", {})

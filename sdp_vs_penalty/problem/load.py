@@ -8,17 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError, given
+from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.problem.folder import load_folder
 from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import DEFAULT_LINK_MASS, Problem, default_mass
 from sdp_vs_penalty.robot.urdf import load_urdf
-
-
-def problems_folder() -> Path:
-    """Where the built-in problems are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parents[1]
-    inside = package / "problems"
-    return inside if inside.is_dir() else package.parent / "problems"
 
 
 def problem_names() -> list[str]:

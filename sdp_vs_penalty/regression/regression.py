@@ -22,7 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
+from sdp_vs_penalty.signals.phases import PhaseFolds
+from sdp_vs_penalty.signals.preprocessing import (
+    Preprocessing,
+    Rows,
+    filtered_rows,
+    rows_per_sample,
+)
 
 Array = NDArray[np.float64]
 
@@ -233,29 +239,65 @@ def compress(
         start, stop = float(run.t[0]), float(run.t[-1])
         count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
         edges = np.linspace(start, stop, count + 1)
-        growing: dict[tuple[int, int], Factor] = {}
+        growing = _Growing()
         repeated = rows_per_sample(run, settings)
         for rows in filtered_rows(run, model, settings):
             samples += len(rows.torque) / repeated
-            owner = np.clip(np.searchsorted(edges, rows.motion.t, side="right") - 1, 0, count - 1)
-            for b in np.unique(owner):
-                mine = owner == b
-                for joint, columns in enumerate(rows.columns):
-                    piece = np.column_stack([columns.columns[mine], rows.torque[mine, joint]])
-                    old = growing.get((int(b), joint))
-                    parts = [piece] if old is None else [old.triangle, piece]
-                    growing[int(b), joint] = Factor(
-                        joint,
-                        0,
-                        columns.indices,
-                        triangular(parts),
-                        len(piece) + (0 if old is None else old.rows),
-                    )
-        for b in sorted({key[0] for key in growing}):
-            for joint in range(model.robot.n):
-                factors.append(replace(growing[b, joint], block=len(blocks)))
+            owner = np.searchsorted(edges, rows.motion.t, side="right") - 1
+            growing.take(rows, np.clip(owner, 0, count - 1))
+        for b, found in growing.blocks():
+            factors += [replace(factor, block=len(blocks)) for factor in found]
             blocks.append(TimeBlock(index, float(edges[b]), float(edges[b + 1])))
-    rows_of_a_joint = sum(f.rows for f in factors if f.joint == 0)
-    return Regression(
-        model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows_of_a_joint / samples
-    )
+    return _regression(model, blocks, factors, samples)
+
+
+def compress_cells(
+    measurements: Measurements, model: Model, settings: Preprocessing, folds: PhaseFolds
+) -> Regression:
+    """The same with one block for each cell of folds by phase, whichever runs and periods show it."""
+    growing, samples = _Growing(), 0.0
+    for index, run in enumerate(measurements.runs()):
+        repeated = rows_per_sample(run, settings)
+        for rows in filtered_rows(run, model, settings):
+            samples += len(rows.torque) / repeated
+            growing.take(rows, folds.cell(index, rows.motion.t))
+    blocks = [TimeBlock(*place) for place in folds.places]
+    factors = [replace(f, block=b) for b, found in growing.blocks() for f in found]
+    return _regression(model, blocks, factors, samples)
+
+
+class _Growing:
+    """Factors by block and joint, to which rows are added as they come."""
+
+    def __init__(self) -> None:
+        self._factors: dict[tuple[int, int], Factor] = {}
+
+    def take(self, rows: Rows, owner: NDArray[np.intp]) -> None:
+        """Add rows, each to the block that ``owner`` (M,) says."""
+        for b in np.unique(owner):
+            mine = owner == b
+            for joint, columns in enumerate(rows.columns):
+                piece = np.column_stack([columns.columns[mine], rows.torque[mine, joint]])
+                old = self._factors.get((int(b), joint))
+                parts = [piece] if old is None else [old.triangle, piece]
+                self._factors[int(b), joint] = Factor(
+                    joint,
+                    0,
+                    columns.indices,
+                    triangular(parts),
+                    len(piece) + (0 if old is None else old.rows),
+                )
+
+    def blocks(self) -> list[tuple[int, list[Factor]]]:
+        """The blocks that have rows, in order, with the factors of all joints."""
+        found: dict[int, list[Factor]] = {}
+        for (b, _), factor in sorted(self._factors.items(), key=lambda item: item[0]):
+            found.setdefault(b, []).append(factor)
+        return list(found.items())
+
+
+def _regression(
+    model: Model, blocks: Sequence[TimeBlock], factors: Sequence[Factor], samples: float
+) -> Regression:
+    rows = sum(f.rows for f in factors if f.joint == 0)
+    return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors), rows / samples)

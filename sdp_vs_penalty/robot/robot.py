@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.transmission import Transmission
 
 Array = NDArray[np.float64]
 
@@ -70,14 +71,20 @@ class Robot:
 
     Depth first: what a joint carries follows it without a gap. Pinocchio's composite rigid body
     algorithm takes subtrees as index ranges and is silently wrong on any other order.
+    transmission : how the motors turn with the joints, where that is known.
     Raises InputError for joints in another order.
     """
 
     name: str
     joints: tuple[Joint, ...]
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
+    transmission: Transmission | None = None
 
     def __post_init__(self) -> None:
+        if self.transmission is not None and self.transmission.n != self.n:
+            raise InputError(
+                f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors."
+            )
         names = [joint.name for joint in self.joints]
         for name in names:
             if names.count(name) > 1:
@@ -257,7 +264,10 @@ class Robot:
             }
             for j in self.joints
         ]
-        return {"name": self.name, "gravity": list(self.gravity), "joints": joints}
+        out: dict[str, Any] = {"name": self.name, "gravity": list(self.gravity), "joints": joints}
+        if self.transmission is not None:
+            out["transmission"] = self.transmission.to_dict()
+        return out
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Robot:
@@ -268,7 +278,9 @@ class Robot:
             return Joint(**fields)
 
         joints = tuple(map(joint, data["joints"]))
-        return cls(data["name"], joints, _vector3(data["gravity"]))
+        given = data.get("transmission")
+        transmission = None if given is None else Transmission.from_dict(given)
+        return cls(data["name"], joints, _vector3(data["gravity"]), transmission)
 
     @classmethod
     def from_dh(

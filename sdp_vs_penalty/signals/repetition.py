@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import scipy.fft
@@ -20,6 +21,8 @@ from scipy.sparse import csgraph
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 
 Array = NDArray[np.float64]
+#: Instants (M,) s and positions (M, n) of one uninterrupted motion.
+Track: TypeAlias = tuple[Array, Array]
 
 #: Motions are alike if their positions differ by less than this share of each joint's motion.
 ALIKE = 0.01
@@ -42,8 +45,27 @@ def motion_scale(q: Array) -> Array | None:
 def repeat_period(t: Array, q: Array) -> float | None:
     """The period T [s] after which a run repeats its motion, or None where it does not.
 
-    t (M,) s and q (M, n) of one run; the last ``_SHORTEST`` seconds at least must overlap.
+    t (M,) s and q (M, n) of one run; ``_SHORTEST`` seconds at least must overlap. A stand at either end
+    does not count, and up to ``_SHORTEST`` seconds there may be another motion: the way to where it
+    repeats, a ramp.
     """
+    scale = motion_scale(q)
+    if scale is None:
+        return None
+    away = [np.any(np.abs(q - rest) > ALIKE * scale, axis=1) for rest in (q[0], q[-1])]
+    moving = slice(int(np.argmax(away[0])), len(t) - int(np.argmax(away[1][::-1])))
+    t, q = t[moving], q[moving]
+    for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST):
+        inside = (t >= t[0] + cut) & (t <= t[-1] - cut)
+        period = _period(t[inside], q[inside])
+        if period is not None:
+            return period
+    return None
+
+
+def _period(t: Array, q: Array) -> float | None:
+    if len(t) < 3:
+        return None
     span = t[-1] - t[0]
     step = float(np.median(np.diff(t)))
     grid = np.arange(t[0], t[-1], step)
@@ -107,9 +129,10 @@ def find_repeats(runs: SegmentedRuns) -> tuple[Repeat, ...]:
         if period is not None:
             out += _pair(segment, segment, period, k, starts[k])
         for m in range(k + 1, len(runs.segments)):
-            lag = _lag(segment, runs.segments[m])
+            other = runs.segments[m]
+            lag = repeat_lag((segment.t_dense, segment.q_dense), (other.t_dense, other.q_dense))
             if lag is not None:
-                out += _pair(segment, runs.segments[m], lag, m, starts[k])
+                out += _pair(segment, other, lag, m, starts[k])
     return tuple(out)
 
 
@@ -127,15 +150,19 @@ def _pair(a: Segment, b: Segment, shift: float, other: int, start: int) -> list[
     return [Repeat(index, other, later[inside][alike])] if len(index) >= _FEWEST else []
 
 
-def _lag(a: Segment, b: Segment) -> float | None:
-    """Clock difference after which b repeats a from its beginning on, or None."""
-    scale = motion_scale(a.q_dense)
-    if scale is None:
+def repeat_lag(a: Track, b: Track, slip: float = _SLIP) -> float | None:
+    """Clock difference after which b repeats a, from a's beginning on; None where it does not.
+
+    slip : how far b may begin before or after the motion of a [s].
+    """
+    (t_a, q), (t_b, there) = a, b
+    scale = motion_scale(q)
+    if scale is None or len(t_a) < 2 or len(t_b) < 2:
         return None
-    step = float(a.t_dense[1] - a.t_dense[0])
-    q_b = CubicSpline(b.t_dense - b.t_dense[0], b.q_dense)
-    clock = a.t_dense - a.t_dense[0]
-    span = b.t_dense[-1] - b.t_dense[0]
+    step = float(np.median(np.diff(t_a)))
+    q_b = CubicSpline(t_b - t_b[0], there)
+    clock = t_a - t_a[0]
+    span = t_b[-1] - t_b[0]
 
     def error(slip: float) -> float:
         at = clock + slip
@@ -143,16 +170,16 @@ def _lag(a: Segment, b: Segment) -> float | None:
         if inside.sum() * step < _SHORTEST:
             return np.inf
         some = np.flatnonzero(inside)[:: max(1, int(0.1 / step))]
-        return _difference(a.q_dense[some], q_b(at[some]), scale)
+        return _difference(q[some], q_b(at[some]), scale)
 
-    slips = np.arange(-_SLIP, _SLIP, _SLIP_STEP)
+    slips = np.arange(-slip, slip, _SLIP_STEP)
     errors = np.array([error(s) for s in slips])
     best = float(slips[int(np.argmin(errors))])
     if errors.min() > 0.3:  # another motion; the same one is nearer even half a step beside
         return None
     near = (best - _SLIP_STEP, best + _SLIP_STEP)
     fine = float(minimize_scalar(error, bounds=near, method="bounded").x)
-    return fine + b.t_dense[0] - a.t_dense[0] if error(fine) < ALIKE else None
+    return fine + float(t_b[0] - t_a[0]) if error(fine) < ALIKE else None
 
 
 def later_rows(runs: SegmentedRuns, repeat: Repeat) -> NDArray[np.intp]:

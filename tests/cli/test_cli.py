@@ -257,7 +257,7 @@ def test_identify_refuses_in_one_sentence(
     [
         (["fly"], ["fly"]),
         (["list", "robots"], ["robots", "problems"]),
-        (["fetch", "moon"], ["moon", "panda", "ur10e", "emps"]),
+        (["fetch", "moon"], ["moon", "panda", "ur10e", "emps", "tx40"]),
         (["compare", "nowhere.json", "--data", "x.csv"], ["nowhere.json"]),
         (["identify", "two_link", "--out", "m.json"], ["--data"]),
         (["identify", "two_link", "--data", "nowhere.csv", "--out", "m.json"], ["nowhere.csv"]),

@@ -21,7 +21,7 @@ EXAMPLES = {verb: re.findall(r"Example:\n  (.*)", command.epilog) for verb, comm
 #: In the order in which one example makes what the next one reads.
 RUN = (
     *("identify", "compare", "check", "list", "export", "check-urdf", "convert", "add", "report"),
-    *("diagnose", "simulate", "export-sdp"),
+    *("diagnose", "simulate", "export-sdp", "cross-validate"),
 )
 #: Minutes, the network, a window or a proof: their own tests run them.
 NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "page", "verify"}

@@ -68,8 +68,8 @@ def test_shape_constants_are_declared_whole(name: str) -> None:
         assert all(a < b for a, b in pairwise(shape.grid))
     for robot in robots().values():
         for effect in variants(name, robot):
-            assert set(effect.searched) <= set(kind.shapes)
-            assert all(kind.shapes[key].role == "searched" for key in effect.searched)
+            assert set(effect.searched) <= set(effect.shape) == set(effect.shapes)
+            assert all(effect.shapes[key].role == "searched" for key in effect.searched)
 
 
 @EVERY_EFFECT
@@ -81,7 +81,8 @@ def test_columns_fit_any_robot(name: str, which: str) -> None:
         count = len(effect.parameters)
         assert len({p.name for p in effect.parameters}) == count
         assert all(p.unit and p.effect == name for p in effect.parameters)
-        on = {0} if effect.whole_robot else {j + 1 for j in effect.joints}
+        acting = effect.joints[:1] if effect.joins else effect.joints
+        on = {0} if effect.whole_robot else {j + 1 for j in acting}
         assert {p.joint for p in effect.parameters} == on
         assert all(p.joint == 0 or str(p.joint) in p.name for p in effect.parameters)
         assert all(p.lower in (0.0, -np.inf) for p in effect.parameters)

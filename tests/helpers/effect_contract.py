@@ -160,4 +160,5 @@ def _rewritten(
         motion.ddq * position / s**2,
         motion.model_torque * torque,
         CurrentModel(robot, motion.model_links * kg * np.array([1, m, m, m, *[m * m] * 6])),
+        sign_width=motion.sign_width * position[0] / s,
     )

@@ -39,9 +39,21 @@ def verb(
             metavar="t=time,q=qm", help="Columns or variables that are t, q, dq, tau (or q1, q2 ...)."
         ),
     ] = None,
+    motors: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'50 q1,32 q2+32 q1'",
+            help="Motor positions by joint positions, for a log of motor positions and torques.",
+        ),
+    ] = None,
+    motor_side: Annotated[
+        bool, typer.Option("--motor-side", help="The log is of motors: the problem's transmission.")
+    ] = False,
     debug: Debug = False,
 ) -> None:
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
+
+    Logs of motors become those of joints by their transmission (--motors, --motor-side).
 
     Example: sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv
     """
@@ -51,7 +63,13 @@ def verb(
 
     names = joints.split(",") if joints else None
     run = convert(
-        source, out, problem=problem, joints=names, topic=topic, rename=pairs("--rename", rename)
+        source,
+        out,
+        problem=problem,
+        joints=names,
+        topic=topic,
+        rename=pairs("--rename", rename),
+        motors=motor_side if motors is None else motors,
     )
     velocity = "" if run.dq is None else ", velocities"
     console.written(out, f"{len(run.t)} samples of {show.count(run.n, 'joint')}{velocity}")

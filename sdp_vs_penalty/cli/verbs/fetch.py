@@ -14,7 +14,7 @@ from sdp_vs_penalty.cli.options import Debug
 def verb(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[panda|ur10e|emps] ...", help="Data sets; default: all."),
+        typer.Argument(metavar="[panda|ur10e|emps|tx40] ...", help="Data sets; default: all."),
     ] = None,
     folder: Annotated[
         Path | None, typer.Option(help="Folder for the files; default: the user's cache.")

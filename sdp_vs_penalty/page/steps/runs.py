@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.page.controls import button, check, choice, drop, number, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
@@ -104,7 +106,7 @@ def _real(view: View) -> None:
     if title is not None:
         tag("p", title, "soft")
         button("Use the real runs", view.session.real, "real")
-    elif robot["source"] in ("panda", "ur10e", "emps"):
+    elif robot["source"] in DATASETS:
         tag(
             "p",
             "Not downloaded. Run:",
@@ -112,7 +114,7 @@ def _real(view: View) -> None:
         )
         tag("code", f"sdp-vs-penalty fetch {robot['source']}")
     else:
-        tag("p", "Public measurements exist for panda, ur10e and emps.", "soft")
+        tag("p", f"Public measurements exist for {show.words(list(DATASETS))}.", "soft")
 
 
 def _list(view: View) -> None:

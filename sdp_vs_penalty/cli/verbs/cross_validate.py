@@ -1,0 +1,67 @@
+"""The verb cross-validate: errors on motion that the models have not seen."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sdp_vs_penalty.cli.options import Data, Debug, Gravity, Problem, Seed, json_option
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
+
+
+def verb(
+    problem: Problem,
+    data: Data,
+    method: Annotated[str, typer.Option(help="Method, of `sdp-vs-penalty list methods`.")] = "lmi-sdp",
+    effects: Annotated[
+        str | None,
+        typer.Option(
+            metavar="a,b,c",
+            help="Effects, of `sdp-vs-penalty list effects`; default: the problem's.",
+        ),
+    ] = None,
+    folds: Annotated[int, typer.Option(min=2, help="Stretches that each motion is cut into.")] = 5,
+    gravity: Gravity = None,
+    json_file: Annotated[Path | None, json_option("figures")] = None,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Judge a method on unseen motion: each fold leaves out a stretch and all its repetitions.
+
+    Example: sdp-vs-penalty cross-validate panda --data run.csv --method lmi-sdp-entropic
+    """
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.arguments import numbers
+    from sdp_vs_penalty.data.files import load_measurements
+    from sdp_vs_penalty.estimation.cross_validation import cross_validate
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.problem.load import load_problem
+
+    robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
+    with console.progress("reading the measurements") as progress:
+        runs = load_measurements(*data, joints=robot.robot.n, names=robot.robot.joint_names)
+        result = cross_validate(
+            robot, runs, method, effects=effects, folds=folds, seed=seed, progress=progress
+        )
+    console.say(result.verdict, style="bold")
+    console.explain(result.how)
+    judged: list[tuple[str, Fold | CrossValidation]] = [
+        (f"{k}: {f.start:.3g}-{f.stop:.3g} s", f) for k, f in enumerate(result.folds, start=1)
+    ]
+    judged.append(("all", result))
+    rows = [
+        [name, console.number(f.relative_error_percent), *map(console.number, f.rmse)]
+        for name, f in judged
+    ]
+    units = ", ".join(dict.fromkeys(map(console.unit, robot.robot.torque_units)))
+    title = f"Relative error, and RMSE [{units}] of each joint below {console.number(result.band_hz)} Hz"
+    heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
+    console.table(title, heads, rows)
+    if json_file is not None:
+        write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
+        console.written(json_file)

@@ -1,0 +1,40 @@
+"""Channels that were logged at the motors, as those of the joints."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import problems_folder
+from sdp_vs_penalty.robot.transmission import Transmission, parse_transmission
+
+
+def to_joints(measurements: Measurements, transmission: Transmission) -> Measurements:
+    """The same runs on the joint side: q = A^-1 (q_m - b), tau = A^T tau_m, channel by channel as the
+    transmission says where they were logged.
+
+    Raises InputError where the runs have another number of channels.
+    """
+    if measurements.n != transmission.n:
+        raise InputError(
+            f"the file has {show.count(measurements.n, 'joint')}, the transmission "
+            f"{show.count(transmission.n, 'motor')}",
+            where=measurements.names[0],
+        )
+    dq = measurements.dq
+    return replace(
+        measurements,
+        q=transmission.joint_positions(measurements.q),
+        tau=transmission.joint_torques(measurements.tau),
+        dq=None if dq is None else transmission.joint_positions(dq, rates=True),
+    )
+
+
+def transmission_of(problem: str) -> Transmission | None:
+    """What the problem.toml of a built-in problem says of its transmission."""
+    text = (problems_folder() / problem / "problem.toml").read_text(encoding="utf-8")
+    section = tomllib.loads(text).get("transmission")
+    return None if section is None else parse_transmission(**section)

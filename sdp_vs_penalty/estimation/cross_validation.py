@@ -1,0 +1,230 @@
+"""The verb ``cross_validate``: how well a method's models predict motion that they have not seen.
+
+Each fold leaves out one stretch of every motion's clock (:mod:`~sdp_vs_penalty.signals.phases`), all
+its repetitions and a guard of the filters' reach around it, identifies from the rest and is judged on
+what it left out. Every row is judged once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.identify import with_reference
+from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import Regression, compress_cells
+from sdp_vs_penalty.show import Shown, Summary, Table
+from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One fold: identified from all but a stretch, judged on it.
+
+    start, stop [s] : the stretch, on the clock of the first motion; theta (p,); losses, rows (n,) : sums
+    of squared torque errors of each joint on it, and how many; torque_squared (n,) : the same of torque.
+    """
+
+    start: float
+    stop: float
+    theta: Array
+    losses: Array
+    rows: NDArray[np.int64]
+    torque_squared: Array
+
+    @property
+    def rmse(self) -> Array:
+        """(n,) [N m or N] of each joint."""
+        return np.asarray(np.sqrt(self.losses / np.maximum(self.rows, 1)))
+
+    @property
+    def relative_error_percent(self) -> float:
+        """100 |tau - tau_hat| / |tau| over all joints."""
+        return float(100.0 * np.sqrt(self.losses.sum() / self.torque_squared.sum()))
+
+
+@dataclass(frozen=True, repr=False)
+class CrossValidation(Shown):
+    """Errors of a method on motion that its models have not seen, fold by fold.
+
+    folds : those with rows to judge; periodic : whether a motion repeats; guard [s] : what training
+    keeps off the judged stretch; band_hz : below which all errors are meant.
+    """
+
+    problem: str
+    method: str
+    effects: tuple[str, ...]
+    folds: tuple[Fold, ...]
+    periodic: bool
+    guard: float
+    band_hz: float
+
+    @property
+    def rmse(self) -> Array:
+        """(n,) of each joint over all folds."""
+        losses, rows = (sum(getattr(f, name) for f in self.folds) for name in ("losses", "rows"))
+        return np.asarray(np.sqrt(losses / np.maximum(rows, 1)))
+
+    @property
+    def relative_error_percent(self) -> float:
+        """100 |tau - tau_hat| / |tau| over all folds and joints."""
+        losses = sum(f.losses.sum() for f in self.folds)
+        return float(100.0 * np.sqrt(losses / sum(f.torque_squared.sum() for f in self.folds)))
+
+    @property
+    def worst(self) -> int:
+        """Number of the fold with the largest relative error, from 1."""
+        return 1 + int(np.argmax([f.relative_error_percent for f in self.folds]))
+
+    @property
+    def verdict(self) -> str:
+        """The errors in one sentence."""
+        worst = self.folds[self.worst - 1]
+        return (
+            f"{self.method} predicts unseen motion to {self.relative_error_percent:.3g} % (relative "
+            f"error); worst fold {self.worst}: {worst.relative_error_percent:.3g} %."
+        )
+
+    @property
+    def how(self) -> str:
+        """How the runs were split, in one sentence."""
+        kind = "phase blocks: a motion's repetitions share a fold" if self.periodic else "blocks of time"
+        return (
+            f"{len(self.folds)} folds by {kind}; training keeps {self.guard:.3g} s off the judged fold."
+        )
+
+    def _summary(self) -> Summary:
+        return f"CrossValidation: {self.verdict}", [
+            ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
+            ("split", self.how),
+            ("band", f"below {self.band_hz:.3g} Hz"),
+        ]
+
+    def _table(self) -> Table:
+        rows = [
+            (str(k), f"{f.start:.3g}-{f.stop:.3g}", f"{f.relative_error_percent:.3g}")
+            for k, f in enumerate(self.folds, start=1)
+        ]
+        return ("fold", "seconds", "relative error [%]"), rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return {
+            "problem": self.problem,
+            "method": self.method,
+            "effects": list(self.effects),
+            "periodic": self.periodic,
+            "guard": self.guard,
+            "band_hz": self.band_hz,
+            "relative_error_percent": self.relative_error_percent,
+            "rmse": self.rmse.tolist(),
+            "worst_fold": self.worst,
+            "folds": [
+                {
+                    "number": k,
+                    "start": f.start,
+                    "stop": f.stop,
+                    "relative_error_percent": f.relative_error_percent,
+                    "rmse": f.rmse.tolist(),
+                    "rows": int(f.rows.max(initial=0)),
+                }
+                for k, f in enumerate(self.folds, start=1)
+            ],
+        }
+
+
+def cross_validate(
+    problem: str | Path | Problem,
+    measurements: Source,
+    method: str | Estimator = DEFAULT_METHOD,
+    *,
+    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    preprocessing: Preprocessing | None = None,
+    weighting: str = "noise",
+    folds: int = 5,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> CrossValidation:
+    """Judge a method on motion that its models have not seen, by phase-block cross-validation.
+
+    problem, measurements, method, effects, preprocessing, weighting, seed : as :func:`identify` takes
+    them; folds : into how many stretches the clock of every motion is cut; progress : hears which is at
+    work. Shape constants stay as the
+    effects have them. Raises InputError for input that cannot be used, or too short for so many folds.
+    """
+    problem = as_problem(problem, "cross_validate(problem=...)")
+    names = problem.robot.joint_names
+    runs = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
+    estimator = make_estimator(method)
+    if estimator.needs_black_box:
+        raise InputError(f"method {estimator.name} needs a black box's answers: choose another method.")
+    if folds < 2:
+        raise InputError(f"cross_validate(folds={folds}): at least 2 are needed.")
+    check_plausible(problem.robot, runs)
+    settings = (preprocessing or problem.preprocessing).resolve(runs)
+    split = phase_folds(runs, settings, folds)
+    model = problem.model(effects)
+    assert settings.torque_cutoff is not None
+    # Columns that refer to a current model hold what it was fitted to: they are each fold's own.
+    common = None if model.needs_reference else compress_cells(runs, model, settings, split)
+    judged = []
+    for k in range(folds):
+        progress(f"fold {k + 1} of {folds}")
+        own, rows = model, common
+        if rows is None:
+
+            def training(part, k=k) -> Regression:  # type: ignore[no-untyped-def]
+                return compress_cells(runs, part, settings, split).select(split.training(k))
+
+            own = with_reference(problem, model, training, weighting)
+            rows = compress_cells(runs, own, settings, split)
+        train, test = rows.select(split.training(k)), rows.select(split.tested(k))
+        if not train.factors:
+            raise _too_short(runs.names[0], split)
+        if test.factors:
+            task = make_task(problem, own, train, weighting, seed)
+            judged.append(_judged(split, k, estimator.fit(task).theta, test))
+    if not judged:
+        raise _too_short(runs.names[0], split)
+    return CrossValidation(
+        problem.name,
+        estimator.name,
+        tuple(effect.text for effect in model.effects),
+        tuple(judged),
+        any(clock.periodic for clock in split.clocks),
+        split.guard,
+        settings.torque_cutoff,
+    )
+
+
+def _judged(split: PhaseFolds, fold: int, theta: Array, test: Regression) -> Fold:
+    squares = np.zeros(test.joints)
+    for factor in test.factors:
+        squares[factor.joint] += float(np.sum(factor.triangle[:, -1] ** 2))
+    return Fold(*split.stretch(fold), theta, test.joint_losses(theta), test.joint_rows(), squares)
+
+
+def _too_short(name: str, split: PhaseFolds) -> InputError:
+    return InputError(
+        f"{show.count(split.count, 'fold')} with {split.guard:.3g} s kept clear on either side leave "
+        "nothing to train on or to judge",
+        "choose fewer folds, or record longer",
+        name,
+    )

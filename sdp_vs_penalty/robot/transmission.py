@@ -1,0 +1,148 @@
+"""Transmissions: how motors turn with joints, and how channels logged at motors become those of joints.
+
+Motor positions are a linear function of joint positions, q_m = A q + b. Power is the same on both sides,
+so that torques go the other way, tau = A^T tau_m. A row of A with several entries is a motor that drives
+through the gears of other joints: a coupled wrist, a differential, a parallelogram.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+#: The sides on which a channel can be logged.
+SIDES = ("motor", "joint")
+#: Condition number from which the joints do not follow from the motors.
+_SINGULAR = 1e9
+_TERM = re.compile(r"\s*([+-])?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?\s*\*?\s*(?:q([1-9]\d{0,2}))?")
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """q_m = matrix q + offset, tau = matrix^T tau_m.
+
+    matrix : (n, n), a row a motor, in motor units per joint unit; offset : (n,) [rad, m]; positions,
+    torques : n words each, "motor" or "joint": the side on which logs have that channel.
+    Raises InputError where the joints do not follow from the motors, or a word is neither.
+    """
+
+    matrix: Array
+    offset: Array
+    positions: tuple[str, ...]
+    torques: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.matrix)
+        if self.matrix.shape != (n, n) or self.offset.shape != (n,):
+            raise InputError("transmission: as many motors as joints are needed.")
+        if not (np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.offset))):
+            raise InputError("transmission: a ratio or an offset is not finite.")
+        for name, sides in (("positions", self.positions), ("torques", self.torques)):
+            if len(sides) != n or not set(sides) <= set(SIDES):
+                raise InputError(f"transmission: {name} needs {n} words, each motor or joint.")
+        rows = np.linalg.norm(self.matrix, axis=1)
+        mixed = (self._position_rows, self._torque_rows)
+        if not np.all(rows > 0.0) or any(np.linalg.cond(m) > _SINGULAR for m in mixed):
+            raise InputError(
+                "transmission: the joints do not follow from the motors", "give independent motors"
+            )
+
+    @property
+    def n(self) -> int:
+        return len(self.matrix)
+
+    @property
+    def _position_rows(self) -> Array:
+        """S of channels = S q + (offset where they are a motor's)."""
+        at_motor = np.array(self.positions) == "motor"
+        return np.where(at_motor[:, None], self.matrix, np.eye(self.n))
+
+    @property
+    def _torque_rows(self) -> Array:
+        """T of channels = T tau_m."""
+        at_motor = np.array(self.torques) == "motor"
+        return np.where(at_motor[:, None], np.eye(self.n), self.matrix.T)
+
+    def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
+        """(N, n) joint positions from logged channels (N, n); rates : these are velocities, so that no
+        offset counts."""
+        at_motor = np.array(self.positions) == "motor"
+        offset = np.where(at_motor & (not rates), self.offset, 0.0)
+        return np.asarray(np.linalg.solve(self._position_rows, (np.asarray(channels) - offset).T).T)
+
+    def joint_torques(self, channels: ArrayLike) -> Array:
+        """(N, n) joint torques from logged channels (N, n)."""
+        motors = np.linalg.solve(self._torque_rows, np.asarray(channels, float).T)
+        return np.asarray((self.matrix.T @ motors).T)
+
+    def motor_positions(self, q: ArrayLike) -> Array:
+        """(N, n) motor positions at joint positions (N, n)."""
+        return np.asarray(q) @ self.matrix.T + self.offset
+
+    @property
+    def couplings(self) -> tuple[Array, ...]:
+        """(n,) each row of A that turns with several joints, its first entry 1."""
+        rows = [row / row[np.flatnonzero(row)[0]] for row in self.matrix]
+        return tuple(row for row in rows if np.count_nonzero(row) > 1)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "matrix": self.matrix.tolist(),
+            "offset": self.offset.tolist(),
+            "positions": list(self.positions),
+            "torques": list(self.torques),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Transmission:
+        return cls(
+            np.array(data["matrix"], float),
+            np.array(data["offset"], float),
+            tuple(data["positions"]),
+            tuple(data["torques"]),
+        )
+
+
+def parse_transmission(
+    motors: Sequence[str],
+    positions: Sequence[str] = ("motor",),
+    torques: Sequence[str] = ("motor",),
+) -> Transmission:
+    """A transmission from each motor's position as a formula of the joints': "32 q5 + 32 q6 - 0.1".
+
+    positions, torques : the side of each channel, or one word for all of them. Raises InputError.
+
+    >>> parse_transmission(["50q1", "q1 - 2*q2 + 0.5"]).matrix
+    array([[50.,  0.],
+           [ 1., -2.]])
+    """
+    n = len(motors)
+    rows = [_parsed(text, n) for text in motors]
+    sides = [tuple(s) * n if len(s) == 1 else tuple(s) for s in (positions, torques)]
+    matrix = np.array([row[:n] for row in rows]).reshape(n, n)
+    return Transmission(matrix, np.array([row[n] for row in rows]), *sides)
+
+
+def _parsed(text: str, n: int) -> Array:
+    """(n + 1,) ratios, and the constant."""
+    out, place = np.zeros(n + 1), 0
+    while place < len(text.rstrip()):
+        match = _TERM.match(text, place)
+        sign, number, joint = match.groups() if match else (None, None, None)
+        if match is None or (number is None and joint is None) or (place > 0 and sign is None):
+            raise InputError(f"transmission: {text[:60]!r} is no sum like 32 q5 + 32 q6 - 0.1.")
+        if joint is not None and int(joint) > n:
+            raise InputError(f"transmission: {text[:60]!r} names joint {joint}, there are {n} motors.")
+        value = float(number or 1.0) * (-1.0 if sign == "-" else 1.0)
+        out[n if joint is None else int(joint) - 1] += value
+        place = match.end()
+    return out

@@ -1,0 +1,192 @@
+"""Splits by phase: what a motion repeats never lies on both sides of one.
+
+A run that repeats itself, or another run, holds the same motion several times: cut by time, a model
+would be judged on what it has been fitted to. Every split that the program makes goes by the clock of
+the motion instead: seconds since its beginning, modulo its period where it has one, common to all runs
+that show it. A fold is one stretch of every motion's clock; training keeps off it by a guard, because
+filtered rows share samples of the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals.repetition import Track, repeat_lag, repeat_period
+from sdp_vs_penalty.signals.runs import sample_rate
+
+Array = NDArray[np.float64]
+
+#: Positions are compared at this rate [Hz] at most: they hold little above.
+_RATE = 100.0
+#: Two runs of one motion have the same period to this share of it.
+_SAME_PERIOD = 0.01
+
+
+@dataclass(frozen=True)
+class MotionClock:
+    """The clock of one run's motion.
+
+    motion : runs of the same number show the same motion; start [s] : the run's instant at which its
+    clock shows zero; length [s] : the period, or how long a motion lasts that does not repeat itself.
+    """
+
+    motion: int
+    start: float
+    length: float
+    periodic: bool
+
+    def at(self, t: ArrayLike) -> Array:
+        """Seconds of the motion's clock, in [0, length], at instants t of the run."""
+        since = np.asarray(t, float) - self.start
+        return np.asarray(since % self.length if self.periodic else np.clip(since, 0.0, self.length))
+
+
+def tracks_of(measurements: Measurements) -> list[Track]:
+    """The positions of each run, at 100 Hz at most."""
+    out = []
+    for run in measurements.runs():
+        rate = min(sample_rate(run), _RATE)
+        t = run.t[0] + np.arange(int((run.t[-1] - run.t[0]) * rate) + 1) / rate
+        out.append((t, np.column_stack([np.interp(t, run.t, q) for q in run.q.T])))
+    return out
+
+
+def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
+    """One clock a run; runs that repeat each other share theirs."""
+    clocks: list[MotionClock] = []
+    for k, track in enumerate(tracks):
+        t = track[0]
+        period = repeat_period(*track)
+        span = float(t[-1] - t[0])
+        own = MotionClock(k, float(t[0]), span if period is None else period, period is not None)
+        clocks.append(_shared(own, track, clocks, tracks) or own)
+    return tuple(clocks)
+
+
+def _shared(
+    own: MotionClock, track: Track, clocks: Sequence[MotionClock], tracks: Sequence[Track]
+) -> MotionClock | None:
+    """The clock of an earlier run with the same motion, as this run shows it."""
+    for other, there in zip(clocks, tracks, strict=False):
+        if other.periodic and own.periodic:
+            if abs(other.length - own.length) > _SAME_PERIOD * own.length:
+                continue
+            lag = repeat_lag(there, track, 0.6 * own.length)
+        else:
+            lag = repeat_lag(there, track)
+        if lag is not None:
+            return MotionClock(other.motion, other.start + lag, other.length, other.periodic)
+    return None
+
+
+@dataclass(frozen=True)
+class PhaseFolds:
+    """Folds of runs: fold k tests on the k-th of ``count`` equal stretches of every motion's clock.
+
+    clocks : one a run; guard [s] : by which training keeps off the tested stretch, on either side and,
+    where a motion is periodic, around its period.
+    """
+
+    clocks: tuple[MotionClock, ...]
+    count: int
+    guard: float = 0.0
+
+    def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
+        """The fold that tests on instants t of a run."""
+        return self._fold_at(self.clocks[run], self.clocks[run].at(t))
+
+    def _fold_at(self, clock: MotionClock, at: ArrayLike) -> NDArray[np.intp]:
+        slot = np.floor(np.asarray(at) / clock.length * self.count).astype(np.intp)
+        return np.clip(slot, 0, self.count - 1)
+
+    def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
+        """Index of the cell in which instants t of a run lie: between two borders of folds or guards."""
+        clock = self.clocks[run]
+        first, borders = self._borders[clock.motion]
+        return first + np.searchsorted(borders, clock.at(t), side="right")
+
+    @property
+    def places(self) -> list[tuple[int, float, float]]:
+        """Of each cell its motion, and where it begins and ends on that motion's clock [s]."""
+        out = []
+        for motion, clock in sorted(self._motions.items()):
+            edges = [0.0, *self._borders[motion][1].tolist(), clock.length]
+            out += [(motion, a, b) for a, b in pairwise(edges)]
+        return out
+
+    def tested(self, fold: int) -> list[int]:
+        """Cells that a fold tests on."""
+        return [k for k, use in enumerate(self._uses[fold]) if use == "test"]
+
+    def training(self, fold: int) -> list[int]:
+        """Cells that it trains on."""
+        return [k for k, use in enumerate(self._uses[fold]) if use == "train"]
+
+    def stretch(self, fold: int) -> tuple[float, float]:
+        """Where a fold lies on the clock of the first motion [s]."""
+        length = self.clocks[0].length
+        return fold * length / self.count, (fold + 1) * length / self.count
+
+    @cached_property
+    def _motions(self) -> dict[int, MotionClock]:
+        return {clock.motion: clock for clock in reversed(self.clocks)}
+
+    @cached_property
+    def _borders(self) -> dict[int, tuple[int, Array]]:
+        """Per motion the number of its first cell, and the inner borders of its cells on the clock."""
+        out, first = {}, 0
+        for motion, clock in sorted(self._motions.items()):
+            edges = np.linspace(0.0, clock.length, self.count + 1)
+            marks = np.concatenate([edges, edges - self.guard, edges + self.guard])
+            marks = marks % clock.length if clock.periodic else marks
+            inner = np.unique(marks[(marks > 0.0) & (marks < clock.length)])
+            out[motion] = first, inner
+            first += len(inner) + 1
+        return out
+
+    @cached_property
+    def _uses(self) -> list[list[str]]:
+        """Per fold what each cell is used for: test, guard or train."""
+        uses: list[list[str]] = [[] for _ in range(self.count)]
+        for motion, clock in sorted(self._motions.items()):
+            edges = np.concatenate([[0.0], self._borders[motion][1], [clock.length]])
+            middle = 0.5 * (edges[:-1] + edges[1:])
+            fold = self._fold_at(clock, middle)
+            for k, out in enumerate(uses):
+                off = _distance(middle, k * clock.length / self.count, clock, self.count)
+                near = off < self.guard
+                out += [
+                    "test" if f == k else ("guard" if close else "train")
+                    for f, close in zip(fold, near, strict=True)
+                ]
+        return uses
+
+
+def _distance(at: Array, begin: float, clock: MotionClock, count: int) -> Array:
+    """Seconds on the clock from a fold's stretch, which begins at ``begin``; the shorter way around."""
+    end = begin + clock.length / count
+    ways = [begin - at, at - end]
+    if clock.periodic:
+        ways = [way % clock.length for way in ways]
+        return np.asarray(np.minimum(*ways))
+    return np.asarray(np.maximum(*ways))
+
+
+def phase_folds(measurements: Measurements, settings: Preprocessing, count: int) -> PhaseFolds:
+    """Folds of runs, guarded by the reach of the filters; ``settings`` must be resolved.
+
+    Two rows farther apart than the guard share no sample of the log.
+    """
+    reach = 0.0
+    for run in measurements.runs():
+        filters = RunFilter(run, settings)
+        reach = max(reach, 2.0 * (filters.state.half + filters.column.half) * filters.dt)
+    return PhaseFolds(motion_clocks(tracks_of(measurements)), count, reach)

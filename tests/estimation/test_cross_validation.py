@@ -1,0 +1,65 @@
+"""Cross-validation by phase blocks: each row judged once, by a model that has not seen its motion."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_robots import sines
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.cross_validation import cross_validate
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+
+def run_of(problem: Problem, seconds: float = 24.0, noise: float = 0.02, seed: int = 1) -> Measurements:
+    """Period 10 s; the friction is not what the model has: it errs on motion that it has not seen."""
+    rng = np.random.default_rng(seed)
+    model = problem.model("rigid_body,viscous_friction")
+    theta = problem.nominal(model)
+    theta[len(model.rigid_indices) :] = 0.4
+    t = np.arange(0.0, seconds, 4e-3)
+    motion = sines(np.random.default_rng(7), problem.robot.n, t, 0.1, 5)
+    tau = model.torque(theta, motion) + 0.3 * np.sin(3.0 * motion.q)
+    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, ("run",))
+
+
+def test_errors_are_of_unseen_motion(two_link: Problem) -> None:
+    result = cross_validate(two_link, run_of(two_link), "ols", folds=4)
+    assert result.periodic
+    assert len(result.folds) == 4
+    worst = max(f.relative_error_percent for f in result.folds)
+    assert result.folds[result.worst - 1].relative_error_percent == worst
+    assert str(result.worst) in result.verdict
+    data = json.loads(json.dumps(result.to_dict()))
+    assert data["worst_fold"] == result.worst
+    rows = sum(f.rows for f in result.folds)
+    np.testing.assert_allclose(result.rmse**2, sum(f.losses for f in result.folds) / rows, rtol=1e-12)
+    assert [f.start for f in result.folds] == pytest.approx([0.0, 2.5, 5.0, 7.5], abs=0.02)
+
+
+def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link: Problem) -> None:
+    """Another torque in one phase, in every period, changes no parameter of the fold that tests it."""
+    run = run_of(two_link)
+    tau = run.tau.copy()
+    tau[(run.t % 10.0 > 2.6) & (run.t % 10.0 < 4.9)] += 5.0
+    changed = replace(run, tau=tau)
+    effects = ["rigid_body", "viscous_friction", "torque_gain"]
+    for names in (None, effects):
+        before, after = (
+            cross_validate(two_link, r, "ols", effects=names, folds=4, weighting="none")
+            for r in (run, changed)
+        )
+        np.testing.assert_allclose(after.folds[1].theta, before.folds[1].theta, rtol=1e-7, atol=1e-9)
+        assert np.abs(after.folds[0].theta - before.folds[0].theta).max() > 1e-3
+
+
+def test_what_cannot_be_split_is_refused(two_link: Problem) -> None:
+    with pytest.raises(InputError, match="fewer folds"):
+        cross_validate(two_link, run_of(two_link), "ols", folds=2, preprocessing=Preprocessing(2.0, 3.0))
+    with pytest.raises(InputError, match="at least 2"):
+        cross_validate(two_link, run_of(two_link), "ols", folds=1)

@@ -1,0 +1,88 @@
+"""Splits by phase: no motion on both sides, whatever the period, the stand before it, the run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from periodic_runs import SETTINGS, run_of
+
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, phase_folds, tracks_of
+from sdp_vs_penalty.signals.repetition import repeat_period
+
+Array = NDArray[np.float64]
+
+
+def states(run: Measurements) -> Array:
+    """(N, 2 n) positions and velocities, in units of their spread."""
+    dq = np.gradient(run.q, run.t, axis=0)
+    x = np.hstack([run.q, dq])[:, [0, 1, 2, 4, 5, 6]]
+    return np.asarray((x - x.mean(axis=0)) / x.std(axis=0))
+
+
+def folds_of(*runs: Measurements, count: int = 5) -> PhaseFolds:
+    return phase_folds(concatenate(list(runs)), SETTINGS, count)
+
+
+@pytest.mark.parametrize("still", [0.0, 3.0])
+def test_samples_a_period_apart_are_on_one_side(still: float) -> None:
+    run = run_of(10, 27.0, still=still)
+    (clock,) = motion_clocks(tracks_of(run))
+    assert clock.periodic
+    assert clock.length == pytest.approx(9.63, abs=0.01)
+    split = folds_of(run)
+    t = run.t[run.t > still + 0.1]
+    later = t + 9.63
+    for fold in range(5):
+        uses = [np.isin(split.cell(0, x), split.tested(fold)) for x in (t, later)]
+        assert np.mean(uses[0] != uses[1]) < 0.01  # but for the border's own rounding
+        kept = [np.isin(split.cell(0, x), split.training(fold)) for x in (t, later)]
+        assert not np.any(uses[0] & kept[1])
+        assert not np.any(uses[1] & kept[0])
+
+
+def test_what_is_tested_is_no_training_motion() -> None:
+    """The states of each fold are far from all that it trains on, but where the guard ends."""
+    run = run_of(10, 27.0, dt=0.02)
+    split, x = folds_of(run), states(run)
+    cell = split.cell(0, run.t)
+    for fold in range(5):
+        test, train = (np.isin(cell, c) for c in (split.tested(fold), split.training(fold)))
+        nearest = [np.abs(x[train] - row).max(axis=1).min() for row in x[test]]
+        assert np.median(nearest) > 0.3
+        gap = np.abs(run.t[test][:, None] - run.t[train]).min()
+        assert gap > split.guard - 0.03
+
+
+def test_every_instant_is_tested_once_and_the_guard_is_kept() -> None:
+    run = run_of(10, 8.0)  # not long enough to repeat itself
+    split = folds_of(run, count=4)
+    assert not split.clocks[0].periodic
+    cell = split.cell(0, run.t)
+    tested = sum(np.isin(cell, split.tested(k)).astype(int) for k in range(4))
+    assert np.all(tested == 1)
+    for k in range(4):
+        test, train = run.t[np.isin(cell, split.tested(k))], run.t[np.isin(cell, split.training(k))]
+        assert np.all((train < test.min() - split.guard) | (train > test.max() + split.guard))
+        assert len(train) > 0.3 * len(run.t)
+
+
+def test_runs_of_one_motion_share_its_clock() -> None:
+    """Whether it repeats itself in them or not, wherever each begins; other runs have their own."""
+    runs = [run_of(10, 8.0), run_of(20, 8.0), run_of(11, 7.0, 1.3)]
+    clocks = motion_clocks(tracks_of(concatenate(runs)))
+    assert [c.motion for c in clocks] == [0, 1, 0]
+    assert clocks[2].at(runs[2].t[100]) == pytest.approx(clocks[0].at(runs[2].t[100] + 1.3), abs=0.02)
+    periodic = [run_of(10, 22.0), run_of(11, 22.0, 6.0)]
+    clocks = motion_clocks(tracks_of(concatenate(periodic)))
+    assert [c.motion for c in clocks] == [0, 0]
+    assert clocks[1].at(0.0) == pytest.approx(clocks[0].at(6.0), abs=0.02)
+
+
+def test_ramps_and_stands_hide_no_period() -> None:
+    """A way to where the motion repeats, and one from there, of up to two seconds."""
+    run = run_of(10, 24.0)
+    edge = np.clip(np.minimum(run.t, run.t[-1] - run.t) / 1.2, 0.0, 1.0)[:, None]
+    assert repeat_period(run.t, run.q * edge) == pytest.approx(9.63, abs=0.01)
+    assert repeat_period(run.t, run_of(10, 24.0, period=40.0).q) is None
