@@ -253,7 +253,7 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
 def _constants(estimate: Estimate) -> list[_Own]:
     model, out = estimate.model, []
     for effect, indices in zip(model.effects, model.indices, strict=True):
-        if effect.whole_robot or effect.needs_links or effect.several:
+        if effect.whole_robot or effect.needs_links or effect.several or effect.joins:
             continue
         k = len(indices) // len(effect.joints)
         for key in effect.searched:
@@ -268,7 +268,7 @@ def _constants(estimate: Estimate) -> list[_Own]:
 
 def _picked(effect: Effect) -> _Own | None:
     """The continuous shape constant of a candidate on one joint, if it has one."""
-    if effect.several or len(effect.joints) != 1 or len(effect.parameters) != 1:
+    if effect.several or effect.joins or len(effect.joints) != 1 or len(effect.parameters) != 1:
         return None
     names = (k for k in effect.searched if effect.shapes[k].bounds and effect.shapes[k].scale == "log")
     name = next(names, None)

@@ -71,9 +71,6 @@ class Sampling:
         return np.asarray(out / self.count)
 
 
-INSTANT = Sampling()
-
-
 @dataclass(frozen=True)
 class Motion:
     """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
@@ -91,8 +88,8 @@ class Motion:
     #: Velocities [rad/s, m/s] over which the sign of a velocity is smoothed: one for all joints, or
     #: one a joint. The model's own for Coulomb.
     sign_width: float | tuple[float, ...] = 0.01
-    #: The samples of the log that each of these instants stands for.
-    within: Sampling = INSTANT
+    #: The samples of the log that each of these instants stands for, if not itself.
+    within: Sampling | None = None
 
     def sign(self, joint: int, width: float | None = None) -> Array:
         """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
@@ -372,7 +369,7 @@ SIGN_WIDTH = 0.01
 
 
 def smooth_sign(
-    velocity: Array, width: float = SIGN_WIDTH, rate: Array | None = None, within: Sampling = INSTANT
+    velocity: Array, width: float = SIGN_WIDTH, rate: Array | None = None, within: Sampling | None = None
 ) -> Array:
     """tanh(dq / width): the sign of a velocity whose value near zero is noise [-].
 
@@ -380,7 +377,7 @@ def smooth_sign(
     which the mean is taken. A sign read at every fourth sample turns round up to two samples too early
     or too late, and a low-pass does not mend that.
     """
-    if rate is None or within.count < 2:
+    if rate is None or within is None or within.count < 2:
         return np.tanh(velocity / width)
     out = np.sign(velocity)
     # Far from zero the sign is 1 to the last bit.

@@ -46,7 +46,10 @@ class Shape:
         """The same with grid and bounds for a joint of this kind ("revolute", "prismatic")."""
         if kind != "prismatic" or self.metres == 1.0:
             return self
-        grid, bounds = (tuple(self.metres * x for x in xs) for xs in (self.grid, self.bounds or ()))
+        # As many digits as a written effect has.
+        grid, bounds = (
+            tuple(float(f"{self.metres * x:.6g}") for x in xs) for xs in (self.grid, self.bounds or ())
+        )
         ends = (bounds[0], bounds[1]) if bounds else None
         earned = None if self.earned is None else self.metres * self.earned
         return replace(self, grid=grid, bounds=ends, earned=earned, metres=1.0)

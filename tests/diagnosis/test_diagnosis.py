@@ -69,7 +69,7 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     assert set(data) == {
         *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
         *("held_out_source", "held_out_rmse_before", "held_out_rmse", "invisible", "events", "remarks"),
-        "new_motion_share",
+        *("new_motion_share", "retuned"),
     }
     assert data["held_out_source"] == "test"
     assert data["held_out_rmse_before"] == data["effects"][0]["held_out_rmse_before"]
