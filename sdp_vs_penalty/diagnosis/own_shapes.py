@@ -238,10 +238,12 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
         return None
     stage = state.stage
     model = replace(now.model, effects=with_shapes(now.model.effects, found))
+    gains = np.ones(stage.rows.n) if model.gains is None else np.array(model.gains)
     columns, moved = stage.columns.copy(), np.zeros(len(now.theta), bool)
     for effect, indices in zip(model.effects, model.indices, strict=True):
         if any(s.effect == effect.name and s.joint in effect.joints for s in found):
-            columns[:, :, indices], moved[indices] = spread_columns(stage.rows, effect), True
+            columns[:, :, indices] = gains[:, None, None] * spread_columns(stage.rows, effect)
+            moved[indices] = True
     change = columns[:, :, moved] - stage.columns[:, :, moved]
     residual = stage.residual - (change @ now.theta[moved]).T
     picks = [spread_columns(stage.rows, p.candidate.effect) for p in state.picks]

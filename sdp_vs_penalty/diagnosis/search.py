@@ -35,11 +35,13 @@ def search(
     frozen: bool = False,
     seed: int = 0,
     progress: Callable[[str], None] = quiet,
+    whole: SegmentedRuns | None = None,
 ) -> Found:
     """The search, beside the model's own shape constants as these rows show them: they are adopted
-    before the first name is given, and again beside the picks."""
+    before the first name is given, and again beside the picks. whole : the runs that show the noise, if
+    not these."""
     now, shapes = estimate, list[ShapeEstimate]()
-    stage = prepare(rows, estimate, frozen, seed, progress)
+    stage = prepare(rows, estimate, frozen, seed, progress, whole)
     state = SearchState.start(stage)
     if not frozen:
         for _ in range(_ADOPTIONS):
@@ -47,11 +49,11 @@ def search(
             other = adopted(now, state, shapes)
             if other is None:
                 break
-            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
+            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
             state = SearchState.start(stage)
         other = adopted(now, state, beside_the_best(estimate, now, state))
         if other is not None:
-            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
+            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
     progress("searching for what is missing")
     state = search_through(stage)
     for _ in range(0 if frozen else _ADOPTIONS):
@@ -61,14 +63,14 @@ def search(
         other = adopted(now, state, shapes)
         if other is None:
             break
-        now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
+        now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
         state = search_through(stage)
     wide = [] if frozen else widened(estimate, now, state)
     if wide:
         kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]
         other = adopted(now, state, [*kept, *wide])
         if other is not None:
-            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress)
+            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
             state = search_through(stage)
             shapes = profiled(estimate, now, state)
     return Found(estimate, now, tuple(shapes), state)

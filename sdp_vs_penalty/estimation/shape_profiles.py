@@ -325,7 +325,8 @@ def estimate_shapes(
         first += len(bank.parameters)
         one, ends = alone(effect, joint), (grid[0], grid[-1])
         banks.append(ShapeBank(one, joint, key, np.array(grid), effect.shape[key], columns, ends))
-    joints, counts, oversampling = _normals(measurements, Model(model.robot, (*fixed, *parts)), settings)
+    bigger = Model(model.robot, (*fixed, *parts), gains=model.gains)
+    joints, counts, oversampling = _normals(measurements, bigger, settings)
     data = _total(joints)
     if weighting == "noise":
         theta, _ = data.solved()
