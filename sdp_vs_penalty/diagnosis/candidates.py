@@ -138,7 +138,8 @@ class Candidates:
         assert constant.bounds is not None
         low, high = constant.bounds
         linear = constant.scale == "linear"
-        a, b = (value - 0.6, value + 0.6) if linear else (value / 2.2, value * 2.2)
+        half = 0.6 * self._spacing(start.effect, name) if linear else 0.0
+        a, b = (value - half, value + half) if linear else (value / 2.2, value * 2.2)
         a, b = max(a, low), min(b, high)
         best = (start.chi2, start.effect)
 
@@ -157,6 +158,12 @@ class Candidates:
         if best[1] is start.effect:
             return start
         return self.solve(fit, start.key, best[1], self.white_columns(best[1]))
+
+    @staticmethod
+    def _spacing(effect: Effect, name: str) -> float:
+        """Between neighbours of those constants that a search starts from."""
+        starts = sorted({s[name] for s in type(effect).starts(effect.robot, effect.joints[0])})
+        return float(np.min(np.diff(starts))) if len(starts) > 1 else 1.0
 
     def _chi2(self, fit: WhiteFit, effect: Effect) -> float:
         """What an effect takes from the squared residual; one joint's from that joint's rows alone."""

@@ -40,7 +40,7 @@ _ROUNDING = 1e-6
 #: Turns in which a constant and the sign in the columns beside it are made the same.
 _ALIGNED = 2
 #: How many candidates a constant is tried with.
-_PARTNERS = 4
+_PARTNERS = 3
 #: How many values are tried beyond a range.
 _WIDE = 9
 
@@ -207,24 +207,25 @@ def _compressed(
     runs = stage.rows
     if width is not None:
         runs = runs.with_model(lambda motion: replace(motion, sign_width=width))
-    target = stage.residual + (stage.columns[:, :, free] @ now.theta[free]).T
+    own, y = stage.white_rows
+    y = y + own[:, free] @ now.theta[free]
     picked = [p.candidate.columns for p in picks]
     first = len(kept) + sum(c.shape[1] for c in picked)
-    base, parts, banks = np.arange(first), [stage.columns[:, :, kept]], []
+    base, parts, banks = np.arange(first), list[Array](), list[ShapeBank]()
     for o, values, ends, was in tried:
         shapes = [alone(o.effect, o.joint, **{o.name: float(v)}) for v in values]
         parts += [spread_columns(runs, effect) for effect in shapes]
         places = first + np.arange(len(values) * len(o.effect.parameters)).reshape(len(values), -1)
         first += places.size
         banks.append(ShapeBank(o.effect, o.joint, o.name, values, was, places, ends))
-    white, y = white_rows(stage.rows, stage.noise, np.concatenate(parts, axis=2), target)
+    white, _ = white_rows(stage.rows, stage.noise, np.concatenate(parts, axis=2), stage.residual)
     last = [p.candidate.columns for p in apart]
     if joint is not None:
         n, M = white.shape[0] // len(stage.rows.t), len(stage.rows.t)
         candidates = np.zeros((n, M, stage.white.joints[joint].shape[1]))
         candidates[joint] = stage.white.joints[joint]
         last.append(candidates.reshape(n * M, -1))
-    rows = np.hstack([white[:, : len(kept)], *picked, white[:, len(kept) :], *last])
+    rows = np.hstack([own[:, kept], *picked, white, *last])
     scale = np.repeat(1.0 / state.base.weighting.level, len(stage.rows.t))
     rows, y = rows * scale[:, None], y * scale
     return Normal(rows.T @ rows, rows.T @ y, float(y @ y)), banks, base

@@ -72,8 +72,13 @@ class Stage:
         return WhiteFit.of(self.labels, *self._white_model, weighting)
 
     @cached_property
+    def white_rows(self) -> tuple[Array, Array]:
+        """The model's own columns (n M, p) and what it leaves (n M,), white."""
+        return white_rows(self.rows, self.noise, self.columns, self.residual)
+
+    @cached_property
     def _white_model(self) -> tuple[Array, Array]:
-        columns, target = white_rows(self.rows, self.noise, self.columns, self.residual)
+        columns, target = self.white_rows
         return orthonormal(columns), target
 
     def residual_beside(self, effects: Sequence[Effect]) -> Array:

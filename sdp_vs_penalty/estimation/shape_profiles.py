@@ -210,7 +210,8 @@ class _Curve:
         std = float(np.sqrt(2.0 / bend)) if bend > 0.0 else np.inf
         gain -= float(taken[-1])
         known = gain > _WORTH
-        after = float(np.exp(u)) if known else self.bank.now
+        # As many digits as a written effect has.
+        after = float(f"{np.exp(u):.6g}") if known else self.bank.now
         first, last = np.log(self.bank.ends)
         near = _AT_END * (last - first)
         at_end = known and bool(u < first + near or u > last - near)

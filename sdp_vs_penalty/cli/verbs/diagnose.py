@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
+from sdp_vs_penalty.cli.checking import refuse_meaningless
 from sdp_vs_penalty.cli.options import (
     Data,
     Debug,
@@ -30,11 +33,15 @@ def verb(
     window: Window = None,
     test_window: TestWindow = None,
     seed: Seed = 0,
+    no_check: Annotated[
+        bool, typer.Option("--no-check", help="Diagnosis without the data check.")
+    ] = False,
     verbose: Verbose = False,
     debug: Debug = False,
 ) -> None:
     """Name the physical effects that a model is missing.
 
+    The fast part of `check` runs first; its errors stop the diagnosis (exit code 2).
     Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
     """
     from sdp_vs_penalty.cli import console, printing
@@ -45,6 +52,9 @@ def verb(
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
         given = runs_for(estimate, data, window, test, test_window)
+        if not no_check:
+            progress("checking the measurements")
+            refuse_meaningless(estimate.problem, given.train, "diagnose")
         result = run(
             estimate,
             given.train,
