@@ -291,6 +291,29 @@ def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tu
     return tuple(out)
 
 
+def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """How effects are written so that `identify` estimates again what it has estimated: ``shapes`` as
+    an estimate's details hold them."""
+    estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
+    joints: dict[str, list[int]] = {}
+    out: list[str] = []
+    for effect in effects:
+        if not all((effect.name, j) in estimated for j in effect.joints):
+            out.append(effect.text)
+        elif effect.name in joints:
+            joints[effect.name] += effect.joints
+        else:
+            joints[effect.name] = list(effect.joints)
+            out.append(effect.name)
+    every = effects[0].robot.n if effects else 0
+    return [
+        f"{name}:{'+'.join(str(j + 1) for j in joints[name])}"
+        if name in joints and len(joints[name]) < every
+        else name
+        for name in out
+    ]
+
+
 def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
     """The constants that `identify` estimates: of their kind and not given, joint by joint."""
     return [

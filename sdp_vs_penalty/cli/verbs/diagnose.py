@@ -13,6 +13,7 @@ from sdp_vs_penalty.cli.options import (
     Data,
     Debug,
     Frozen,
+    GainUncertainty,
     Model,
     Seed,
     Test,
@@ -33,6 +34,7 @@ def verb(
     window: Window = None,
     test_window: TestWindow = None,
     seed: Seed = 0,
+    gain_uncertainty: GainUncertainty = None,
     no_check: Annotated[
         bool, typer.Option("--no-check", help="Diagnosis without the data check.")
     ] = False,
@@ -63,12 +65,14 @@ def verb(
             seed=seed,
             progress=progress,
             noise_from=given.whole,
+            gain_uncertainty=gain_uncertainty,
         )
     options = ["--data", *map(str, data)]
     options += [] if window is None else ["--window", window]
     options += [] if test is None else ["--test", str(test)]
     options += [] if test_window is None else ["--test-window", test_window]
     options += ["--frozen"] if frozen else []
+    options += [] if gain_uncertainty is None else ["--gain-uncertainty", f"{gain_uncertainty:g}"]
     add: list[str] = []
     if result.effects or result.retuned:
         shown = printing.worth_showing(result.effects)
