@@ -49,8 +49,8 @@ def physics_of(
         if len(at):
             pieces.append(_piece(filters, part, at, model))
     t, q, dq, ddq, tau, rate, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
-    places = [model.indices[k] for k in own_effects(model)]
-    indices = np.array(places, dtype=np.intp).reshape(-1, model.robot.n).T
+    parameters = [model.indices[k] for k in own_effects(model)]
+    indices = np.array(parameters, dtype=np.intp).reshape(-1, model.robot.n).T
     kept = Own(np.moveaxis(own, 1, 0), indices)
     return Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
 

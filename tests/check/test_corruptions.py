@@ -22,15 +22,33 @@ def arm() -> Arm:
 
 #: One of each way in which a log can be wrong; the bench runs all of them.
 WRONG = (
-    "torque gain joint 2 x 1.1", "torque unit of one column joint 3 N cm", "causal filter of one torque joint 3 0.7 Hz",
-    "one torque channel late joint 3 50 ms", "torque drift joint 2 1 std", "torque step joint 3 1 std",
-    "joint sign joint 2 q and tau", "encoder offset joint 2 90 deg", "encoder offset joint 2 30 deg",
-    "wrapped angle joint 2", "frozen position joint 3 whole run", "stale position joint 2 1 s",
-    "spikes joint 3 tau 500", "zeros joint 2 q", "joints swapped joint 2+5 q and tau",
-    "doubled rows, clock re-made every tenth", "lost rows, clock re-made 8 x 10 rows", "rows interpolated 1.5 s",
-    "run repeated", "time reversed", "burst stamps 10 rows in 9 us", "clock rate x 1.25",
-    "gravity removed joint 2 90 %", "gravity removed 100 %", "load picked up 2 kg", "two arms in one file",
-)  # fmt: skip
+    "torque gain joint 2 x 1.1",
+    "torque unit of one column joint 3 N cm",
+    "causal filter of one torque joint 3 0.7 Hz",
+    "one torque channel late joint 3 50 ms",
+    "torque drift joint 2 1 std",
+    "torque step joint 3 1 std",
+    "joint sign joint 2 q and tau",
+    "encoder offset joint 2 90 deg",
+    "encoder offset joint 2 30 deg",
+    "wrapped angle joint 2",
+    "frozen position joint 3 whole run",
+    "stale position joint 2 1 s",
+    "spikes joint 3 tau 500",
+    "zeros joint 2 q",
+    "joints swapped joint 2+5 q and tau",
+    "doubled rows, clock re-made every tenth",
+    "lost rows, clock re-made 8 x 10 rows",
+    "rows interpolated 1.5 s",
+    "run repeated",
+    "time reversed",
+    "burst stamps 10 rows in 9 us",
+    "clock rate x 1.25",
+    "gravity removed joint 2 90 %",
+    "gravity removed 100 %",
+    "load picked up 2 kg",
+    "two arms in one file",
+)
 
 
 def test_clean_runs_are_silent(arm: Arm) -> None:
