@@ -26,7 +26,7 @@ class RigidBody(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(name, unit, self.name, link)
-            for link in range(1, self.robot.n + 1)
+            for link in range(1, self.robot.links + 1)
             for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
         )
 
