@@ -31,20 +31,28 @@ def pairs(option: str, text: str | None) -> dict[str, str] | None:
     return {key.strip(): value.strip() for key, _, value in words}
 
 
-def time_window(text: str | None, option: str = "--window") -> tuple[float, float]:
-    """START:STOP in seconds; either may be left out. InputError naming the option otherwise."""
+def time_windows(text: str | None, option: str = "--window") -> list[tuple[float, float]]:
+    """START:STOP in seconds, several separated by commas; either may be left out of each.
+
+    Raises InputError naming the option otherwise.
+    """
     if text is None:
-        return 0.0, float("inf")
-    first, colon, last = text.partition(":")
-    try:
-        start, stop = float(first or 0.0), float(last or "inf")
-    except ValueError:
-        start, stop = 0.0, -1.0
-    if not (colon and 0.0 <= start < stop):
-        raise InputError(
-            f"{option} {text!r}", "write START:STOP in seconds from a run's start, like 0:14 or 14.2:"
-        )
-    return start, stop
+        return [(0.0, float("inf"))]
+    out: list[tuple[float, float]] = []
+    for part in text.split(","):
+        first, colon, last = part.partition(":")
+        try:
+            start, stop = float(first or 0.0), float(last or "inf")
+        except ValueError:
+            start, stop = 0.0, -1.0
+        if not (colon and 0.0 <= start < stop and (not out or start >= out[-1][1])):
+            raise InputError(
+                f"{option} {text!r}",
+                "write START:STOP in seconds from a run's start, like 0:14 or 14.2: (several in order, "
+                "separated by commas)",
+            )
+        out.append((start, stop))
+    return out
 
 
 def expand_many(arguments: Sequence[str]) -> list[str]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.cli.arguments import time_window
+from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,24 +15,39 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import Estimate
 
 
+@dataclass(frozen=True)
+class Given:
+    """train : what to fit, test : what to test on, windows of what was measured; whole : all of that,
+    each run once, in which the noise is measured."""
+
+    train: Measurements
+    test: Measurements | None
+    whole: Measurements
+
+    @property
+    def judge(self) -> Measurements:
+        """What errors are shown of."""
+        return self.train if self.test is None else self.test
+
+
 def runs_for(
     estimate: Estimate, data: list[Path], window: str | None, test: Path | None, test_window: str | None
-) -> tuple[Measurements, Measurements | None]:
+) -> Given:
     """The runs to fit and the run to test on, both possible for the model's robot."""
-    from sdp_vs_penalty.data.files import load_measurements
+    from sdp_vs_penalty.data.files import load_measurements, windowed
+    from sdp_vs_penalty.data.measurements import concatenate
     from sdp_vs_penalty.data.plausibility import check_plausible
 
     robot = estimate.robot
     names = robot.joint_names
-    start, stop = time_window(window)
-    first, last = time_window(test_window, "--test-window")
+    train, judge = time_windows(window), time_windows(test_window, "--test-window")
     if test is None and test_window is not None:
         raise InputError(
             f"--test-window {test_window!r}", "name the run that it is a part of with --test"
         )
-    runs = load_measurements(*data, start=start, stop=stop, names=names)
-    held_out = None if test is None else load_measurements(test, start=first, stop=last, names=names)
-    for given in (runs, held_out):
+    measured = load_measurements(*data, names=names)
+    tested = None if test is None else load_measurements(test, names=names)
+    for given in (measured, tested):
         if given is not None and given.n != robot.n:
             raise InputError(
                 f"the file has {show.count(given.n, 'joint')}, the model {robot.n}",
@@ -40,4 +56,8 @@ def runs_for(
             )
         if given is not None:
             check_plausible(robot, given)
-    return runs, held_out
+    whole = measured
+    if tested is not None and tested.data_hash not in {run.data_hash for run in measured.runs()}:
+        whole = concatenate([measured, tested])
+    held_out = None if tested is None else windowed(tested, judge)
+    return Given(windowed(measured, train), held_out, whole)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,18 +38,30 @@ def load_measurements(
         check_usable(path, part, word, first)
         parts.append(part)
     refuse_twice(paths, parts)
-    whole = parts[0] if len(parts) == 1 else concatenate(parts)
-    if start > 0.0 or np.isfinite(stop):
-        for run in whole.runs():
-            since = run.t - run.t[0]
+    return windowed(parts[0] if len(parts) == 1 else concatenate(parts), [(start, stop)])
+
+
+def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Measurements:
+    """Of each run its windows (start, stop) [s after its beginning], each a run of its own.
+
+    Raises InputError naming the run of which a window leaves nothing.
+    """
+    if list(windows) == [(0.0, np.inf)]:
+        return whole
+    parts = []
+    for run in whole.runs():
+        since = run.t - run.t[0]
+        for start, stop in windows:
+            end = "its end" if np.isinf(stop) else f"{stop:g} s"
             if np.count_nonzero((since >= start) & (since < stop)) < 2:
-                end = "its end" if np.isinf(stop) else f"{stop:g} s"
                 raise InputError(
                     f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
                     where=run.names[0],
                 )
-        whole = whole.window(start, stop)
-    return whole
+            part = run.window(start, stop)
+            name = f"{run.names[0]}, {start:.4g} s to {end}"
+            parts.append(part if len(windows) == 1 else replace(part, names=(name,)))
+    return parts[0] if len(parts) == 1 else concatenate(parts)
 
 
 def read_run(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.rows import with_estimate
@@ -21,6 +22,7 @@ from sdp_vs_penalty.diagnosis.show import (
     repeatability_warning,
 )
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.noise import noise_floor
@@ -182,8 +184,9 @@ def compare(
     models : an Estimate or a model.json, a sequence of them, or a mapping from names to them.
     measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, or a list of runs.
-    All models are judged behind the same filters: those of the first model, or ``preprocessing``.
-    noise_from : the runs whose repetition shows the noise floor (default: the measurements).
+    All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
+    beside the same noise floor, measured with the last model. noise_from : the runs whose repetition
+    shows it, all that there are, where the measurements are windows of them (default: the measurements).
     Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
     Raises InputError where a model and the measurements have different numbers of joints.
     """
@@ -194,10 +197,6 @@ def compare(
     )
     settings = preprocessing or first.preprocessing
     settings = settings.resolve(measurements)
-    assert settings.torque_cutoff is not None
-    given = measurements if noise_from is None else as_measurements(noise_from)
-    repeated = segmented(given, settings)
-    out = Comparisons()
     for name, model in models.items():
         if model.robot.n != measurements.n:
             raise InputError(
@@ -208,36 +207,39 @@ def compare(
                 "choose the model that belongs to them",
             )
         check_plausible(model.robot, measurements)
-        runs = [filtered_torque(run, model.model, settings) for run in measurements.runs()]
-        residuals = [rows.torque - predicted(rows, model.theta) for rows in runs]
-        torque, error = (
-            np.concatenate([rows.torque for rows in runs]),
-            np.concatenate(residuals),
-        )
-        mse = np.mean(error**2, axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            r2 = np.where(torque.var(axis=0) > 0.0, 1.0 - mse / torque.var(axis=0), np.nan)
-            relative = 100.0 * np.linalg.norm(error) / np.linalg.norm(torque)
-        floor = noise_floor(with_estimate(repeated, model))
-        t, q, dq = (np.concatenate([getattr(rows.motion, x) for rows in runs]) for x in ("t", "q", "dq"))
-        signals = Signals(t, q, dq, torque, torque - error)
-        band = settings.torque_cutoff
-        record = model.training_motion
-        out.append(
-            Comparison(
-                name,
-                np.sqrt(mse),
-                mse,
-                r2,
-                floor,
-                float(relative),
-                band,
-                signals,
-                None if record is None else record.new_share(q, dq),
-                None if record is None else record.distance,
-            )
-        )
-    return out
+    given = measurements if noise_from is None else as_measurements(noise_from)
+    last = list(models.values())[-1]
+    floor = noise_floor(with_estimate(segmented(given, settings), last))
+    judged = [_judged(name, model, measurements, settings, floor) for name, model in models.items()]
+    return Comparisons(judged)
+
+
+def _judged(
+    name: str, model: Estimate, measurements: Measurements, settings: Preprocessing, floor: Array | None
+) -> Comparison:
+    runs = [filtered_torque(run, model.model, settings) for run in measurements.runs()]
+    torque = np.concatenate([rows.torque for rows in runs])
+    error = np.concatenate([rows.torque - predicted(rows, model.theta) for rows in runs])
+    mse = np.mean(error**2, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r2 = np.where(torque.var(axis=0) > 0.0, 1.0 - mse / torque.var(axis=0), np.nan)
+        relative = 100.0 * np.linalg.norm(error) / np.linalg.norm(torque)
+    t, q, dq = (np.concatenate([getattr(rows.motion, x) for rows in runs]) for x in ("t", "q", "dq"))
+    signals = Signals(t, q, dq, torque, torque - error)
+    band, record = settings.torque_cutoff, model.training_motion
+    assert band is not None
+    return Comparison(
+        name,
+        np.sqrt(mse),
+        mse,
+        r2,
+        floor,
+        float(relative),
+        band,
+        signals,
+        None if record is None else record.new_share(q, dq),
+        None if record is None else record.distance,
+    )
 
 
 def predicted(rows: Rows, theta: Array) -> Array:

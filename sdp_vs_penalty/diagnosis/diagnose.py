@@ -22,7 +22,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, search_through
 from sdp_vs_penalty.diagnosis.remaining import remaining
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.scoring import score_library
 from sdp_vs_penalty.diagnosis.stage import prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
@@ -30,6 +30,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.segments import segmented
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ def diagnose(
     frozen: bool = False,
     seed: int = 0,
     progress: Callable[[str], None] = quiet,
+    noise_from: Source = None,
 ) -> Diagnosis:
     """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
 
@@ -53,7 +55,9 @@ def diagnose(
     errors (without it, folds that no selection saw).
     frozen : keep the model's parameters, so that changes of the links
     show (a payload); otherwise they are refitted along with every candidate. seed : of the random
-    signs that the tests compare with; progress : called with a short text of where the search stands.
+    signs that the tests compare with; progress : called with a short text of where the search stands;
+    noise_from : the runs whose repetition shows the noise, all that there are, where the measurements
+    are windows of them (default: the measurements).
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
@@ -68,7 +72,12 @@ def diagnose(
     settings = estimate.preprocessing.resolve(measurements)
     progress("filtering the runs")
     rows = diagnosis_rows(measurements, estimate, settings)
-    stage = prepare(rows, estimate, frozen, seed, progress)
+    whole = None
+    if noise_from is not None:
+        given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
+        estimate.require_joints(given, "runs for the noise")
+        whole = with_estimate(segmented(given, settings), estimate)
+    stage = prepare(rows, estimate, frozen, seed, progress, whole)
     progress("searching for what is missing")
     state = search_through(stage)
     progress("held-out errors")

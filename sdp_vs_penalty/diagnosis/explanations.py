@@ -75,8 +75,8 @@ def remarks(
     out = []
     if noise_source == "residual":
         out.append(
-            'No motion repeats, so noise and model error cannot be separated; "nothing missing" '
-            "is weaker evidence. Record a run with more than one period."
+            "No motion repeats, so noise and model error cannot be separated: the noise shown is the "
+            "error itself. Record a run with more than one period."
         )
     out += doubted
     if warning := repeatability_warning(new_share):

@@ -12,7 +12,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.ladder import climbed
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, label_rows, model_columns
+from sdp_vs_penalty.diagnosis.stage import Stage, informative, model_columns
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -83,7 +83,7 @@ def _falls(pick: Pick, before: Array, after: Array) -> bool:
 def _stage_on(stage: Stage, train: NDArray[np.bool_]) -> Stage:
     """The same stage with some of the rows: all others are switched off."""
     rows = _switched_off(stage, train)
-    return replace(stage, rows=rows, labels=label_rows(rows))
+    return replace(stage, rows=rows, labels=replace(stage.labels, count=informative(rows)))
 
 
 def _switched_off(stage: Stage, train: NDArray[np.bool_]) -> SegmentedRuns:

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 #: A joint's error is called out above so many noise floors.
 ABOVE_NOISE = 2.0
+#: What is said where no motion repeats: the residual was taken for noise, which it then equals.
+NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
 #: Below this share of new motion, errors say more of repeatability than of other motions.
 MOSTLY_NEW = 0.5
 
@@ -71,9 +73,11 @@ def diagnosis_verdict(
         text = "Missing: something that no effect of the library explains"
         return f"{text}; also {counted}." if found else f"{text}."
     if found:
-        return f"{'Missing' if confident else 'Possibly missing'}: {counted}."
-    caveat = "" if noise_known else " Weak evidence: no motion repeats, so the noise is only estimated."
-    return f"Nothing is missing that these measurements could show.{caveat}"
+        text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
+        return text if noise_known else f"{text} Whether more is missing {NOISE_UNKNOWN}"
+    if noise_known:
+        return "Nothing is missing that these measurements could show."
+    return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
 
 
 def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:

@@ -17,6 +17,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.autoregression import ORDER
 from sdp_vs_penalty.signals.noise import Noise, noise_in, noise_of
 from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
+from sdp_vs_penalty.signals.repetition import is_part
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 
 Array = NDArray[np.float64]
@@ -113,18 +114,20 @@ def prepare(
     frozen: bool,
     seed: int,
     progress: Callable[[str], None] = quiet,
+    whole: SegmentedRuns | None = None,
 ) -> Stage:
-    """Noise, columns of the model and of all candidates."""
+    """Noise, columns of the model and of all candidates; ``whole`` : what the noise is measured in."""
     residual = rows.residual
     progress("noise from repetition")
-    noise = noise_of(rows)
+    noise = noise_of(rows, whole)
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
     progress("columns of all candidates")
     library = build_library(rows, estimate.model, frozen)
     columns = model_columns(rows, estimate, frozen)
     known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
-    return Stage(rows, noise, label_rows(rows), columns, residual, library, known, seed, frozen)
+    labels = label_rows(rows, whole)
+    return Stage(rows, noise, labels, columns, residual, library, known, seed, frozen)
 
 
 def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False) -> Array:
@@ -142,8 +145,11 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
     return out
 
 
-def label_rows(rows: SegmentedRuns) -> RowLabels:
-    """Blocks of equal length within runs; folds: whole motions, or phases of the one that there is."""
+def label_rows(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> RowLabels:
+    """Blocks of equal length within runs; folds: whole motions, or phases of the one that there is.
+
+    whole : what the runs may be windows of, and in which a motion may repeat.
+    """
     run, t = rows.run, rows.t
     spans = [t[run == r][-1] - t[run == r][0] for r in np.unique(run)]
     length = max(0.5, sum(spans) / _BLOCKS)
@@ -155,24 +161,44 @@ def label_rows(rows: SegmentedRuns) -> RowLabels:
         edges = np.linspace(t[mine][0], t[mine][-1], pieces + 1)[1:-1]
         block[mine] = count + np.searchsorted(edges, t[mine], side="right")
         count += pieces
-    clocks = clocks_of(rows)
+    clocks = clocks_of(rows, whole)
     motion = np.array([clocks[r].motion if r in clocks else 0 for r in range(run.max() + 1)])[run]
     found, fold = np.unique(motion, return_inverse=True)
     if len(found) == 1:
         fold = phase_folds(rows, clocks)
     _, block = np.unique(block, return_inverse=True)
-    seen = [sum(max(len(p) - ORDER, 0) for p in rows.pieces(j)) for j in range(rows.n)]
-    return RowLabels(rows.n, block, fold, np.array(seen, float))
+    return RowLabels(rows.n, block, fold, informative(rows))
 
 
-def clocks_of(rows: SegmentedRuns) -> dict[int, MotionClock]:
-    """The clock of each run's motion, from its longest segment, by the run's index."""
-    longest: dict[int, Segment] = {}
+def informative(rows: SegmentedRuns) -> Array:
+    """(n,) rows that carry information: behind the past that whitening needs."""
+    return np.array([float(sum(max(len(p) - ORDER, 0) for p in rows.pieces(j))) for j in range(rows.n)])
+
+
+def clocks_of(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> dict[int, MotionClock]:
+    """The clock of each run's motion by the run's index; that of the whole that a run is a window of."""
+    windows = _longest(rows)
+    measured = windows if whole is None else _longest(whole)
+    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in measured.values()])
+    if whole is None:
+        return dict(zip(measured, clocks, strict=True))
+    out = {}
+    for run, window in windows.items():
+        pairs = zip(clocks, measured.values(), strict=True)
+        found = [clock for clock, segment in pairs if is_part(window, segment)]
+        if not found:
+            return clocks_of(rows)
+        out[run] = found[0]
+    return out
+
+
+def _longest(rows: SegmentedRuns) -> dict[int, Segment]:
+    """The longest segment of each run, by the run's index."""
+    out: dict[int, Segment] = {}
     for segment in rows.segments:
-        if segment.run not in longest or len(segment.t) > len(longest[segment.run].t):
-            longest[segment.run] = segment
-    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in longest.values()])
-    return dict(zip(longest, clocks, strict=True))
+        if segment.run not in out or len(segment.t) > len(out[segment.run].t):
+            out[segment.run] = segment
+    return out
 
 
 def phase_folds(rows: SegmentedRuns, clocks: dict[int, MotionClock]) -> NDArray[np.intp]:

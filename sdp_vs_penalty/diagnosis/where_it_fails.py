@@ -141,7 +141,7 @@ def where_it_fails(
     residual = rows.residual
     repeated = rows if noise_from is None else with_estimate(segmented(noise_from, settings), estimate)
     floors = noise_floor(repeated)
-    folds = phase_folds(rows, clocks_of(rows))
+    folds = phase_folds(rows, clocks_of(rows, None if noise_from is None else repeated))
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):

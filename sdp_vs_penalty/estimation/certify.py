@@ -14,6 +14,7 @@ from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.determined import record
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
@@ -45,7 +46,7 @@ def build_estimate(
     preprocessing: Preprocessing,
     measurements: Measurements | BlackBox,
     weighting: str,
-    gain_uncertainty: float = 0.0,
+    gain_errors: Array | None = None,
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     theta, certificate = certify(task, fit)
@@ -60,7 +61,7 @@ def build_estimate(
         theta,
         weighting=weighting,
         constrained=certificate.worst == 0.0,
-        gain_uncertainty=gain_uncertainty,
+        gain_errors=gain_errors,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {
@@ -83,7 +84,11 @@ def build_estimate(
         certificate,
         preprocessing,
         settings,
-        {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
+        {
+            **{k: v for k, v in fit.details.items() if k != "interior"},
+            "on_bounds": bounds,
+            **record(problem, task, theta, estimator.rest),
+        },
         provenance,
         record_motion(measurements, preprocessing) if isinstance(measurements, Measurements) else None,
     )

@@ -79,6 +79,19 @@ class Estimate(Shown):
         """(p,) of each parameter on its own; NaN where the data do not determine it."""
         return self.uncertainty.std
 
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """(p,) who decides each parameter: the "data", else its method's "prior" or the "bounds"."""
+        rest = self.details.get("undetermined", {})
+        return tuple(rest.get(p.name, "data") for p in self.model.parameters)
+
+    @property
+    def nominal(self) -> Array:
+        """(p,) the nominal links' parameters, NaN for those of other effects."""
+        known = np.full(len(self.theta), np.nan)
+        known[self.model.rigid_indices] = self.problem.nominal(self.model)[self.model.rigid_indices]
+        return known
+
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""
         return self.model.torque(self.theta, motion)
@@ -121,11 +134,13 @@ class Estimate(Shown):
             ("effects", ", ".join(e.name for e in self.model.effects)),
             ("data", f"{self.provenance['samples']} samples of {', '.join(self.provenance['runs'])}"),
             *self.certificate.summary()[::2][:2],
+            ("from the data", f"{self.sources.count('data')} of {len(self.theta)} parameters"),
         ]
 
     def _table(self) -> Table:
-        rows = parameter_rows(self.model.parameters, self.theta, self.standard_deviations)
-        return ("parameter", "value", "unit", "effect"), rows
+        spread = self.standard_deviations
+        rows = parameter_rows(self.model.parameters, self.theta, spread, self.nominal, self.sources)
+        return ("parameter", "value", "nominal", "from", "unit", "effect"), rows
 
     def to_frame(self) -> pandas.DataFrame:
         """The parameters as a table, indexed by name: value, std, 95 % interval, unit, effect, joint."""
@@ -139,11 +154,18 @@ class Estimate(Shown):
             {
                 **interval.to_dict(),
                 "value": float(value),
+                "nominal": None if np.isnan(nominal) else float(nominal),
+                "source": source,
                 "effect": p.effect,
                 "joint": p.joint,
             }
-            for p, value, interval in zip(
-                self.model.parameters, self.theta, self.uncertainty.standard, strict=True
+            for p, value, interval, nominal, source in zip(
+                self.model.parameters,
+                self.theta,
+                self.uncertainty.standard,
+                self.nominal,
+                self.sources,
+                strict=True,
             )
         ]
         seen = np.flatnonzero(~np.isnan(self.standard_deviations))
@@ -208,11 +230,13 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
             "identify again",
         )
     robot = Robot.from_dict(data["robot"])
+    problem = problem_from_dict(data["problem"], robot)
     reference = data.get("reference")
     model = Model(
         robot,
         tuple(effect_from_dict(e, robot) for e in data["effects"]),
         None if reference is None else np.array(reference, float),
+        problem.gains,
     )
     if reference is not None and len(reference) != len(model.parameters):
         raise ValueError("reference and parameters differ in length")
@@ -234,7 +258,7 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     if "uncertainty" in data:  # files from before intervals were kept have none
         uncertainty = Uncertainty.from_dict(data["uncertainty"], [entries[name] for name in names])
     return Estimate(
-        problem_from_dict(data["problem"], robot),
+        problem,
         model,
         theta,
         uncertainty,

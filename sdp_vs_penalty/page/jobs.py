@@ -15,7 +15,7 @@ from typing import Any
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
-from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.files import load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import add, diagnose
 from sdp_vs_penalty.effects import effect_types
@@ -29,6 +29,7 @@ from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
+from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
 from sdp_vs_penalty.simulation.hidden_effects import LEVELS, hideable
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -199,6 +200,7 @@ def find(request: Request, progress: Progress) -> Answer:
         frozen=bool(request["frozen"]),
         seed=int(request["seed"]),
         progress=progress,
+        noise_from=runs.whole,
     )
     return {"diagnosis": result.to_dict(), "seconds": time.perf_counter() - begin}
 
@@ -224,7 +226,7 @@ def methods(request: Request, progress: Progress) -> Answer:
             rows.append({"method": name, "failed": str(error)})
             continue
         seconds = time.perf_counter() - begin
-        c = compare({name: made}, runs.judge)[0]
+        c = compare({name: made}, runs.judge, noise_from=runs.whole)[0]
         rows.append(
             {
                 "method": name,
@@ -252,10 +254,12 @@ def take(request: Request, progress: Progress) -> Answer:
 
 def report(request: Request, progress: Progress) -> Answer:
     """The self-contained report about the ladder of models."""
+    runs = _runs(request)
     made = make_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},
-        _runs(request).judge,
+        runs.judge,
         commands=request["commands"],
+        noise_from=runs.whole,
         progress=progress,
     )
     write_text(request["out"], made)
@@ -273,7 +277,7 @@ def _joint_names(problem: Problem) -> list[str]:
 def _runs(request: Request) -> Runs:
     """The runs of a request for what each is used for, under their shown names.
 
-    A run of use "split" gives its beginning to the first and, after a pause, its end to the others.
+    A run of use "split" gives part of its motion to the first, the rest to the others.
     """
     chosen = request["runs"]
     if not chosen:
@@ -282,10 +286,16 @@ def _runs(request: Request) -> Runs:
     train, test = [], []
     for run, part in zip(chosen, loaded.runs(), strict=True):
         if run["use"] == "split":
-            cut = run["split_at"]
-            train.append(replace(part.window(0.0, cut), names=(f"{run['name']}, first part",)))
-            rest = part.window(cut + _PAUSE, float("inf"))
-            test.append(replace(rest, names=(f"{run['name']}, rest",)))
+            if run["split"] is None:
+                raise InputError(
+                    "the motion repeats too fast to be split into one part to identify from and one "
+                    "to test on",
+                    "use the run for identification only, or record another one",
+                    run["name"],
+                )
+            named = replace(part, names=(run["name"],))
+            train.append(windowed(named, [(a, b) for a, b in run["split"]["train"]]))
+            test.append(windowed(named, [(a, b) for a, b in run["split"]["test"]]))
         else:
             (test if run["use"] == "test" else train).append(replace(part, names=(run["name"],)))
     if not train:
@@ -296,7 +306,8 @@ def _runs(request: Request) -> Runs:
 def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[str, Any]:
     """Write a run into the session's folder; what the page shows of it.
 
-    given : how the command line names it; split_at : the second at which the use "split" cuts it.
+    given : how the command line names it; split : the windows of the use "split", by phase where the
+    motion repeats, None where it does so too fast.
     """
     part = replace(concatenate([part]), names=(name,))
     (found,) = check(problem, part, thorough=False)
@@ -311,13 +322,28 @@ def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict
         "hash": part.data_hash,
         "samples": part.samples,
         "seconds": seconds,
-        "split_at": SPLIT * seconds,
+        "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
         "findings": [
             {"severity": f.severity, "kind": f.kind, "what": f.what, "remedy": f.remedy}
             for f in found.problems
         ],
     }
+
+
+def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, float]]] | None:
+    """Windows to identify from and to test on, rounded so that a command can name them."""
+    try:
+        settings = problem.preprocessing.resolve(part)
+        shortest = 1.5 * filter_reach(part, settings)
+    except InputError:  # no motion: the check says so
+        return None
+    (clock,) = motion_clocks(tracks_of(part))
+    windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, _PAUSE, shortest)
+    if windows is None:
+        return None
+    train, test = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
+    return {"train": train, "test": test}
 
 
 #: By the name in a request.

@@ -271,7 +271,8 @@ class Session(State):
         self.runs, self.made_by = [*before, *new], None
         self.names |= {str(self.folder / run["file"]): run["name"] for run in new}
         if len(self.runs) == 1:  # one run alone is tested on its own end
-            self.runs[0]["use"] = "split" if self.runs[0]["seconds"] >= _LONG else "train"
+            long = self.runs[0]["seconds"] >= _LONG and self.runs[0]["split"]
+            self.runs[0]["use"] = "split" if long else "train"
         elif new and len(new) == len(self.runs) and all(run["use"] == "test" for run in new):
             new[0]["use"] = "train"
         if "effects" in answer:

@@ -134,7 +134,8 @@ class State:
         robot = self.robot["file"] or self.robot["source"]
         data = ["--data", *(r["given"] for r in self.runs if r["use"] != "test")]
         if len(self.runs) == 1 and self.runs[0]["use"] == "split":
-            data += ["--window", f"0:{self.runs[0]['split_at']!r}"]
+            windows = self.runs[0]["split"]["train"]
+            data += ["--window", ",".join(f"{a!r}:{b!r}" for a, b in windows)]
         first, seed = self.ladder[0], ["--seed", str(self.seed)]
         out = [["simulate", robot, *self.made_by]] if self.made_by else []
         names = [first.opened or "model1.json"]

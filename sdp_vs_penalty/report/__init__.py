@@ -39,6 +39,7 @@ def report(
     out: str | Path,
     *,
     commands: Sequence[str] = (),
+    noise_from: Source = None,
     progress: Progress = no_progress,
 ) -> None:
     """Write a report: one HTML file that needs nothing else.
@@ -46,14 +47,18 @@ def report(
     models : an Estimate or a model.json, a sequence of them in the order in which effects were added,
         or a mapping from names to them; measurements : the runs to judge them on, whatever
         :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; out : the .html file to write.
-    commands : how it was made, for its last section; progress : called with a short text.
+    commands : how it was made, for its last section; noise_from : as in
+    :func:`~sdp_vs_penalty.diagnosis.comparison.compare`; progress : called with a short text.
     Raises InputError where models and measurements do not belong together, or plotly is missing.
     """
     check_name(Path(out))
     named = as_estimates(models, "report(models=...)")
     names = next(iter(named.values())).robot.joint_names
     runs = as_measurements(measurements, names=names, what="report(measurements=...)")
-    made = make_report(named, runs, commands=commands, progress=progress)
+    whole = None
+    if noise_from is not None:
+        whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
+    made = make_report(named, runs, commands=commands, noise_from=whole, progress=progress)
     write_text(out, made)
 
 
@@ -68,6 +73,7 @@ def make_report(
     measurements: Measurements,
     *,
     commands: Sequence[str] = (),
+    noise_from: Measurements | None = None,
     progress: Progress = no_progress,
 ) -> str:
     """The HTML of a report: models by name, in the order in which effects were added.
@@ -79,7 +85,7 @@ def make_report(
     except ImportError as error:
         raise missing_extra("The report needs", "report") from error
     progress("comparing")
-    comparisons = compare(models, measurements)
+    comparisons = compare(models, measurements, noise_from=noise_from)
     last = list(models.values())[-1]
     settings = next(iter(models.values())).preprocessing.resolve(measurements)
     rows = {
@@ -87,7 +93,7 @@ def make_report(
         for name, e in models.items()
     }
     progress("looking where it fails")
-    failures = where_it_fails(last, measurements, settings)
+    failures = where_it_fails(last, measurements, settings, noise_from=noise_from)
     material = Material(
         models,
         measurements,

@@ -26,6 +26,7 @@ from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
     find_repeats,
+    is_part,
     later_rows,
     new_differences,
 )
@@ -88,10 +89,17 @@ def noise_floor(runs: SegmentedRuns) -> Array | None:
     return None if noise is None else noise.floor
 
 
-def noise_of(runs: SegmentedRuns) -> Noise:
-    """The noise from repetition; from the model's residual where too little repeats."""
+def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
+    """The noise from repetition; from the model's residual where too little repeats.
+
+    whole : all that was measured, where ``runs`` are windows of it: the noise is that of the whole,
+    which may repeat what a window does not; profile, suspect and repeats are of the rows of ``runs``.
+    """
     residual = runs.residual
-    return _from_repetition(runs, residual) or noise_in(runs, residual)
+    if whole is None:
+        return _from_repetition(runs, residual) or noise_in(runs, residual)
+    measured = _from_repetition(whole, whole.residual, runs) if whole.segments else None
+    return measured or noise_in(runs, residual)
 
 
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
@@ -105,7 +113,10 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     return Noise(floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual))
 
 
-def _from_repetition(runs: SegmentedRuns, residual: Array) -> Noise | None:
+def _from_repetition(
+    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None
+) -> Noise | None:
+    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``."""
     repeats = find_repeats(runs)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
@@ -116,7 +127,9 @@ def _from_repetition(runs: SegmentedRuns, residual: Array) -> Noise | None:
     pieces = consecutive(repeats)
     share = min(1.0, new_differences(runs, repeats) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
-    profile, suspect = np.ones_like(residual), np.zeros(residual.shape, bool)
+    rates_shown = rates if shown is None else rate_features(shown)
+    profile = np.ones((rates_shown.shape[1], n))
+    suspect = np.zeros(residual.shape, bool)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
         drift = _drift_columns(t, gap, speed[:, j])
@@ -125,11 +138,30 @@ def _from_repetition(runs: SegmentedRuns, residual: Array) -> Noise | None:
         floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
         degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
         # Known on the rows that repeat, wanted on all.
-        profile[:, j] = noise_profile(innovations(rest, ar[j], steady), rates[j][index], rates[j])
-        floor[j] *= np.sqrt(np.mean(profile[runs.keep[:, j], j] ** 2))
+        white = innovations(rest, ar[j], steady)
+        swell = noise_profile(white, rates[j][index], rates[j])
+        floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
+        profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
         suspect[index[~good], j] = True
         _mark_later(runs, repeats, good, j, suspect)
+    if shown is not None:
+        suspect, repeats = _carried(suspect, runs, shown), find_repeats(shown)
     return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, repeats)
+
+
+def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:
+    """(M, n) whether the rows of windows ``shown`` are within a row of what is suspect in ``runs``."""
+    starts = np.cumsum([0, *(len(s.t) for s in runs.segments)])
+    out = []
+    for window in shown.segments:
+        marked = np.zeros((len(window.t), runs.n), bool)
+        for first, whole in zip(starts, runs.segments, strict=False):
+            if is_part(window, whole):
+                at = np.searchsorted(whole.t, window.t)
+                for k in (at - 1, at):
+                    marked |= suspect[first + np.clip(k, 0, len(whole.t) - 1)]
+        out.append(marked)
+    return np.concatenate(out)
 
 
 def _differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat]) -> Array:

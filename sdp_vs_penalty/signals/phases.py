@@ -185,8 +185,33 @@ def phase_folds(measurements: Measurements, settings: Preprocessing, count: int)
 
     Two rows farther apart than the guard share no sample of the log.
     """
-    reach = 0.0
-    for run in measurements.runs():
-        filters = RunFilter(run, settings)
-        reach = max(reach, 2.0 * (filters.state.half + filters.column.half) * filters.dt)
-    return PhaseFolds(motion_clocks(tracks_of(measurements)), count, reach)
+    guard = max(filter_reach(run, settings) for run in measurements.runs())
+    return PhaseFolds(motion_clocks(tracks_of(measurements)), count, guard)
+
+
+def filter_reach(run: Measurements, settings: Preprocessing) -> float:
+    """Seconds of a run's log that one filtered row is made of."""
+    filters = RunFilter(run, settings)
+    return 2.0 * (filters.state.half + filters.column.half) * filters.dt
+
+
+def phase_windows(
+    clock: MotionClock, span: float, share: float, pause: float, shortest: float
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]] | None:
+    """One run split in two: windows [s from its start] for training, and windows for testing.
+
+    clock : of the run, whose start is its own first instant; span [s] : how long it lasts; share : of
+    the motion that is for training, all its repetitions with it; pause [s] : between the two; shortest
+    [s] : of what the filters leave something. None where the motion repeats too fast for two such parts.
+    """
+    length = clock.length if clock.periodic else span
+    cut = min(share * length, length - shortest - 2.0 * pause)
+    if cut < max(shortest, 0.4 * length):
+        return None
+    train, test = [], []
+    for begin in np.arange(0.0, span, length).tolist():
+        train.append((begin, min(begin + cut, span)))
+        end = begin + length - pause if clock.periodic else span
+        test.append((begin + cut + pause, min(end, span)))
+    parts = [[(a, b) for a, b in windows if b - a >= shortest] for windows in (train, test)]
+    return (parts[0], parts[1]) if parts[0] and parts[1] else None

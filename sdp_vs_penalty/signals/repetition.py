@@ -120,6 +120,17 @@ class Repeat:
     later: Array
 
 
+def is_part(window: Segment, whole: Segment) -> bool:
+    """Whether a segment is a stretch of another one: the same positions at the same instants."""
+    t, span = window.t_dense, whole.t_dense
+    inside = (t >= span[0]) & (t <= span[-1])
+    scale = motion_scale(whole.q_dense)
+    if not inside.any() or scale is None:
+        return False
+    there = CubicSpline(span, whole.q_dense)(t[inside])
+    return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
+
+
 def find_repeats(runs: SegmentedRuns) -> tuple[Repeat, ...]:
     """Every pair of stretches with the same motion, inside segments and between them."""
     out = []

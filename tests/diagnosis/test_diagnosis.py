@@ -207,6 +207,7 @@ def test_two_joints_whatever_the_record(slope: HiddenRuns, what: str) -> None:
     result = diagnose(identified(slope, data), data, slope.runs[3])
     assert first_name(result) == ("asymmetric_viscous_friction", (2,))
     assert result.noise_source == ("residual" if what == "no repeats" else "repetition")
+    assert ("is not known" in result.headline) == (what == "no repeats")
     if what == "no repeats":
         assert any("No motion repeats" in r for r in result.remarks)
 

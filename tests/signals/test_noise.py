@@ -128,3 +128,21 @@ def test_whitening_makes_white_noise_of_unit_variance() -> None:
 def correlation(x: Array) -> float:
     """Of neighbouring values."""
     return float(np.corrcoef(x[1:], x[:-1])[0, 1])
+
+
+def test_a_window_has_the_floor_of_the_whole() -> None:
+    """A training window may throw the repetition away; the noise is that of all that was measured."""
+    run = run_of(3, 9.63, 60.0)
+    tau = run.tau.copy()
+    tau[500:540, 2] += 30.0  # an event, inside the window
+    run = replace(run, tau=tau)
+    window, whole = without_model(run.window(0.7, 8.0)), without_model(run)
+    alone, beside = noise_of(window), noise_of(window, whole)
+    assert alone.source == RESIDUAL
+    assert beside.source == REPETITION
+    np.testing.assert_array_equal(beside.floor, noise_of(whole).floor)
+    assert beside.profile.shape == window.residual.shape
+    shown = window.t[beside.suspect[:, 2]] - run.t[0]
+    assert len(shown)
+    assert np.all((shown > 1.0) & (shown < 4.5))
+    assert not beside.suspect[:, [0, 1, 3, 4, 5]].any()

@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 from periodic_runs import SETTINGS, run_of
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, phase_folds, tracks_of
+from sdp_vs_penalty.signals.phases import (
+    MotionClock,
+    PhaseFolds,
+    motion_clocks,
+    phase_folds,
+    phase_windows,
+    tracks_of,
+)
 from sdp_vs_penalty.signals.repetition import repeat_period
 
 Array = NDArray[np.float64]
@@ -86,3 +93,20 @@ def test_ramps_and_stands_hide_no_period() -> None:
     edge = np.clip(np.minimum(run.t, run.t[-1] - run.t) / 1.2, 0.0, 1.0)[:, None]
     assert repeat_period(run.t, run.q * edge) == pytest.approx(9.63, abs=0.01)
     assert repeat_period(run.t, run_of(10, 24.0, period=40.0).q) is None
+
+
+def test_a_run_is_split_by_phase() -> None:
+    """Two parts of one period, and of all its repetitions; none where it repeats too fast."""
+    run = run_of(10, 27.0)
+    (clock,) = motion_clocks(tracks_of(run))
+    windows = phase_windows(clock, 27.0, 0.7, 0.5, 1.5)
+    assert windows is not None
+    train, test = (
+        np.concatenate([clock.at(np.linspace(a, b, 100)) for a, b in side]) for side in windows
+    )
+    assert len(windows[0]) == 3
+    assert train.max() < test.min() - 0.4
+    assert test.max() < clock.length - 0.4
+    assert phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
+    once = MotionClock(0, 0.0, 20.0, False)
+    assert phase_windows(once, 20.0, 0.7, 0.5, 1.5) == ([(0.0, 14.0)], [(14.5, 20.0)])

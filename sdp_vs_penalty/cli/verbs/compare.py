@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import time_window
+from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.cli.options import Data, Debug, Verbose, Window, json_option
 
 
@@ -28,7 +28,7 @@ def verb(
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.data.files import load_measurements
+    from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -36,11 +36,11 @@ def verb(
 
     estimates = {str(path): load_estimate(path) for path in models}
     newest, estimate = list(estimates.items())[-1]
-    start, stop = time_window(window)
-    runs = load_measurements(*data, start=start, stop=stop, names=estimate.robot.joint_names)
-    results = compare(estimates, runs)
+    whole = load_measurements(*data, names=estimate.robot.joint_names)
+    runs = windowed(whole, time_windows(window))
+    results = compare(estimates, runs, noise_from=whole)
     oldest = next(iter(estimates.values()))
-    failures = where_it_fails(estimate, runs, oldest.preprocessing)
+    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole)
     for result in results:
         console.say(result.verdict, style="bold")
     printing.judged_motion(results)

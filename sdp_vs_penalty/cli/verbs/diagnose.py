@@ -44,8 +44,16 @@ def verb(
 
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
-        measurements, held_out = runs_for(estimate, data, window, test, test_window)
-        result = run(estimate, measurements, held_out, frozen=frozen, seed=seed, progress=progress)
+        given = runs_for(estimate, data, window, test, test_window)
+        result = run(
+            estimate,
+            given.train,
+            given.test,
+            frozen=frozen,
+            seed=seed,
+            progress=progress,
+            noise_from=given.whole,
+        )
     options = ["--data", *map(str, data)]
     options += [] if window is None else ["--window", window]
     options += [] if test is None else ["--test", str(test)]

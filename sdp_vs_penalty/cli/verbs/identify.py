@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import numbers, time_window
+from sdp_vs_penalty.cli.arguments import numbers, time_windows
 from sdp_vs_penalty.cli.checking import refuse_meaningless
-from sdp_vs_penalty.cli.options import Data, Debug, Gravity, Problem, Seed, Window
+from sdp_vs_penalty.cli.options import Data, Debug, GainUncertainty, Gravity, Problem, Seed, Window
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,6 +44,15 @@ def verb(
         Path | None,
         typer.Option(metavar="proof.json", help="File for the proof of optimality; `verify` checks it."),
     ] = None,
+    gain_uncertainty: GainUncertainty = None,
+    known_load: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--known-load",
+            metavar="LOAD.csv:KG",
+            help="Run with a load of this mass on the last link; determines the torque channels' gains.",
+        ),
+    ] = None,
     debug: Debug = False,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
@@ -52,35 +61,43 @@ def verb(
     Example: sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.data.files import load_measurements
+    from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
     from sdp_vs_penalty.estimation.identify import identify as run_identification
+    from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.regression.black_box import load_answers
 
     estimator = _estimator(method, solver)
     robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
-    start, stop = time_window(window)
+    windows = time_windows(window)
     with console.progress("reading the measurements") as progress:
         answers = load_answers(data, joints=robot.robot.n)
         names = robot.robot.joint_names
-        given = answers or load_measurements(
-            *data, joints=robot.robot.n, start=start, stop=stop, names=names
-        )
+        whole = answers or load_measurements(*data, joints=robot.robot.n, names=names)
+        given = windowed(whole, windows) if isinstance(whole, Measurements) else whole
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
             refuse_meaningless(robot, given)
         begin = time.perf_counter()
         estimate = run_identification(
-            robot, given, estimator, effects=effects, seed=seed, progress=progress, proof=proof
+            robot,
+            given,
+            estimator,
+            effects=effects,
+            seed=seed,
+            progress=progress,
+            proof=proof,
+            gain_uncertainty=gain_uncertainty or 0.0,
+            known_loads=[parsed_known_load(text) for text in known_load or []],
         )
         seconds = time.perf_counter() - begin
         estimate.save(out)
         # A black box's answers are no torque along a motion: the certificate's loss is all there is.
         fit = None
         if isinstance(given, Measurements):
-            fit = compare_models({estimate.method: estimate}, given)[0]
+            fit = compare_models({estimate.method: estimate}, given, noise_from=whole)[0]
     printing.estimate(estimate, fit, seconds)
     console.written(out)
     if proof is not None:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import time_window
+from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.cli.options import Debug, Window
 
 
@@ -31,16 +31,16 @@ def verb(
     Example: sdp-vs-penalty report model.json model2.json --data test.csv --out report.html
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.files import load_measurements
+    from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.report import check_name, report
 
     check_name(out)  # before the minutes that a report may take
     estimates = {str(path): load_estimate(path) for path in models}
-    start, stop = time_window(window)
     robot = next(iter(estimates.values())).robot
     with console.progress("reading the measurements") as progress:
-        runs = load_measurements(*data, start=start, stop=stop, names=robot.joint_names)
+        whole = load_measurements(*data, names=robot.joint_names)
+        runs = windowed(whole, time_windows(window))
         command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
-        report(estimates, runs, out, commands=[command], progress=progress)
+        report(estimates, runs, out, commands=[command], noise_from=whole, progress=progress)
     console.written(out)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN
 from sdp_vs_penalty.page.controls import button, check, details, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
@@ -27,6 +28,13 @@ _VERDICTS = {
     "nothing_missing": "Nothing is missing that these measurements could show.",
     "unknown_effect": "Something unknown is missing: repeatable error remains that no effect of the "
     "library explains.",
+}
+
+#: Where no motion repeats, the noise is a guess from the error itself: it cannot show that all is found.
+_GUESSED = {
+    "effect_missing": "The model is missing an effect; whether the findings below account for all of "
+    f"its error {NOISE_UNKNOWN}",
+    "nothing_missing": f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}",
 }
 
 
@@ -58,7 +66,9 @@ def _draw(view: View) -> None:
             "soft",
         )
         return
-    tag("p", _VERDICTS[found.verdict], f"verdict {found.verdict}")
+    known = found.noise_source == "repetition"
+    said = (_VERDICTS if known else _VERDICTS | _GUESSED)[found.verdict]
+    tag("p", said, f"verdict {found.verdict}")
     added = session.added
     open_texts = [f.text for f in found.effects if f.text not in added]
     with tag("ol", style="findings"):
@@ -134,6 +144,7 @@ def _rest(found: Diagnosis) -> None:
     for remark in found.remarks:
         tag("p", remark, "soft")
     share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))
+    share = share if found.noise_source == "repetition" else "not known"
     tag("p", f"Unexplained variance / noise variance, per joint: {share}.", "soft")
     if found.invisible:
         with details("Not identifiable from these runs", "invisible"):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
-    ("split", "first 70 % / test on the rest"),
+    ("split", "70 % / test on the rest"),
     ("", "remove"),
 )
 

@@ -54,7 +54,7 @@ def build(study: Study) -> Table:
         (
             "excess_loss_percent: loss over the certified lower bound of the constrained optimum (that "
             "of lmi-sdp-plain); negative only for what is not feasible. Two-step methods minimise "
-            "another distance, minimum thickness and entropy cost some loss by design.",
+            "another distance, bodies, minimum thickness and entropy cost some loss by design.",
             "worst_violation: over every constraint family of the problem, in that family's units, "
             "those included that the method did not receive; smallest_eigenvalue: of the links' "
             "pseudo-inertias.",
