@@ -87,6 +87,14 @@ class Robot:
         """How many links have parameters: one a joint of the tree, but those declared massless."""
         return len(self.link_joints)
 
+    @property
+    def couplings(self) -> tuple[Array, ...]:
+        """(n,) each axis known to turn with several joints, its first entry 1: motors and followers."""
+        rows = [] if self.transmission is None else list(self.transmission.matrix)
+        rows += [] if self.mechanism is None else list(self.mechanism.matrix)
+        several = [row for row in rows if np.count_nonzero(row) > 1]
+        return tuple(row / row[np.flatnonzero(row)[0]] for row in several)
+
     def leader(self, place: int) -> tuple[str, float, float]:
         """Whom a joint of the tree follows, by what multiplier and offset. InputError for several."""
         assert self.mechanism is not None

@@ -88,12 +88,6 @@ class Transmission:
         """(N, n) motor positions at joint positions (N, n)."""
         return np.asarray(q) @ self.matrix.T + self.offset
 
-    @property
-    def couplings(self) -> tuple[Array, ...]:
-        """(n,) each row of A that turns with several joints, its first entry 1."""
-        rows = [row / row[np.flatnonzero(row)[0]] for row in self.matrix]
-        return tuple(row for row in rows if np.count_nonzero(row) > 1)
-
     def to_dict(self) -> dict[str, Any]:
         return {
             "matrix": self.matrix.tolist(),

@@ -197,8 +197,9 @@ def test_transmissions_of_a_urdf(urdf: Path) -> None:
         "<joint name='roll_joint'/></transmission></robot>"
     )
     urdf.write_text(urdf.read_text().replace("</robot>", element))
-    transmission = load_urdf(urdf)[0].transmission
+    robot = load_urdf(urdf)[0]
+    transmission = robot.transmission
     assert transmission is not None
     np.testing.assert_array_equal(transmission.matrix, [[1, 0, 0], [0, 100, 50], [0, -100, 50]])
-    np.testing.assert_array_equal(transmission.couplings, [[0, 1, 0.5], [0, 1, -0.5]])
+    np.testing.assert_array_equal(robot.couplings, [[0, 1, 0.5], [0, 1, -0.5]])
     assert set(transmission.positions) == {"joint"}

@@ -1,0 +1,50 @@
+"""The dVRK's patient-side manipulator: its remote centre, its parallelogram, its coupled motors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty import identify
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.report.parameters import joint_poses
+from sdp_vs_penalty.robot.trajectory import random_trajectory
+
+
+def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
+    robot = load_problem("dvrk_psm").robot
+    names = [joint.name for joint in robot.tree]
+    for q in robot.random_configurations(20, seed=0):
+        poses = joint_poses(robot, q)
+        pitch, insertion = poses[names.index("pitch_joint")], poses[names.index("insertion_joint")]
+        centre = insertion[:3, 3] - (q[2] - 0.4318) * insertion[:3, 2]
+        np.testing.assert_allclose(centre, [0.0, 0.516, 0.0], atol=1e-9)  # on the yaw axis, fixed
+        # The bars stay parallel: bottom and pitch differ by a turn that the pose does not change.
+        relative = pitch[:3, :3].T @ poses[names.index("bottom_joint")][:3, :3]
+        np.testing.assert_allclose(relative, np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
+
+
+def test_motors_of_the_tool_have_no_weight_and_couplings_are_known() -> None:
+    problem = load_problem("dvrk_psm")
+    robot = problem.robot
+    assert (robot.n, robot.links) == (7, 6)
+    assert [set(links) for links in robot.subtree][3:] == [set()] * 4
+    ratios = [row[np.flatnonzero(row)].tolist() for row in robot.couplings]
+    np.testing.assert_allclose(ratios, [[1.0, -1.2178 / 0.8306]] * 2)
+
+
+def test_a_simulated_arm_is_identified() -> None:
+    """The authors' model explains what it made; every constraint holds."""
+    problem = load_problem("dvrk_psm")
+    model = problem.model()
+    t = np.arange(0.0, 40.0, 0.005)
+    trajectory = random_trajectory(problem.robot, 6, 40.0, frequency=2.0 * np.pi * 0.18)
+    motion = Motion(t, *trajectory.states(t))
+    theta = problem.nominal(model)
+    theta[10 * problem.robot.links :] = np.random.default_rng(0).uniform(0.05, 0.3, len(theta) - 60)
+    tau = model.torque(theta, motion)
+    estimate = identify(problem, Measurements(t, motion.q, tau))
+    left = model.torque(estimate.theta, motion) - tau
+    assert estimate.certificate.worst == 0.0
+    assert np.all(np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(tau, axis=0))
