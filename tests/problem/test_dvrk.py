@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
 
-from sdp_vs_penalty import identify
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import convert, identify
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.report.parameters import joint_poses
 from sdp_vs_penalty.robot.trajectory import random_trajectory
@@ -48,3 +52,19 @@ def test_a_simulated_arm_is_identified() -> None:
     left = model.torque(estimate.theta, motion) - tau
     assert estimate.certificate.worst == 0.0
     assert np.all(np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(tau, axis=0))
+
+
+def test_tables_without_header_are_read_at_their_rate(tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).normal(size=(30, 6))
+    path = tmp_path / "results.csv"
+    np.savetxt(path, rows, delimiter=",")
+    run = convert(path, rate=200.0)
+    assert run.dq is not None
+    assert np.array_equal(np.hstack([run.q, run.dq, run.tau]), rows)
+    np.testing.assert_allclose(np.diff(run.t), 0.005)
+    for text, words in (("1,2\n3,4\n", "three a joint"), ("1,2,x\n", "as many numbers")):
+        path.write_text(text)
+        with pytest.raises(InputError, match=words):
+            convert(path, rate=200.0)
+    with pytest.raises(InputError, match="no such file"):
+        convert(tmp_path / "none.csv", rate=200.0)
