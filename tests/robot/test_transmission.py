@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sdp_vs_penalty.data.joint_side import to_joints
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.transmission import SIDES, Transmission, parse_transmission
@@ -93,3 +95,17 @@ def test_the_tx40_converts_as_its_authors_do() -> None:
     np.testing.assert_allclose(robot.transmission.joint_torques(tau_m), tau, atol=1e-12)
     (wrist,) = robot.couplings
     np.testing.assert_array_equal(wrist, [0, 0, 0, 0, 1, 1])
+
+
+def test_a_log_of_motors_is_recognised_by_the_robots_transmission() -> None:
+    robot = load_problem("tx40").robot
+    assert robot.transmission is not None
+    t = np.arange(0.0, 2.0, 0.01)
+    q = 0.5 * np.sin(np.outer(t, np.arange(1, 7)))
+    tau = np.ones_like(q)
+    check_plausible(robot, Measurements(t, q, tau))
+    with pytest.raises(InputError, match=r"those of the motors.*convert --motor-side"):
+        check_plausible(robot, Measurements(t, robot.transmission.motor_positions(q), tau))
+    unknown = replace(robot, transmission=None)
+    with pytest.raises(InputError, match=r"far outside.*convert --motors"):
+        check_plausible(unknown, Measurements(t, robot.transmission.motor_positions(q), tau))
