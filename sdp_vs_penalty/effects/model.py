@@ -93,10 +93,10 @@ class Model:
         return tuple(c.indices for c in self.columns(motion))
 
     @cached_property
-    def sign_width(self) -> float:
-        """The velocity over which this model smooths the sign of dry friction [rad/s, m/s]."""
-        widths = [e.shape["v_s"] for e in self.effects if "v_s" in e.shape]
-        return widths[0] if widths else SIGN_WIDTH
+    def sign_width(self) -> tuple[float, ...]:
+        """(n) the velocities over which this model smooths the signs of dry friction [rad/s, m/s]."""
+        widths = {j: e.shape["v_s"] for e in self.effects if "v_s" in e.shape for j in e.joints}
+        return tuple(widths.get(j, SIGN_WIDTH) for j in range(self.robot.n))
 
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""

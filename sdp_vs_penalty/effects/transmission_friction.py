@@ -111,7 +111,8 @@ class TransmissionFriction(Effect):
             return np.asarray(ds)
         if self.law == "inertia":
             return np.asarray(motion.ddq @ self.ratios)
-        sign = smooth_sign(ds, motion.sign_width)
+        width = max(motion.width(j) for j in self.joints)
+        sign = smooth_sign(ds, width, motion.ddq @ self.ratios, motion.within)
         if self.law == "hysteresis":
             return dahl(motion.q @ self.ratios, self.shape["d"], float(sign[0]))
         if self.law == "stribeck":
