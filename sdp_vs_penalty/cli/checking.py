@@ -9,10 +9,11 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.problem.problem import Problem
 
 
-def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
+def refuse_meaningless(problem: Problem, measurements: Measurements, gains: bool = False) -> None:
     """The fast part of the check, before an identification: warnings go to stderr, a line each.
 
-    Raises InputError where an identification would be meaningless.
+    gains : whether the identification itself determines the torque channels' gains, so that the check
+    need not. Raises InputError where an identification would be meaningless.
     """
     from sdp_vs_penalty import show
     from sdp_vs_penalty.check import check
@@ -20,7 +21,8 @@ def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
     from sdp_vs_penalty.errors import InputError
 
     reports = check(problem, measurements, thorough=False)
-    errors = [(r.run, f) for r in reports for f in r.issues if f.severity == "error"]
+    found = [(r.run, f) for r in reports for f in r.problems if not (gains and f.kind == "torque gain")]
+    errors = [(run, f) for run, f in found if f.severity == "error"]
     if errors:
         run, f = errors[0]
         more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
@@ -29,6 +31,5 @@ def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
             "fix the data (`check --fix`), or pass --no-check to identify anyway",
             run,
         )
-    for report in reports:
-        for f in report.problems:
-            console.warn(f"{f.severity}: {report.run}: {f.what} (details: `sdp-vs-penalty check`)")
+    for run, f in found:
+        console.warn(f"{f.severity}: {run}: {f.what} (details: `sdp-vs-penalty check`)")
