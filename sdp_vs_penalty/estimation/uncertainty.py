@@ -30,6 +30,7 @@ from sdp_vs_penalty.estimation.intervals import (
     physical_limits,
 )
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich, visible_directions
+from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters, base_parameters_of
@@ -167,7 +168,7 @@ class _Evidence:
     @cached_property
     def narrow(self) -> Regression:
         """Without the shape constants' columns."""
-        return self.regression.first(self.p)
+        return self.regression.keeping(np.arange(self.regression.p) < self.p)
 
     @cached_property
     def weights(self) -> Array:
@@ -186,19 +187,31 @@ class _Evidence:
 
     @cached_property
     def known(self) -> Sandwich:
-        """The sandwich; a shape constant has a standard normal prior."""
-        constants = self.regression.p - self.p
+        """The sandwich, without constants on a grid that the data do not contradict: such a value is
+        taken for the true one."""
+        known = self._sandwich(self.regression)
+        gridded = np.array([q.effect == ON_A_GRID for q in self.regression.parameters])
+        if not gridded.any():
+            return known
+        half = known.half_widths(np.eye(self.regression.p)[gridded], LEVEL)
+        agrees = np.zeros_like(gridded)
+        agrees[gridded] = np.abs(known.solution[gridded]) <= half
+        return self._sandwich(self.regression.keeping(~agrees)) if agrees.any() else known
+
+    def _sandwich(self, regression: Regression) -> Sandwich:
+        """A shape constant has a standard normal prior."""
+        constants = regression.p - self.p
         scale = np.append(np.full(self.p, np.inf), np.ones(constants)) if constants else None
-        return replace(sandwich(self.regression, self.weights, scale), taken_white=self.white)
+        return replace(sandwich(regression, self.weights, scale), taken_white=self.white)
 
     def padded(self, rows: Array) -> Array:
         """Rows (k, p) with zeros for the shape constants."""
-        return np.pad(rows, ((0, 0), (0, self.regression.p - self.p)))
+        return np.pad(rows, ((0, 0), (0, self.known.regression.p - self.p)))
 
     def _unsettled(self, rows: Array) -> Array | float:
         """(k,) by how much linear functions change where shape constants take one more step towards the
         least loss: constants that stay on a grid, or were given, are not at it."""
-        if self.regression.p == self.p:
+        if self.known.regression.p == self.p:
             return 0.0
         return np.asarray(rows @ (self.known.solution[: self.p] - self.narrow_solution))
 
@@ -321,7 +334,8 @@ def beside_held(
     """
     held_model, fixed, old = held
     evidence = _Evidence(problem, model, regression.beside(fixed), "noise")
-    everything = np.concatenate([fixed, evidence.padded(theta[None])[0]])
+    everything = np.zeros(regression.p)
+    everything[: len(fixed) + len(theta)] = np.concatenate([fixed, theta])
     through, through_gains = [], []
     for f in regression.factors:
         rows, own = f.triangle[:, :-1], f.indices < len(fixed)
