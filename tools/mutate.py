@@ -234,13 +234,13 @@ def main() -> None:
             if name.partition(".")[0] in ("numpy", "scipy", "pinocchio", "hypothesis", "clarabel"):
                 with suppress(Exception):
                     importlib.import_module(name)
-        left = [m for m in made if survives(path, m, known)]
-        print(f"{path.relative_to(ROOT)}: {len(left)} of {len(made)} survive", flush=True)
-        for m in left:
-            print(
-                f"  {m.line}: {m.word}: {path.read_text().splitlines()[m.line - 1].strip()}", flush=True
-            )
-        survivors, count = survivors + len(left), count + len(made)
+        text, left = path.read_text().splitlines(), 0
+        for m in made:
+            if survives(path, m, known):
+                left += 1
+                print(f"  {m.line}: {m.word}: {text[m.line - 1].strip()}", flush=True)
+        print(f"{path.relative_to(ROOT)}: {left} of {len(made)} survive", flush=True)
+        survivors, count = survivors + left, count + len(made)
     print(f"{survivors} of {count} survive")
 
 
