@@ -268,7 +268,7 @@ def test_a_search_couples_neighbours() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("friction", "unknown; there are: rigid_body"),
+        ("friction", "is unknown: "),
         ("base_tilt:2", "whole robot"),
         ("joint_coupling:3@i=3", "coupled to itself"),
         ("joint_coupling:3@i=6", "i is a joint from 1 to 5"),
