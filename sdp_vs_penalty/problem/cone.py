@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 
 
 @dataclass(frozen=True)
@@ -32,5 +32,5 @@ class CentreOfMassCone:
         """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
         axis, link = data["axis"], int(data["link"]) - 1
         if axis not in ("x", "y", "z"):
-            raise InputError(f"centre_of_mass_cone axis {axis!r} is unknown; there are: x, y, z.")
+            raise unknown("centre_of_mass_cone axis", axis, ("x", "y", "z"))
         return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
