@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.fields import check_fields
@@ -35,7 +35,7 @@ def load_folder(folder: Path) -> Problem:
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=file) from error
+        raise unreadable(error, file) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"not a TOML file ({error}).", where=file) from error
     try:

@@ -20,7 +20,7 @@ from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, 
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.body import Body
@@ -59,7 +59,7 @@ class CentreOfMassCone:
         """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
         axis, link = data["axis"], int(data["link"]) - 1
         if axis not in ("x", "y", "z"):
-            raise InputError(f"centre_of_mass_cone axis {axis!r} is unknown; there are: x, y, z.")
+            raise unknown("centre_of_mass_cone axis", axis, ("x", "y", "z"))
         return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
 
 
@@ -121,7 +121,7 @@ class Problem(Shown):
             if not 0 <= cone.link < n:
                 raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {n}.")
         if self.torque_side not in ("link", "motor"):
-            raise InputError(f"torque_side {self.torque_side!r} is unknown; there are: link, motor.")
+            raise unknown("torque_side", self.torque_side, ("link", "motor"))
 
     @cached_property
     def link_defaults(self) -> Array:
