@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 
 T = TypeVar("T")
 
@@ -168,7 +168,7 @@ def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str,
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
+        raise unreadable(error, path) from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"not a JSON file ({error}).", where=path) from error
     if not isinstance(data, dict) or mark not in data:

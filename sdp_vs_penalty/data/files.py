@@ -78,11 +78,11 @@ def read_run(
     """
     path = Path(path)
     if not path.exists():
-        raise InputError("no such file.", where=path)
+        raise InputError("no such file", "check its name", path)
     opened(path)
     home = format_of(path) or csv
     if topic is not None and home is not bag:
-        raise InputError("only ROS bags and MCAP files have topics.", where=path)
+        raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
     with spooled(path) as file:
         part: Measurements = home.read(file, Choice(names, topic, rename))
     part = replace(part, names=(path.name,)) if file is not path else part

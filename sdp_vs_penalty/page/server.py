@@ -117,7 +117,7 @@ def _listen(port: int | None) -> socket.socket:
             if port is not None:
                 taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
                 raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
-    raise InputError("No port is free: end another program, or choose one with --port.")
+    raise InputError("No port is free", "end another program, or choose one with --port")
 
 
 def make_app(page: Page) -> FastAPI:
