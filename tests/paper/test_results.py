@@ -48,7 +48,8 @@ def test_three_forms_are_committed(problem: str, name: str) -> None:
         assert text.endswith("\n")
     cells = [cell for row in committed(problem, name) for cell in row.values() if cell]
     markdown = (FOLDERS[problem] / f"table_{name}.md").read_text()
-    assert all(cell.replace("|", "\\|") in markdown for cell in cells)
+    words = [cell for cell in cells if not close(cell, "0", 0.0, np.inf)]
+    assert all(cell.replace("|", "\\|") in markdown for cell in words)
 
 
 @pytest.mark.parametrize("name", ["III", "IV", "VIII", "IX"])
