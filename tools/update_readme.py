@@ -114,17 +114,17 @@ def headline() -> str:
     return "\n\n".join(
         [
             "The authors' real run of the Panda repeats its motion after 13.3 s: fitted to its first "
-            "14 s and judged on the rest, a model shows its repeatability. On motion that it has not been "
-            "trained on, in five folds by phase, the order of the methods is another one, and what the "
-            "model lacks weighs more than the method (from [table_unseen](results/table_unseen.md), which "
-            "has every fold):",
+            "14 s and judged on the rest, a model shows its repeatability. On motion that it has not "
+            "been trained on, in five folds by phase, the order of the methods is another one, and what "
+            "the model lacks weighs more than the method (from "
+            "[table_unseen](results/table_unseen.md), which has every fold):",
             markdown(list(UNSEEN_HEADINGS), generalisation()),
             "![Joint 7 on unseen motion, with and without pre-sliding hysteresis](results/joint_7.png)",
             "Every method on the same run. Loss, violations and thickness are of the fit to its first "
             "14 s; `penalty-paper` has a budget of 3000 loss evaluations a run (its authors' program "
             "allows 1 365 000: `--budget paper`) and the authors' weight, 40 (from "
-            "[table_methods](results/table_methods.md), which says what each figure is; other weights are "
-            "in [table_weight](results/table_weight.md)):",
+            "[table_methods](results/table_methods.md), which says what each figure is; other weights "
+            "are in [table_weight](results/table_weight.md)):",
             markdown(list(METHOD_COLUMNS.values()), methods),
             "Error [%] on the rest of the motion after training on so many seconds of it, median over "
             "several windows (from [table_data](results/table_data.md)). `lmi-sdp` and "
