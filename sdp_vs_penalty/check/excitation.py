@@ -9,7 +9,8 @@ import numpy as np
 
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
-from sdp_vs_penalty.estimation import uncertainty
+from sdp_vs_penalty.estimation.intervals import NOT_SEEN, counts
+from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
 
@@ -22,10 +23,10 @@ _NAMED = 8
 
 def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
     """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
-    known = uncertainty.of_regression(problem, physics.model, regression_of(physics), draws=100)
-    count = uncertainty.counts(known.base)
+    known = of_regression(problem, physics.model, regression_of(physics), white=True)
+    count = counts(known.base)
     total = len(known.base)
-    dark = [i.name.split(" ")[0] for i in known.base if i.verdict == uncertainty.NOT_SEEN]
+    dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
     figures = {"base_parameters": total, **count, "names": dark}
     if not dark:
         yield Issue(
@@ -34,7 +35,7 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
             "the motion",
             f"all {total} base parameters are visible: {count['identifiable']} identifiable, "
             f"{count['weakly']} weakly identifiable.",
-            "likely: by a block bootstrap of this run",
+            "likely: by least squares, were its error white noise",
             "no action needed",
             None,
             figures,
@@ -59,7 +60,7 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
         joints_text(joints) if joints else "the robot",
         f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
         f"{'; '.join(texts)}.",
-        "likely: by a block bootstrap of this run",
+        "likely: by least squares, were its error white noise",
         "move these joints farther, faster and independently of each other, or add runs that do",
         None,
         figures,

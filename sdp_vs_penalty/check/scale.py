@@ -10,7 +10,6 @@ import numpy as np
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import Problem
 
 #: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
@@ -27,10 +26,9 @@ def possible_scale(problem: Problem) -> tuple[float, float] | None:
     low, high = problem.total_mass
     if np.isfinite(high):
         return max(low, 0.1 * high) / float(masses.sum()) / _SLACK, high / float(masses.sum()) * _SLACK
-    made_up = plausible_links(problem.robot, np.zeros_like(problem.nominal_links))
-    if not np.allclose(problem.nominal_links, made_up):
-        return 0.5 / _SLACK, 2.0 * _SLACK
-    return None
+    if np.all(problem.guessed_links):
+        return None
+    return 0.5 / _SLACK, 2.0 * _SLACK
 
 
 def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Issue]:

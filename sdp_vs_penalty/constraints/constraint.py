@@ -186,21 +186,20 @@ def minimum_thickness(name: str, indices: ArrayLike, radius: float) -> Constrain
     return _psd("minimum thickness", name, indices, coefficients)
 
 
-def density_in_ellipsoid(
-    name: str, indices: ArrayLike, centre: ArrayLike, half_axes: ArrayLike
-) -> Constraint:
+def density_in_ellipsoid(family: str, name: str, indices: ArrayLike, quadric: ArrayLike) -> Constraint:
     """The mass lies inside an ellipsoid: tr(P Q) >= 0 (Wensing, Kim, Slotine 2018, eq. 20).
 
-    With D = diag(1 / half_axes^2), the mean of 1 - (x - centre)^T D (x - centre) over the density
-    is non-negative: linear in theta. Bounds the whole pseudo-inertia by the mass.
+    quadric Q (4, 4) : (x, 1)^T Q (x, 1) is 1 at the ellipsoid's centre, 0 on its surface
+    (:attr:`Body.quadric`). Its mean over the density is non-negative: linear in theta. With P >= 0 it
+    holds exactly if some density inside has these parameters, and it bounds all of P by the mass.
     """
-    c, weights = np.asarray(centre, float), 1.0 / np.asarray(half_axes, float) ** 2
-    q = np.zeros((4, 4))
-    q[:3, :3] = -np.diag(weights)
-    q[:3, 3] = q[3, :3] = weights * c
-    q[3, 3] = 1.0 - float(c @ (weights * c))
-    row = np.einsum("kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, q)
-    return linear("bounding ellipsoid", name, indices, row[:, None], [0.0])
+    row = np.einsum("kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, np.asarray(quadric, float))
+    return linear(family, name, indices, row[:, None], [0.0])
+
+
+def ball(radius: float) -> Array:
+    """The quadric (4, 4) of a ball around the frame's origin [radius in m]."""
+    return np.diag([*np.full(3, -1.0 / radius**2), 1.0])
 
 
 def linear(

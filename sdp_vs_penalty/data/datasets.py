@@ -61,12 +61,20 @@ def fetch(
     root = cache_folder() if folder is None else Path(folder)
     download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
     paths = []
-    transmission = transmission_of(chosen.problem)
-    for run, measurements in _CONVERTERS[name](root / name, say).items():
+    for run, measurements in converted(name, root / name, say).items():
         path = root / name / "runs" / f"{run}.csv"
-        save(measurements if transmission is None else to_joints(measurements, transmission), path)
+        save(measurements, path)
         paths.append(path)
     return paths
+
+
+def converted(name: str, folder: str | Path, say: Say = _silent) -> dict[str, Measurements]:
+    """The runs of a data set by name, at the joints, from a folder that holds its authors' files."""
+    runs = _CONVERTERS[name](Path(folder), say)
+    transmission = transmission_of(dataset(name).problem)
+    if transmission is None:
+        return runs
+    return {run: to_joints(measurements, transmission) for run, measurements in runs.items()}
 
 
 def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:

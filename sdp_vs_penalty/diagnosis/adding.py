@@ -20,15 +20,18 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.certify import certify, certify_beside, covariance, on_bounds, versions
+from sdp_vs_penalty.estimation.certify import certify, certify_beside, on_bounds, versions
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.shape_constants import sensitivities
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.motion import record_motion
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 
@@ -41,6 +44,7 @@ def add(
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
+    gain_uncertainty: float | None = None,
 ) -> Estimate:
     """The model with effects more, identified again by its own method under its problem's constraints.
 
@@ -51,6 +55,7 @@ def add(
     joint. frozen : keep all other parameters; so it is also done with what a frozen model was diagnosed
     to miss, and wherever a payload is among the effects, new or there already: refitted links would
     absorb it. seed : of the method; progress : called with a short text of where the work stands.
+    gain_uncertainty : relative standard deviation of the torque channels' gains; default: the model's.
     Raises InputError for an effect that the model already has, or that cannot act.
     """
     estimate = as_estimate(estimate, "add(estimate=...)")
@@ -69,8 +74,10 @@ def add(
     progress("estimating shape constants")
     new = with_shapes(estimate, wanted, _given_shapes(texts), measurements, frozen, seed)
     Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
+    if gain_uncertainty is None:
+        gain_uncertainty = estimate.uncertainty.gain_uncertainty
     if frozen:
-        return _add_frozen(estimate, new, measurements, seed, progress)
+        return _add_frozen(estimate, new, measurements, seed, progress, gain_uncertainty)
     return identify(
         estimate.problem,
         measurements,
@@ -80,6 +87,7 @@ def add(
         weighting=str(estimate.settings.get("weighting", "noise")),
         seed=seed,
         progress=progress,
+        gain_uncertainty=gain_uncertainty,
     )
 
 
@@ -163,6 +171,7 @@ def _add_frozen(
     measurements: Measurements,
     seed: int,
     progress: Progress,
+    gain_uncertainty: float,
 ) -> Estimate:
     """Fit only the new effects, under their own constraints, to what the model leaves."""
     problem, old = estimate.problem, len(estimate.theta)
@@ -176,12 +185,11 @@ def _add_frozen(
         model = replace(model, reference=reference)
     settings = estimate.preprocessing.resolve(measurements)
     progress("compressing the measurements")
-    regression = compress(measurements, model, settings)
+    left = compress(measurements, model, settings).beside(estimate.theta)
     weights = np.ones(estimate.robot.n)
     for _ in range(2):
-        data = _reduced(regression.least_squares(weights), estimate.theta)
-        theta = np.concatenate([estimate.theta, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0]])
-        weights = joint_weights(regression, theta)
+        data = left.least_squares(weights)
+        weights = joint_weights(left, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
     task = Task(
         own,
         data,
@@ -205,7 +213,7 @@ def _add_frozen(
         estimate,
         model=model,
         theta=theta,
-        covariance=_side_by_side(estimate.covariance, covariance(data, regression.oversampling)),
+        uncertainty=_beside(estimate, model, own, part, measurements, settings, gain_uncertainty),
         certificate=certify_beside(estimate, model, theta, certificate),
         details={"on_bounds": on_bounds(problem.constraints(model), theta)},
         provenance={
@@ -220,20 +228,27 @@ def _add_frozen(
     )
 
 
-def _side_by_side(old: Array, new: Array) -> Array:
-    """The covariance of independent parts: NaN for what either does not determine, zero between them."""
-    k = len(old)
-    wide = np.zeros((k + len(new),) * 2)
-    wide[:k, :k], wide[k:, k:] = old, new
-    unseen = np.isnan(np.diagonal(wide))
-    wide[unseen] = wide[:, unseen] = np.nan
-    return wide
-
-
-def _reduced(data: LeastSquares, fixed: Array) -> LeastSquares:
-    """The problem in the remaining parameters when the first ones are fixed."""
-    k = len(fixed)
-    rho = data.rho - data.R[:, :k] @ fixed
-    return LeastSquares(
-        data.R[:, k:], rho, data.residual_norm, float(rho @ rho) + data.residual_norm**2, data.rows
+def _beside(
+    estimate: Estimate,
+    model: Model,
+    own: Model,
+    part: Array,
+    measurements: Measurements,
+    settings: Preprocessing,
+    gain_uncertainty: float,
+) -> Uncertainty:
+    """Of the whole model: the new effects' intervals hold their shape constants' errors and those of the
+    parameters that were kept."""
+    constants = sensitivities(own.effects, [part[k] for k in own.indices])
+    reference = model.reference
+    if reference is not None:
+        reference = np.append(reference, np.zeros(sum(len(e.parameters) for e in constants)))
+    wide = Model(model.robot, (*model.effects, *constants), reference)
+    return beside_held(
+        estimate.problem,
+        own,
+        compress(measurements, wide, settings),
+        (estimate.theta, estimate.uncertainty),
+        part,
+        gain_uncertainty=gain_uncertainty,
     )

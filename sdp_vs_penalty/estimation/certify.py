@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,12 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
+from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression
+from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import record_motion
@@ -42,9 +45,23 @@ def build_estimate(
     preprocessing: Preprocessing,
     measurements: Measurements | BlackBox,
     weighting: str,
+    gain_uncertainty: float = 0.0,
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     theta, certificate = certify(task, fit)
+    certificate = dataclasses.replace(certificate, **body_figures(problem, theta[task.links]))
+    wide = with_sensitivities(task.model, theta)
+    if wide is not task.model and isinstance(measurements, Measurements):
+        regression = compress(measurements, wide, preprocessing)
+    uncertainty = of_regression(
+        problem,
+        task.model,
+        regression,
+        theta,
+        weighting=weighting,
+        constrained=certificate.worst == 0.0,
+        gain_uncertainty=gain_uncertainty,
+    )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {
         **dataclasses.asdict(estimator),  # type: ignore[call-overload]
@@ -61,7 +78,7 @@ def build_estimate(
         problem,
         task.model,
         theta,
-        covariance(task.data, regression.oversampling),
+        uncertainty,
         estimator.name,
         certificate,
         preprocessing,
@@ -97,7 +114,7 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
     """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
     found = []
     for c in constraints.convex:
-        if c.family in ("mass", "bounding ellipsoid", "range"):
+        if c.family in ("mass", "bounding ellipsoid", "body", "range"):
             size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
             if np.any(c.value(theta) <= 1e-6 * size):
                 found.append(f"{c.family} of {c.name}")
@@ -147,7 +164,26 @@ def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certifi
         positive_mass_matrices=positive_mass_matrices(model.robot, links) if len(links) else None,
         smallest_thickness=float(inertia.thickness(links).min()) if len(links) else None,
         held=[effect.text for effect in estimate.model.effects],
+        **body_figures(estimate.problem, links),
     )
+
+
+def body_figures(problem: Problem, links: Array) -> dict[str, Any]:
+    """What a certificate says of the links' extents and densities; empty for a model without links."""
+    if not len(links):
+        return {}
+    gyration = inertia.gyration(links)
+    bodies = problem.link_bodies
+    densities = [
+        float(mass / body.volume)
+        for mass, body in zip(links[:, 0], bodies, strict=True)
+        if body.volume is not None
+    ]
+    return {
+        "largest_gyration": float(gyration.max()),
+        "body_share": float(np.max(gyration / [body.reach for body in bodies])),
+        "density": [min(densities), max(densities)] if densities else None,
+    }
 
 
 def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:
@@ -157,32 +193,6 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed
         np.linalg.cholesky(matrices)
         return 1.0
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
-
-
-def covariance(data: LeastSquares, oversampling: float) -> Array:
-    """sigma^2 (R^T R)^-1 on what the data determine, NaN for every parameter that they do not.
-
-    sigma^2 is the residual variance of unconstrained least squares; filtered rows repeat each
-    other ``oversampling`` times.
-    """
-    p = data.R.shape[1]
-    out = np.full((p, p), np.nan)
-    norms = data.column_norms
-    visible = np.flatnonzero(norms > 0.0)
-    if not len(visible):
-        return out
-    u, s, vt = np.linalg.svd(data.R[:, visible] / norms[visible], full_matrices=False)
-    good = s > 1e-9 * s[0]
-    residual = data.rho - u[:, good] @ (u[:, good].T @ data.rho)
-    loss = float(residual @ residual) + data.residual_norm**2
-    variance = loss / max(data.rows - oversampling * int(good.sum()), 1.0) * oversampling
-    # A parameter is determined if its unit vector lies in the row space of R.
-    inside = np.sum(vt[good] ** 2, axis=0) > 1.0 - 1e-9
-    half = (vt[good] / s[good, None]) / norms[visible]
-    full = variance * half.T @ half
-    keep = visible[inside]
-    out[np.ix_(keep, keep)] = full[np.ix_(inside, inside)]
-    return out
 
 
 def versions() -> dict[str, str]:

@@ -18,6 +18,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
@@ -41,16 +42,16 @@ FORMAT = 2
 class Estimate(Shown):
     """theta (p,) of a model, with how it came about.
 
-    problem : the bounds and the prior that it was identified under, which travel with it; covariance
-    (p, p) : of the identifiable part of theta, NaN rows for what the data do not see; settings : those
-    of the method; preprocessing : the resolved filters; provenance : versions, data hash, seed;
+    problem : the bounds and the prior that it was identified under, which travel with it; uncertainty :
+    what the runs that it came from say of the parameters; settings : those of the method;
+    preprocessing : the resolved filters; provenance : versions, data hash, seed;
     training_motion : which motion it has been identified from, None where that is not recorded.
     """
 
     problem: Problem
     model: Model
     theta: Array
-    covariance: Array
+    uncertainty: Uncertainty
     method: str
     certificate: Certificate
     preprocessing: Preprocessing
@@ -69,9 +70,14 @@ class Estimate(Shown):
         return self.theta[self.model.rigid_indices].reshape(-1, 10)
 
     @property
+    def covariance(self) -> Array:
+        """(p, p) of the parameters; NaN rows and columns for what the data do not determine."""
+        return self.uncertainty.covariance
+
+    @property
     def standard_deviations(self) -> Array:
         """(p,) of each parameter on its own; NaN where the data do not determine it."""
-        return np.sqrt(np.diagonal(self.covariance))
+        return self.uncertainty.std
 
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""
@@ -122,7 +128,7 @@ class Estimate(Shown):
         return ("parameter", "value", "unit", "effect"), rows
 
     def to_frame(self) -> pandas.DataFrame:
-        """The parameters as a table, indexed by name: value, std, unit, effect, joint."""
+        """The parameters as a table, indexed by name: value, std, 95 % interval, unit, effect, joint."""
         import pandas
 
         return pandas.DataFrame(self.to_dict()["parameters"]).set_index("name")
@@ -131,18 +137,16 @@ class Estimate(Shown):
         """What model.json holds."""
         parameters = [
             {
-                "name": p.name,
+                **interval.to_dict(),
                 "value": float(value),
-                "unit": p.unit,
-                "std": None if np.isnan(std) else float(std),
                 "effect": p.effect,
                 "joint": p.joint,
             }
-            for p, value, std in zip(
-                self.model.parameters, self.theta, self.standard_deviations, strict=True
+            for p, value, interval in zip(
+                self.model.parameters, self.theta, self.uncertainty.standard, strict=True
             )
         ]
-        seen = np.flatnonzero(~np.isnan(np.diagonal(self.covariance)))
+        seen = np.flatnonzero(~np.isnan(self.standard_deviations))
         return {
             "format": FORMAT,
             "problem": problem_to_dict(self.problem),
@@ -158,6 +162,7 @@ class Estimate(Shown):
                 "parameters": [self.model.parameters[k].name for k in seen],
                 "matrix": self.covariance[np.ix_(seen, seen)].tolist(),
             },
+            "uncertainty": self.uncertainty.to_dict(),
             "details": self.details,
             "provenance": self.provenance,
             "training_motion": None if self.training_motion is None else self.training_motion.to_dict(),
@@ -223,17 +228,16 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         motion = MotionRecord.from_dict(motion)
         if len(motion.centre) != 2 * robot.n:
             raise ValueError("training_motion is of another number of joints")
-    p = len(names)
-    covariance = np.full((p, p), np.nan)
-    seen = [names.index(name) for name in data["covariance"]["parameters"]]
-    covariance[np.ix_(seen, seen)] = np.array(data["covariance"]["matrix"], float).reshape(
-        len(seen), len(seen)
-    )
+    theta = np.array([given[name] for name in names])
+    entries = {p["name"]: p for p in data["parameters"]}
+    uncertainty = Uncertainty.unknown(model, theta)
+    if "uncertainty" in data:  # files from before intervals were kept have none
+        uncertainty = Uncertainty.from_dict(data["uncertainty"], [entries[name] for name in names])
     return Estimate(
         problem_from_dict(data["problem"], robot),
         model,
-        np.array([given[name] for name in names]),
-        covariance,
+        theta,
+        uncertainty,
         data["method"],
         Certificate(**data["certificate"]),
         Preprocessing(**data["preprocessing"]),

@@ -38,6 +38,7 @@ def identify(
     seed: int = 0,
     progress: Progress = no_progress,
     proof: str | Path | None = None,
+    gain_uncertainty: float = 0.0,
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
@@ -49,7 +50,9 @@ def identify(
         the problem's); weighting : "noise" divides each joint's rows by its residual in a first
         least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
         random; progress : hears where the computation stands; proof : a file to write the proof of
-        optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`).
+        optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`);
+        gain_uncertainty : relative standard deviation of the torque channels' gains (0.01: known to a
+        per cent), which widens the intervals.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
@@ -97,7 +100,7 @@ def identify(
             write_proof(infeasibility_proof(*error.proof, task.bound), proof)
         raise
     estimate = build_estimate(
-        problem, task, estimator, fit, regression, settings, measurements, weighting
+        problem, task, estimator, fit, regression, settings, measurements, weighting, gain_uncertainty
     )
     if proof is not None:
         progress("proving the optimum")

@@ -1,145 +1,235 @@
 """What the data determine, and how well: intervals for parameters and a band for torques.
 
-The block bootstrap (Kuensch, Annals of Statistics 1989; Efron, Tibshirani 1993, ch. 8): time blocks,
-not samples, are drawn again with replacement, because the error of neighbouring samples is one error.
-It runs on the compressed factors, in the coordinates z of the directions V that the data show at all,
-so that a draw costs one small linear system whatever the length of the runs:
+Intervals come from the runs that a model was identified from, by the sandwich of sandwich.py: they hold
+what noise of any colour and the model's own errors do to least squares, and with the columns of
+shape_constants.py what the shape constants' errors do. Standard deviations are half-widths of 95 %
+intervals over 1.96, so that value +- 1.96 std covers although they come from few blocks.
 
-    theta = theta_hat + V z,     (sum over drawn blocks of V^T R_b^T R_b V) z = sum of V^T R_b^T r_b.
-
-The intervals are those of unconstrained least squares: what the data say by themselves.
+Where an estimate satisfies constraints its intervals do too: they are those of least squares, cut to the
+physical range of the parameter and extended to the value where constraints have moved it out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.intervals import (
+    NOT_SEEN,
+    Interval,
+    combined_limits,
+    intervals_of,
+    physical_limits,
+)
+from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters, base_parameters_of
-from sdp_vs_penalty.regression.regression import Regression, compress, nearest_least_squares
+from sdp_vs_penalty.regression.regression import Regression, nearest_least_squares
 
 Array = NDArray[np.float64]
 
-#: Singular values below this share of the largest are rounding: the data do not show that direction.
-_UNSEEN = 1e-9
-#: A direction belongs to the visible ones up to this much of its square.
-_INSIDE = 1e-6
-#: What each draw keeps of the whole data, so that a draw without a direction does not explode.
-_ANCHOR = 1e-6
-#: Largest half-width of an interval: relative to the value, or to the largest value there could be
-#: (a parameter that is zero is known well if it is known to be small).
-_IDENTIFIABLE = (0.25, 0.0025)
-_WEAKLY = (1.0, 0.1)
-
-IDENTIFIABLE, WEAKLY, NOT_SEEN = "identifiable", "weakly", "not seen"
-
-
-@dataclass(frozen=True)
-class Interval:
-    """One standard or base parameter: its estimate, what the data alone say, and a verdict.
-
-    value : of the model; low, high : bounds of the interval, infinite where the data say nothing.
-    verdict : "identifiable" (half-width up to a quarter of the value), "weakly" (up to the value), or
-        "not seen"; half-widths up to 0.25 % and 10 % of the largest value that the problem's bounds
-        or the measured torque allow count as well.
-    """
-
-    name: str
-    unit: str
-    value: float
-    low: float
-    high: float
-    verdict: str
-
-    def to_dict(self) -> dict[str, Any]:
-        bounds = [None if np.isinf(x) else x for x in (self.low, self.high)]
-        return {
-            "name": self.name,
-            "unit": self.unit,
-            "value": self.value,
-            "low": bounds[0],
-            "high": bounds[1],
-            "verdict": self.verdict,
-        }
+LEVEL = 0.95
 
 
 @dataclass(frozen=True)
 class Uncertainty:
     """standard : all parameters of the model; base : the combinations that make torque.
 
-    draws : (S, p) bootstrap deviations from the model's parameters, in visible directions only;
-    noise : (n,) standard deviation of the torque that the model leaves [N m, N]; level : of all
-    intervals.
+    spread (p, r) : a factor of the covariance of everything that the data show; gains (p, n) : change of
+    the parameters for a unit relative error of each torque channel's gain, and gain_uncertainty, the
+    standard deviation of these errors, which the covariance holds as well; noise (n,) : standard
+    deviation of the torque that the model leaves [N m, N].
     """
 
-    model: Model
-    theta: Array
     standard: tuple[Interval, ...]
     base: tuple[Interval, ...]
-    draws: Array
+    spread: Array
+    gains: Array
     noise: Array
-    level: float
+    gain_uncertainty: float = 0.0
 
-    def torque_band(self, motion: Motion, *, measured: bool = False) -> tuple[Array, Array]:
-        """Lower and upper torque (N, n) around the model's prediction.
+    @classmethod
+    def unknown(cls, model: Model, theta: Array) -> Uncertainty:
+        """Of a model of which nothing but the parameters is known."""
+        standard = tuple(
+            Interval(p.name, p.unit, float(x), np.nan, -np.inf, np.inf, NOT_SEEN)
+            for p, x in zip(model.parameters, theta, strict=True)
+        )
+        p, n = len(theta), model.robot.n
+        return cls(standard, (), np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n))
+
+    @cached_property
+    def factor(self) -> Array:
+        """(p, r + n) with the covariance factor factor'."""
+        return np.hstack([self.spread, self.gain_uncertainty * self.gains])
+
+    @cached_property
+    def std(self) -> Array:
+        """(p,) standard deviations; NaN where the data do not determine a parameter."""
+        return np.array([i.std for i in self.standard])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(p, p); NaN rows and columns for parameters that the data do not determine."""
+        out = self.factor @ self.factor.T
+        unseen = np.isnan(self.std)
+        out[unseen] = out[:, unseen] = np.nan
+        return out
+
+    def band(self, theta: Array, columns: Sequence[JointColumns]) -> tuple[Array, Array]:
+        """(N, n) modelled torque of columns and its standard deviation, without the noise."""
+        count = len(columns[0].columns)
+        torque, std = np.empty((2, count, len(columns)))
+        for j, block in enumerate(columns):
+            torque[:, j] = block.columns @ theta[block.indices]
+            std[:, j] = np.linalg.norm(block.columns @ self.factor[block.indices], axis=1)
+        return torque, std
+
+    def torque_band(
+        self, model: Model, theta: Array, motion: Motion, *, measured: bool = False
+    ) -> tuple[Array, Array]:
+        """Lower and upper 95 % torque (N, n) around the model's prediction.
 
         Of the torque that the model should predict; with ``measured``, of a measured one in the same
         band of frequencies, which has the noise of :attr:`noise` as well.
         """
-        return self.band(self.model.columns(motion), measured=measured)
-
-    def band(self, columns: Sequence[JointColumns], *, measured: bool = False) -> tuple[Array, Array]:
-        """The same of columns that were computed, or filtered, before."""
-        count = len(columns[0].columns)
-        low, high = np.empty((count, len(columns))), np.empty((count, len(columns)))
-        tail = 0.5 * (1.0 - self.level)
-        for j, block in enumerate(columns):
-            centre = block.columns @ self.theta[block.indices]
-            spread = block.columns @ self.draws[:, block.indices].T
-            if measured:
-                rng = np.random.default_rng(0)
-                spread = spread + rng.normal(scale=self.noise[j], size=spread.shape)
-            low[:, j], high[:, j] = centre + np.quantile(spread, (tail, 1.0 - tail), axis=1)
-        return low, high
+        torque, std = self.band(theta, model.columns(motion))
+        half = NORMAL_95 * (np.hypot(std, self.noise) if measured else std)
+        return torque - half, torque + half
 
     def to_dict(self) -> dict[str, Any]:
+        """What model.json holds beside the parameters' own intervals."""
         return {
-            "level": self.level,
-            "standard": [i.to_dict() for i in self.standard],
+            "level": LEVEL,
             "base": [i.to_dict() for i in self.base],
+            "spread": self.spread.tolist(),
+            "gain_response": self.gains.tolist(),
+            "gain_uncertainty": self.gain_uncertainty,
             "torque_noise": self.noise.tolist(),
         }
 
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], parameters: Sequence[Mapping[str, Any]]) -> Uncertainty:
+        """parameters : entries as :meth:`Interval.to_dict` writes them, in the model's order."""
+        p = len(parameters)
+        return cls(
+            tuple(map(Interval.from_dict, parameters)),
+            tuple(map(Interval.from_dict, data["base"])),
+            np.array(data["spread"], float).reshape(p, -1),
+            np.array(data["gain_response"], float).reshape(p, -1),
+            np.array(data["torque_noise"], float),
+            float(data["gain_uncertainty"]),
+        )
 
-def uncertainty(
-    problem: Problem,
-    estimate: Estimate,
-    measurements: Measurements,
-    *,
-    draws: int = 400,
-    level: float = 0.95,
-    seed: int = 0,
-) -> Uncertainty:
-    """Intervals of an estimate from the measurements that it came from.
 
-    draws : bootstrap resamples; level : of the intervals. Raises InputError where the measurements
-    make fewer than four time blocks.
-    """
-    regression = compress(measurements, estimate.model, estimate.preprocessing)
-    return of_regression(problem, estimate.model, regression, estimate.theta, draws, level, seed)
+@dataclass(frozen=True)
+class _Evidence:
+    """Compressed data of a model, which may have the columns of its shape constants behind its own."""
+
+    problem: Problem
+    model: Model
+    regression: Regression
+    weighting: str
+    white: bool = False
+
+    @property
+    def p(self) -> int:
+        return len(self.model.parameters)
+
+    @cached_property
+    def bound(self) -> Array:
+        return self.problem.parameter_bound(self.model)
+
+    @cached_property
+    def narrow(self) -> Regression:
+        """Without the shape constants' columns."""
+        return self.regression.first(self.p)
+
+    @cached_property
+    def weights(self) -> Array:
+        if self.weighting == "none":
+            return np.ones(self.regression.joints)
+        return joint_weights(self.narrow, self._least_squares(None))
+
+    @cached_property
+    def centre(self) -> Array:
+        """(p,) least squares next to the nominal robot."""
+        return self._least_squares(self.weights)
+
+    def _least_squares(self, weights: Array | None) -> Array:
+        data = self.narrow.least_squares(weights)
+        return nearest_least_squares(data, self.problem.nominal(self.model), self.bound)
+
+    @cached_property
+    def known(self) -> Sandwich:
+        """The sandwich; a shape constant has a standard normal prior."""
+        constants = self.regression.p - self.p
+        scale = np.append(np.full(self.p, np.inf), np.ones(constants)) if constants else None
+        return replace(sandwich(self.regression, self.weights, scale), taken_white=self.white)
+
+    def padded(self, rows: Array) -> Array:
+        """Rows (k, p) with zeros for the shape constants."""
+        return np.pad(rows, ((0, 0), (0, self.regression.p - self.p)))
+
+    @cached_property
+    def largest(self) -> Array:
+        """(p,) largest value that bounds or the measured torque allow each parameter."""
+        data = self.narrow.least_squares(self.weights)
+        seen = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
+        return np.fmin(self.bound, np.sqrt(data.tau_squared) / seen)
+
+    def uncertainty(
+        self, value: Array, constrained: bool, gain_uncertainty: float, gains: Array, extra: Array
+    ) -> Uncertainty:
+        """extra (p, e) : a factor of the covariance of a further error, which is known."""
+        base, names, leading = base_rows(self.problem, self.model)
+        limits = np.tile([-np.inf, np.inf], (self.p, 1))
+        if constrained:
+            limits = physical_limits(self.problem, self.model)
+
+        def deviations(rows: Array) -> Array:
+            own = self.known.half_widths(self.padded(rows), LEVEL) / NORMAL_95
+            return np.asarray(np.hypot(own, np.linalg.norm(rows @ extra, axis=1)))
+
+        def told(
+            rows: Array, names: list[str], units: list[str], largest: Array
+        ) -> tuple[Interval, ...]:
+            std = np.hypot(deviations(rows), gain_uncertainty * np.linalg.norm(rows @ gains, axis=1))
+            figures = np.stack([rows @ value, rows @ self.centre, std])
+            return intervals_of(names, units, figures, combined_limits(rows, limits), largest)
+
+        parameters = self.model.parameters
+        every = [q.name for q in parameters], [q.unit for q in parameters]
+        largest = np.fmin(np.abs(base) @ self.bound, self.largest[leading])
+        spread = np.hstack([self.known.factor[: self.p], extra])
+        rows = np.maximum(self.regression.joint_rows(), 1)
+        return Uncertainty(
+            told(np.eye(self.p), *every, self.largest),
+            told(base, names, [parameters[k].unit for k in leading], largest),
+            _stretched(spread, deviations(np.eye(self.p))),
+            gains,
+            np.sqrt(self.narrow.joint_losses(value) / rows),
+            gain_uncertainty,
+        )
+
+
+def _stretched(factor: Array, std: Array) -> Array:
+    """Rows of a factor (p, r) as long as the deviations (p,), which Student's quantile made larger,
+    parameter by parameter; where they are NaN, larger by the median ratio."""
+    length = np.linalg.norm(factor, axis=1)
+    known = np.isfinite(std) & (length > 0.0)
+    ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
+    typical = float(np.median(ratio[known])) if known.any() else 1.0
+    return np.asarray(factor * np.where(known, ratio, typical)[:, None])
 
 
 def of_regression(
@@ -147,131 +237,75 @@ def of_regression(
     model: Model,
     regression: Regression,
     theta: Array | None = None,
-    draws: int = 400,
-    level: float = 0.95,
-    seed: int = 0,
+    *,
+    weighting: str = "noise",
+    constrained: bool = False,
+    gain_uncertainty: float = 0.0,
+    white: bool = False,
 ) -> Uncertainty:
-    """The same from compressed data; theta defaults to least squares next to the nominal robot."""
-    if not 0.0 < level < 1.0 or draws < 20:
-        raise InputError(f"level {level:g} and draws {draws}: a level below 1 and at least 20 draws.")
-    if len(regression.blocks) < 4:
-        raise InputError(
-            (
-                f"The measurements contain {show.count(len(regression.blocks), 'time block')}, but "
-                "intervals need 4"
-            ),
-            "record longer",
-        )
-    nominal, bound = problem.nominal(model), problem.parameter_bound(model)
-    first = nearest_least_squares(regression.least_squares(), nominal, bound)
-    weights = joint_weights(regression, first)
-    data = regression.least_squares(weights)
-    centre = nearest_least_squares(data, nominal, bound)
-    visible = _visible_directions(data.R, data.column_norms)
-    deviations = _bootstrap(regression, weights, centre, visible, draws, seed)
-    value = centre if theta is None else np.asarray(theta, float)
+    """Intervals from compressed data.
 
-    base, base_names, leading = _base(problem, model)
-    base_units = [model.parameters[k].unit for k in leading]
-    torque_size = np.sqrt(data.tau_squared) / np.where(
-        data.column_norms > 0.0, data.column_norms, np.nan
+    regression : of the model, or of the model with :func:`with_sensitivities`. theta (p,) : the
+    estimate; default: least squares next to the nominal robot. constrained : whether it satisfies the
+    problem's constraints, and intervals are to; gain_uncertainty : relative standard deviation of the
+    gains of the torque channels, independent of each other. white : take the residual for white noise:
+    what the motion alone would show.
+    """
+    evidence = _Evidence(problem, model, regression, weighting, white)
+    value = evidence.centre if theta is None else np.asarray(theta, float)
+    gains = evidence.known.gain_response(evidence.padded(value[None])[0])[: evidence.p]
+    nothing = np.zeros((evidence.p, 0))
+    return evidence.uncertainty(value, constrained, gain_uncertainty, gains, nothing)
+
+
+def beside_held(
+    problem: Problem,
+    model: Model,
+    regression: Regression,
+    held: tuple[Array, Uncertainty],
+    theta: Array,
+    *,
+    constrained: bool = True,
+    gain_uncertainty: float = 0.0,
+) -> Uncertainty:
+    """Of a model that is held fixed and effects that were fitted to what it leaves.
+
+    model, theta (k,) : the new effects alone; regression : of the held model's columns, theirs, and
+    their shape constants'; held : the held parameters and what is known of them. An error of these is
+    an error of the torque that the new effects explain.
+    """
+    fixed, old = held
+    evidence = _Evidence(problem, model, regression.beside(fixed), "noise")
+    everything = np.concatenate([fixed, evidence.padded(theta[None])[0]])
+    through, through_gains = [], []
+    for f in regression.factors:
+        rows, own = f.triangle[:, :-1], f.indices < len(fixed)
+        through.append(-rows[:, own] @ old.spread[f.indices[own]])
+        torque = -rows[:, own] @ old.gains[f.indices[own]]
+        torque[:, f.joint] += rows @ everything[f.indices]
+        through_gains.append(torque)
+    known, k = evidence.known, len(theta)
+    extra = known.response(through)[:k]
+    gains = known.response(through_gains)[:k]
+    new = evidence.uncertainty(theta, constrained, gain_uncertainty, gains, extra)
+    return _joined(old, new, extra.shape[1])
+
+
+def _joined(old: Uncertainty, new: Uncertainty, shared: int) -> Uncertainty:
+    """The last ``shared`` columns of the new spread are what the old one makes of it."""
+    own, through = np.split(new.spread, [new.spread.shape[1] - shared], axis=1)
+    below = np.hstack([through, own])
+    above = np.hstack([old.spread, np.zeros((len(old.spread), own.shape[1]))])
+    return replace(
+        new,
+        standard=old.standard + new.standard,
+        base=old.base + new.base,
+        spread=np.vstack([above, below]),
+        gains=np.vstack([old.gains, new.gains]),
     )
-    standard_size = np.fmin(bound, torque_size)
-    base_bound = np.abs(base) @ bound
-    base_size = np.fmin(base_bound, torque_size[leading])
-    tail = 0.5 * (1.0 - level)
-
-    def intervals(
-        rows: Array, names: Sequence[str], units: Sequence[str], sizes: Array
-    ) -> tuple[Interval, ...]:
-        spread = deviations @ rows.T
-        low, high = np.quantile(spread, (tail, 1.0 - tail), axis=0)
-        seen = _seen(rows, visible, data.column_norms)
-        out = []
-        for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-            own, least = float(rows[k] @ value), float(rows[k] @ centre)
-            if not seen[k]:
-                out.append(Interval(name, unit, own, -np.inf, np.inf, NOT_SEEN))
-                continue
-            half = 0.5 * float(high[k] - low[k])
-            verdict = _verdict(half, abs(least), float(sizes[k]))
-            # A percentile interval, turned round the least-squares value (Efron's basic bootstrap).
-            out.append(Interval(name, unit, own, least - float(high[k]), least - float(low[k]), verdict))
-        return tuple(out)
-
-    rows = np.maximum(regression.joint_rows(), 1)
-    noise = np.sqrt(regression.joint_losses(value) / rows)
-    names, units = [p.name for p in model.parameters], [p.unit for p in model.parameters]
-    return Uncertainty(
-        model,
-        value,
-        intervals(np.eye(len(names)), names, units, standard_size),
-        intervals(base, base_names, base_units, base_size),
-        deviations,
-        noise,
-        level,
-    )
 
 
-def _verdict(half: float, value: float, largest: float) -> str:
-    for (own, absolute), verdict in ((_IDENTIFIABLE, IDENTIFIABLE), (_WEAKLY, WEAKLY)):
-        if half <= max(own * min(value, largest), absolute * largest if np.isfinite(largest) else 0.0):
-            return verdict
-    return NOT_SEEN
-
-
-def _visible_directions(R: Array, norms: Array) -> Array:
-    """(p, r) directions of theta that the data show, of about one unit of loss each."""
-    seen = np.flatnonzero(norms > 0.0)
-    out = np.zeros((R.shape[1], 0))
-    if len(seen):
-        _, s, vt = np.linalg.svd(R[:, seen] / norms[seen], full_matrices=False)
-        good = s > _UNSEEN * s[0]
-        out = np.zeros((R.shape[1], int(good.sum())))
-        out[seen] = (vt[good] / s[good, None]).T / norms[seen, None]
-    return out
-
-
-def _seen(rows: Array, visible: Array, norms: Array) -> NDArray[np.bool_]:
-    """Which linear functions (b, p) of theta the data determine: those in the span of what they show."""
-    scaled = rows / np.where(norms > 0.0, norms, 1.0)
-    scaled[:, norms <= 0.0] = rows[:, norms <= 0.0]
-    total = np.sum(scaled**2, axis=1)
-    hidden = np.any(np.abs(rows[:, norms <= 0.0]) > 0.0, axis=1)
-    basis, _ = np.linalg.qr(visible * np.where(norms > 0.0, norms, 0.0)[:, None])
-    inside = np.sum((scaled @ basis) ** 2, axis=1)
-    return np.asarray((inside > (1.0 - _INSIDE) * total) & ~hidden & (total > 0.0))
-
-
-def _bootstrap(
-    regression: Regression, weights: Array, centre: Array, visible: Array, draws: int, seed: int
-) -> Array:
-    """(draws, p) deviations of least squares on redrawn blocks; each run keeps its number of blocks."""
-    blocks = len(regression.blocks)
-    r = visible.shape[1]
-    grams, pulls = np.zeros((blocks, r, r)), np.zeros((blocks, r))
-    for factor in regression.factors:
-        scaled = weights[factor.joint] * factor.triangle
-        directions = scaled[:, :-1] @ visible[factor.indices]
-        residual = scaled[:, -1] - scaled[:, :-1] @ centre[factor.indices]
-        grams[factor.block] += directions.T @ directions
-        pulls[factor.block] += directions.T @ residual
-    anchor = _ANCHOR * grams.sum(axis=0)
-    rng = np.random.default_rng(seed)
-    runs = np.array([block.run for block in regression.blocks])
-    members = [np.flatnonzero(runs == run) for run in np.unique(runs)]
-    out = np.empty((draws, len(centre)))
-    for k in range(draws):
-        counts = np.zeros(blocks)
-        for own in members:
-            np.add.at(counts, rng.choice(own, len(own)), 1.0)
-        gram = np.tensordot(counts, grams, axes=1) + anchor
-        z = scipy.linalg.solve(gram, counts @ pulls, assume_a="pos", check_finite=False)
-        out[k] = visible @ z
-    return out
-
-
-def _base(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
+def base_rows(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
     """(b, p) base parameters of the links, then all others; their names; the symbols that lead them."""
     p = len(model.parameters)
     rotors = [k for k, q in enumerate(model.parameters) if q.effect == "rotor_inertia"]
@@ -300,18 +334,3 @@ def _base(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
         alone = np.count_nonzero(row) == 1
         names.append(parameter.name if alone else f"{parameter.name} + ...")
     return stacked, names, leading
-
-
-def counts(intervals: Sequence[Interval]) -> dict[str, int]:
-    """How many of each verdict."""
-    return {
-        verdict: sum(i.verdict == verdict for i in intervals)
-        for verdict in (IDENTIFIABLE, WEAKLY, NOT_SEEN)
-    }
-
-
-def coverage(truth: ArrayLike, intervals: Sequence[Interval]) -> float:
-    """Share of the finite intervals that hold the true values: for judging intervals in simulation."""
-    values = np.asarray(truth, float)
-    held = [i.low <= x <= i.high for x, i in zip(values, intervals, strict=True) if np.isfinite(i.low)]
-    return float(np.mean(held)) if held else 1.0

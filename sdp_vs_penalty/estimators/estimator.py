@@ -41,6 +41,8 @@ class Task:
     nominal : (p,) a strictly consistent theta that the problem knows beforehand.
     box : (n, 10, 2) barycentric bounds of each link.
     independent : names of the base parameters to use, or None.
+    bodies : one constraint a link, that its mass lies inside of its body; prior : (n, 10) the nominal
+        links, those of a guessed mass at the scale that the data choose (None: as in nominal).
     joint_scale : (p,) the value of a joint's own parameter (friction, offset, ...) that alone would
         make the torque of that joint in these data; infinite for the links' parameters.
     """
@@ -55,6 +57,13 @@ class Task:
     seed: int = 0
     progress: Progress = no_progress
     joint_scale: Array | None = None
+    bodies: tuple[Constraint, ...] = ()
+    prior: Array | None = None
+
+    @property
+    def prior_links(self) -> Array:
+        """(n, 10) what links are where the data say nothing of them."""
+        return self.nominal[self.links] if self.prior is None else self.prior
 
     @cached_property
     def links(self) -> NDArray[np.intp]:

@@ -3,9 +3,11 @@
     minimise |R theta - rho|^2 + residual_norm^2   subject to   P_i(theta) >= 0, bounds, signs
 
 (Sousa, Cortesao, IJRR 2014, with the 4x4 pseudo-inertia of Wensing et al. 2018, which contains the
-triangle inequalities). Plain, its optimum makes rods of most links: torque data hardly see
-thickness, and the least loss sits on the boundary. Two convex remedies: a minimum thickness, and an
-entropic pull towards a nominal robot that comes from the problem, never from published estimates.
+triangle inequalities). Plain, its optimum makes rods of most links, and weightless wheels of some:
+torque data hardly see thickness or the first links' masses, and the least loss sits on a vertex of the
+bounds. Three convex remedies: a body that a link's mass must lie in, an entropic pull towards a nominal
+robot that comes from the problem, never from published estimates, and a minimum thickness. The default
+is the first two (results/default_method.md).
 """
 
 from __future__ import annotations
@@ -22,8 +24,15 @@ from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
-from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
+from sdp_vs_penalty.solvers.conic import Solution
+from sdp_vs_penalty.solvers.identification import (
+    SdpProblem,
+    largest_margin,
+    least_squares_sdp,
+    moving_scale,
+)
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 #: A certified gap relative to the loss below which an answer is kept at once.
@@ -43,12 +52,15 @@ _DEEP = 1e-3
 _NO_ROOM = 1e-12
 
 DEFAULT_THICKNESS = 0.02  # m: costs about 1 % of the Panda's loss
+#: About one independent measurement a link: filtered rows repeat each other 2.3 to 4.5 times.
+DEFAULT_ENTROPY = 3.0
 
 
 @dataclass(frozen=True)
 class LmiSdp(Estimator):
-    """thickness : smallest radius of gyration of a link in any direction [m]; 0 for none.
+    """body : whether each link's mass must lie inside of its body (:class:`~robot.body.Body`).
 
+    thickness : smallest radius of gyration of a link in any direction [m]; 0 for none.
     entropy : weight of the Bregman divergence from the nominal robot, in units of the residual
         variance of one filtered torque row (1: the nominal counts like one row a link); 0: none.
     joint_prior : weight, in the same unit, of the pull of friction, offsets and other joint parameters
@@ -61,10 +73,14 @@ class LmiSdp(Estimator):
 
     name = "lmi-sdp"
     table_place: ClassVar[int | None] = 4
-    description = "one-step torque SDP with minimum thickness (the default)"
+    description = (
+        "one-step torque SDP whose links fit their bodies, entropic prior at the nominal robot (the "
+        "default)"
+    )
 
-    thickness: float = DEFAULT_THICKNESS
-    entropy: float = 0.0
+    body: bool = True
+    thickness: float = 0.0
+    entropy: float = DEFAULT_ENTROPY
     joint_prior: float = 1.0
     solver: str = "clarabel"
     accuracy: float = 1e-10
@@ -76,21 +92,34 @@ class LmiSdp(Estimator):
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
         """What is minimised, subject to what."""
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
+        if self.body:
+            constraints = constraints.plus(task.bodies)
         data = task.data
         if self.joint_prior > 0.0 and task.joint_scale is not None:
-            data = data.with_prior(task.joint_scale, self.joint_prior * _sample_variance(task))
+            data = data.with_prior(task.joint_scale, self.joint_prior * sample_variance(task))
         return Objective(data, self._entropy(task)), constraints
 
     def _entropy(self, task: Task) -> Entropy | None:
         if self.entropy <= 0.0 or not len(task.links):
             return None
         links = tuple(c for c in task.constraints.convex if c.family == "pseudo-inertia")
-        nominal = inertia.pseudo_inertia(task.nominal[task.links])
-        return Entropy(self.entropy * _sample_variance(task), links, nominal)
+        nominal = inertia.pseudo_inertia(task.prior_links)
+        return Entropy(self.entropy * sample_variance(task), links, nominal)
 
 
-def _sample_variance(task: Task) -> float:
+def sample_variance(task: Task) -> float:
+    """Residual variance of one filtered torque row in unconstrained least squares."""
     return task.data.loss(task.ols) / max(task.data.rows, 1)
+
+
+@dataclass(frozen=True)
+class LmiSdpThickness(LmiSdp):
+    name = "lmi-sdp-thickness"
+    table_place: ClassVar[int | None] = None
+    description = "one-step torque SDP with minimum thickness, without bodies or a prior on the links"
+    body: bool = False
+    thickness: float = DEFAULT_THICKNESS
+    entropy: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +127,8 @@ class LmiSdpPlain(LmiSdp):
     name = "lmi-sdp-plain"
     table_place: ClassVar[int | None] = 5
     description = "one-step torque SDP without minimum thickness: links degenerate to rods"
-    thickness: float = 0.0
+    body: bool = False
+    entropy: float = 0.0
     joint_prior: float = 0.0
 
 
@@ -107,9 +137,9 @@ class LmiSdpEntropic(LmiSdp):
     name = "lmi-sdp-entropic"
     table_place: ClassVar[int | None] = 6
     description = (
-        "one-step torque SDP with an entropic pull towards the problem's nominal robot and no friction"
+        "one-step torque SDP with an entropic pull towards the problem's nominal robot and no bodies"
     )
-    thickness: float = 0.0
+    body: bool = False
     entropy: float = 1.0
 
 
@@ -176,7 +206,14 @@ def solve_sdp(
         if best is not None:
             least = max(data.loss(best.theta), 1e-3 * least)
         problem = least_squares_sdp(objective, sent, inside, task.bound, centre, fine, least)
-        solution = solver(solver_name).solve(problem.conic, accuracy)
+        try:
+            solution = solver(solver_name).solve(problem.conic, accuracy)
+        except NotApplicableError as error:
+            raise InputError(
+                f"solver {solver_name} cannot pose this method's problem ({error})",
+                "choose the solver clarabel, or a method without an entropic prior, such as "
+                "lmi-sdp-thickness",
+            ) from error
         said.append(f"{solution.status} ({solution.iterations})")
         answered |= solution.claims in ("optimal", "inaccurate")
         if not np.all(np.isfinite(solution.x)):
@@ -238,7 +275,8 @@ def _aligned(
 def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "clarabel") -> Array:
     """A theta strictly inside all convex constraints: the nominal one, or that of largest margin.
 
-    Raises InputError naming the families that exclude each other where there is none.
+    Raises Infeasible, which names the families that exclude each other or leave no room, and
+    InputError where the solver finds neither a point nor an optimum.
     """
     nominal = task.nominal.copy()
     others = np.setdiff1d(np.arange(len(nominal)), task.model.rigid_indices)
@@ -248,27 +286,49 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
         nominal[k] = 0.0 if np.isinf(lower) else lower + 1e-6 * task.bound[k]
     if constraints.depth(nominal) >= _DEEP:
         return nominal
-    problem = largest_margin(constraints.convex, nominal, task.bound)
-    solution = solver(solver_name).solve(problem.conic, 1e-8)
-    theta = max((problem.theta(solution), nominal), key=constraints.depth)
-    if constraints.depth(theta) > _NO_ROOM:
-        return theta
-    families = conflicting(constraints.convex, problem.shares(solution))
-    between = " and ".join(families)
-    multipliers = problem.multipliers(solution)
-    if proves_infeasible(constraints.convex, multipliers, task.bound):
-        raise Infeasible(
-            f"The constraints admit no parameters: {between} exclude each other (from the "
-            "infeasibility certificate)",
-            "relax one of them",
-            families=families,
-            proof=(constraints.convex, multipliers),
+    optimum = None
+    # Where a link may weigh a hundred times what it does, units as large as the bounds can cost a
+    # solver the digits that decide; then units that move each matrix about as far.
+    for scale in (task.bound, moving_scale(constraints.convex, nominal, task.bound)):
+        problem = largest_margin(constraints.convex, nominal, scale)
+        solution = solver(solver_name).solve(problem.conic, 1e-8)
+        if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
+            continue
+        theta = max((problem.theta(solution), nominal), key=constraints.depth)
+        if constraints.depth(theta) > _NO_ROOM:
+            return theta
+        _refuse_if_proved(task, constraints, problem, solution)
+        if solution.claims == "optimal":
+            optimum = problem, solution
+    if optimum is None:
+        raise InputError(
+            f"solver {solver_name} found neither parameters that satisfy all constraints nor a proof "
+            "that there are none",
+            "choose another solver, or check the units of the bounds",
         )
+    families = conflicting(constraints.convex, optimum[0].shares(optimum[1]))
     raise Infeasible(
-        f"The constraints leave no room for parameters: {between} can at best hold with nothing to "
-        "spare (equal bounds?)",
+        f"The constraints leave no room for parameters: {' and '.join(families)} can at best hold with "
+        "nothing to spare (equal bounds?)",
         "widen one of them a little",
         families=families,
+    )
+
+
+def _refuse_if_proved(
+    task: Task, constraints: ConstraintSet, problem: SdpProblem, solution: Solution
+) -> None:
+    """Raises Infeasible where the dual of the largest margin proves that nothing satisfies all."""
+    multipliers = problem.multipliers(solution)
+    if not proves_infeasible(constraints.convex, multipliers, task.bound):
+        return
+    families = conflicting(constraints.convex, problem.shares(solution))
+    raise Infeasible(
+        f"The constraints admit no parameters: {' and '.join(families)} exclude each other (from the "
+        "infeasibility certificate)",
+        "relax one of them",
+        families=families,
+        proof=(constraints.convex, multipliers),
     )
 
 

@@ -38,7 +38,8 @@ from sdp_vs_penalty.solvers.objective import Objective
 class Penalty(Estimator):
     """minimise loss(theta) + shifted penalty of F(theta), weights continued until it is exact.
 
-    thickness : smallest radius of gyration of a link [m], as for ``lmi-sdp``; 0 for none.
+    body : whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
+    thickness : smallest radius of gyration of a link [m]; 0 for none.
     starts : runs; the first from the problem's nominal robot, the others from seeded random points
         of the barycentric box, moved towards it until the convex constraints hold. With convex
         constraints only and motion that excites the arm, all end at the same loss; on a second or two
@@ -51,12 +52,18 @@ class Penalty(Estimator):
     table_place: ClassVar[int | None] = 2
     description = "one-step torque loss with an exact penalty, multi-start (the strongest)"
 
+    body: bool = True
     thickness: float = DEFAULT_THICKNESS
     starts: int = 5
     tolerance: float = 1e-9
 
+    def demands(self, task: Task) -> ConstraintSet:
+        """The same arrays as the SDP's."""
+        demands = task.constraints.plus(task.minimum_thickness(self.thickness))
+        return demands.plus(task.bodies) if self.body else demands
+
     def fit(self, task: Task) -> Fit:
-        return fit_penalty(task, task.data, self.thickness, self.starts, self.tolerance)
+        return fit_penalty(task, task.data, self.demands(task), self.starts, self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -72,12 +79,13 @@ class PenaltyTwoStep(Penalty):
     description = "exact penalty on the distance to the OLS base parameters, multi-start"
 
     def fit(self, task: Task) -> Fit:
-        return fit_penalty(task, task.base_distance, self.thickness, self.starts, self.tolerance)
+        return fit_penalty(task, task.base_distance, self.demands(task), self.starts, self.tolerance)
 
 
-def fit_penalty(task: Task, data: LeastSquares, thickness: float, starts: int, tolerance: float) -> Fit:
+def fit_penalty(
+    task: Task, data: LeastSquares, constraints: ConstraintSet, starts: int, tolerance: float
+) -> Fit:
     """The best of several runs, each made feasible; raises InputError where nothing is feasible."""
-    constraints = task.constraints.plus(task.minimum_thickness(thickness))
     interior = interior_point(task, constraints)
     scaled = ScaledProblem.of(task, data, constraints, interior)
     box, rng = barycentric_box(task), np.random.default_rng(task.seed)

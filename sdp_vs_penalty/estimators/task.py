@@ -12,6 +12,9 @@ from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression
 
+#: Farthest that a guessed mass is rescaled, up or down.
+_WRONG_BY = 100.0
+
 
 def make_task(
     problem: Problem,
@@ -34,12 +37,35 @@ def make_task(
         seed,
         progress,
         joint_scale(regression, model),
+        problem.body_constraints(model),
     )
-    if weighting == "none":
-        return plain
-    if weighting != "noise":
+    if weighting not in ("noise", "none"):
         raise InputError(f"weighting {weighting!r} is unknown; there are: noise, none.")
-    return replace(plain, data=regression.least_squares(joint_weights(regression, plain.ols)))
+    if weighting == "noise":
+        data = regression.least_squares(joint_weights(regression, plain.ols))
+        plain = replace(plain, data=data)
+    return replace(plain, prior=scaled_prior(plain, problem.guessed_links))
+
+
+def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
+    """(n, 10) nominal links, guessed masses times the one factor with which they fit the torque best.
+
+    A link of which nobody stated a mass may weigh 1 kg or 90; of all of them together the torque says
+    it well. Least squares in the factor and the joints' own parameters, the other links as stated.
+    """
+    links = task.nominal[task.links]
+    if not len(links) or not np.any(guessed):
+        return links
+    R, own = task.data.R, np.setdiff1d(np.arange(task.data.R.shape[1]), task.links)
+    stated = R[:, task.links[~guessed].ravel()] @ links[~guessed].ravel()
+    guess = R[:, task.links[guessed].ravel()] @ links[guessed].ravel()
+    columns = np.column_stack([guess, R[:, own]])
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    factor = np.linalg.lstsq(columns / size, task.data.rho - stated, rcond=1e-9)[0][0] / size[0]
+    out = links.copy()
+    out[guessed] *= np.clip(factor, 1.0 / _WRONG_BY, _WRONG_BY) if factor > 0.0 else 1.0
+    return out
 
 
 def joint_scale(regression: Regression, model: Model) -> np.ndarray:

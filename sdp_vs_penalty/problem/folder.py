@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import opened
+from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.fields import check_fields
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.problem.tables import read_table
+from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
@@ -51,8 +53,10 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     check_fields(data)
     kinematics = data["kinematics"]
     given: Array | None = None
+    geometry = None
     if "urdf" in kinematics:
         robot, given = load_urdf(folder / kinematics["urdf"])
+        geometry = link_geometry(folder / kinematics["urdf"])
         gravity = kinematics.get("gravity", STANDARD_GRAVITY)
         robot = replace(robot, gravity=(float(gravity[0]), float(gravity[1]), float(gravity[2])))
     else:
@@ -94,9 +98,14 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         folder,
         tuple(data["effects"]) if "effects" in data else None,
     )
-    if given is None:
-        given = ellipsoids_in_the_box(problem)
-    return replace(problem, nominal_links=plausible_links(robot, given))
+    known = np.zeros((robot.n, 10)) if given is None else given
+    bodies = link_bodies(robot, problem.centre_boxes, known, geometry)
+    in_the_box = given is None
+    given = ellipsoids_in_the_box(problem) if given is None else given
+    nominal, sources = plausible_links(robot, given, bodies)
+    if in_the_box:
+        sources = tuple("bounds" if source == "inertial" else source for source in sources)
+    return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
 
 
 def _fill_box(box: Array, path: Path) -> None:

@@ -9,9 +9,11 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder
+from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.folder import load_folder
 from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import DEFAULT_LINK_MASS, Problem, default_mass
+from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.urdf import load_urdf
 
 
@@ -65,13 +67,10 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
 
 
 def _from_urdf(path: Path) -> Problem:
-    robot, nominal = load_urdf(path)
+    robot, given_links = load_urdf(path)
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
-    box[:, 0] = [(DEFAULT_LINK_MASS[0], default_mass(mass)) for mass in nominal[:, 0]]
-    return Problem(
-        robot.name,
-        f"{robot.name} from {path.name}",
-        robot,
-        box,
-        plausible_links(robot, nominal),
-    )
+    box[:, 0] = [(DEFAULT_LINK_MASS[0], default_mass(mass)) for mass in given_links[:, 0]]
+    bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
+    nominal, sources = plausible_links(robot, given_links, bodies)
+    title = f"{robot.name} from {path.name}"
+    return Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.problem.bodies import GEOMETRY_MARGIN, LAYER
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -17,24 +20,61 @@ Array = NDArray[np.float64]
 
 #: Nominal mass per length of a link about which nothing is known [kg/m].
 DEFAULT_LINEAR_DENSITY = 10.0
+#: Nominal density of a link of which only the geometry is known [kg/m^3]: aluminium shells and motors.
+DEFAULT_DENSITY = 1500.0
+#: Smallest eigenvalue of a pseudo-inertia in units of reach and mass that counts as that of a body.
+_SLENDEREST = 1e-6
 
 
-def plausible_links(robot: Robot, given: Array) -> Array:
-    """Strictly consistent nominal links: those given where they are, else a slender ball each."""
-    out = np.array(given, float)
+def plausible_links(
+    robot: Robot, given: Array, bodies: Sequence[Body] | None = None
+) -> tuple[Array, tuple[str, ...]]:
+    """Strictly consistent nominal links (n, 10), and where each comes from.
+
+    Those given where they are possible ("inertial"); a given mass whose moments are not keeps its
+    weight; else the link's geometry filled with :data:`DEFAULT_DENSITY` ("geometry"), else a slender
+    ball of :data:`DEFAULT_LINEAR_DENSITY` times its reach ("kinematics").
+    """
+    out, sources = np.array(given, float), []
     for i, reach in enumerate(robot.link_reach()):
         scale = np.array([reach, reach, reach, 1.0])
         scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
-        if out[i, 0] > 0.0 and np.linalg.eigvalsh(scaled)[0] > 1e-6 * out[i, 0]:
+        mass = out[i, 0]
+        if mass > 0.0 and np.linalg.eigvalsh(scaled)[0] > _SLENDEREST * mass:
+            sources.append("inertial")
             continue
-        children = [j.placement[:3, 3] for j in robot.joints if j.parent == i]
-        centre = np.mean(children, axis=0) / 2.0 if children else np.zeros(3)
-        centre = np.linalg.inv(robot.joints[i].link_frame) @ np.append(centre, 1.0)
-        mass, moment = DEFAULT_LINEAR_DENSITY * reach, 0.4 * (0.25 * reach) ** 2
-        out[i] = inertia.standard_from_barycentric(
-            [mass, *centre[:3], *(mass * moment * np.array([1, 0, 1, 0, 0, 1]))]
+        body = None if bodies is None else bodies[i]
+        if body is not None and body.source == "geometry":
+            second = (body.axes * _bare(body) ** 2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
+            centre, guess = body.centre, DEFAULT_DENSITY * _volume(body)
+        else:
+            children = [j.placement[:3, 3] for j in robot.joints if j.parent == i]
+            middle = np.mean(children, axis=0) / 2.0 if children else np.zeros(3)
+            centre = (np.linalg.inv(robot.joints[i].link_frame) @ np.append(middle, 1.0))[:3]
+            second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
+            guess = DEFAULT_LINEAR_DENSITY * reach
+        known = bool(0.0 < mass < np.inf)
+        sources.append(
+            "inertial" if known else "geometry" if body and body.source == "geometry" else "kinematics"
         )
-    return out
+        mass = mass if known else guess
+        pseudo = np.empty((4, 4))
+        pseudo[:3, :3] = mass * (second + np.outer(centre, centre))
+        pseudo[:3, 3] = pseudo[3, :3] = mass * centre
+        pseudo[3, 3] = mass
+        out[i] = inertia.from_pseudo_inertia(pseudo)
+    return out, tuple(sources)
+
+
+def _volume(body: Body) -> float:
+    """Of the geometry [m^3], or half the ellipsoid where its surface is open."""
+    ellipsoid = 4.0 / 3.0 * np.pi * float(np.prod(_bare(body)))
+    return 0.5 * ellipsoid if body.volume is None else body.volume
+
+
+def _bare(body: Body) -> Array:
+    """(3,) half axes of the ellipsoid around the geometry itself [m]."""
+    return (body.half_axes - LAYER) / GEOMETRY_MARGIN
 
 
 def ellipsoids_in_the_box(problem: Problem) -> Array:

@@ -21,7 +21,9 @@ from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -71,6 +73,9 @@ class Problem(Shown):
     defaults : (n, 2) what bounds a link where box and cones do not: its largest mass [kg] and the radius
         [m] of the ball about its frame in which its mass lies. None: :attr:`link_defaults` states them.
     effects : texts of the effects that a model has by default; independent : the base parameters' names.
+    bodies : where each link's mass can be; None: from the bounds and the kinematics. nominal_from :
+        where each nominal link comes from ("inertial", "bounds", "geometry", "kinematics"): a mass of
+        the last two is a guess, and the data choose its scale.
     Raises InputError where bounds contradict themselves or do not belong to the robot.
     """
 
@@ -87,6 +92,8 @@ class Problem(Shown):
     folder: Path | None = None
     effects: tuple[str, ...] | None = None
     defaults: Array | None = None
+    bodies: tuple[Body, ...] | None = None
+    nominal_from: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         n, (low, high) = self.robot.n, self.total_mass
@@ -97,6 +104,9 @@ class Problem(Shown):
         ):
             if value is not None and value.shape != shape:
                 raise InputError(f"the {name} are of another robot than {self.robot.name} ({n} links).")
+        for what, items in (("bodies", self.bodies), ("nominal_from", self.nominal_from)):
+            if items is not None and len(items) != n:
+                raise InputError(f"the {what} are of another robot than {self.robot.name} ({n} links).")
         if not np.all(self.box[..., 0] <= self.box[..., 1]):
             raise InputError("a bound has its lower end above its upper.")
         if not low <= high:
@@ -114,6 +124,34 @@ class Problem(Shown):
             return self.defaults
         return np.array(
             [(default_mass(m), self._radius(k)) for k, m in enumerate(self.nominal_links[:, 0])]
+        )
+
+    @cached_property
+    def link_bodies(self) -> tuple[Body, ...]:
+        """Where the mass of each link can be, in the link frame."""
+        if self.bodies is not None:
+            return self.bodies
+        return link_bodies(self.robot, self.centre_boxes, np.zeros((self.robot.n, 10)))
+
+    @property
+    def centre_boxes(self) -> Array:
+        """(n, 3, 2) bounds on each centre of mass [m], from the box, else from the cones."""
+        known = np.array([self._centre_of_mass(k) for k in range(self.robot.n)])
+        box = self.box[:, 1:4]
+        return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
+
+    @property
+    def guessed_links(self) -> NDArray[np.bool_]:
+        """(n,) links whose nominal mass is a guess: neither a file's nor a bound's."""
+        sources = self.nominal_from or ("inertial",) * self.robot.n
+        return np.array([source in ("geometry", "kinematics") for source in sources])
+
+    def body_constraints(self, model: Model) -> tuple[Constraint, ...]:
+        """One a link of a model: its mass lies inside of its body."""
+        links = model.rigid_indices.reshape(-1, 10)
+        return tuple(
+            build.density_in_ellipsoid("body", f"link {k + 1}", indices, body.quadric)
+            for k, (indices, body) in enumerate(zip(links, self.link_bodies, strict=False))
         )
 
     @property
@@ -289,8 +327,8 @@ class Problem(Shown):
             upper = box[[4, 6, 9], 1]
             out.append(build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper))
         else:
-            ball = np.full(3, self.link_defaults[link, 1])
-            out.append(build.density_in_ellipsoid(name, indices, np.zeros(3), ball))
+            ball = build.ball(self.link_defaults[link, 1])
+            out.append(build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball))
         return out
 
     def _barycentric_bounds(self, link: int, indices: NDArray[np.intp]) -> list[BarycentricBound]:

@@ -17,6 +17,7 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
+from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -27,7 +28,9 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     """Plain JSON; a bound that is infinite is null, a parameter without bounds is left out.
 
     bounds : [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx [kg m^2]);
-    link_defaults : a link's largest mass [kg] and radius [m] where these bounds leave it open.
+    link_defaults : a link's largest mass [kg] and radius [m] where these bounds leave it open;
+    bodies : the ellipsoid in which a link's mass lies, in its frame [m], and what it is known from;
+    nominal_from : the same of the nominal links.
     """
     bounds = {name: _pair(problem.box[place]) for name, place in entries(problem.robot.n).items()}
     return {
@@ -41,7 +44,9 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "link_defaults": [
             {"mass": mass, "radius": radius} for mass, radius in problem.link_defaults.tolist()
         ],
+        "bodies": [body.to_dict() for body in problem.link_bodies],
         "nominal_links": problem.nominal_links.tolist(),
+        "nominal_from": None if problem.nominal_from is None else list(problem.nominal_from),
         "preprocessing": dataclasses.asdict(problem.preprocessing),
         "base_parameters": None if problem.independent is None else list(problem.independent),
     }
@@ -79,6 +84,9 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
         None if base is None else _texts(base),
         effects=texts,
         defaults=defaults,
+        # Files of earlier versions have neither: bodies are then those of the bounds and kinematics.
+        bodies=tuple(map(Body.from_dict, data["bodies"])) if "bodies" in data else None,
+        nominal_from=_texts(data["nominal_from"]) if data.get("nominal_from") else None,
     )
 
 

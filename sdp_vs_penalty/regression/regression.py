@@ -140,6 +140,28 @@ class Regression:
         ]
         return replace(self, blocks=tuple(self.blocks[b] for b in wanted), factors=tuple(factors))
 
+    def first(self, count: int) -> Regression:
+        """The same without the parameters after the first ``count``."""
+        if count == self.p:
+            return self
+        factors = []
+        for f in self.factors:
+            keep = f.indices < count
+            rows = f.triangle[:, np.append(keep, True)]
+            factors.append(replace(f, indices=f.indices[keep], triangle=triangular([rows])))
+        return replace(self, parameters=self.parameters[:count], factors=tuple(factors))
+
+    def beside(self, fixed: Array) -> Regression:
+        """The same in the other parameters when the first ones are ``fixed``: rows keep their order."""
+        k = len(fixed)
+        factors = []
+        for f in self.factors:
+            own = f.indices < k
+            torque = f.triangle[:, -1] - f.triangle[:, :-1][:, own] @ fixed[f.indices[own]]
+            rows = np.column_stack([f.triangle[:, :-1][:, ~own], torque])
+            factors.append(replace(f, indices=f.indices[~own] - k, triangle=rows))
+        return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
+
     def merge(self, other: Regression) -> Regression:
         """The data of both, for the same model; runs of ``other`` count on after those of this."""
         if [p.name for p in self.parameters] != [p.name for p in other.parameters]:

@@ -13,7 +13,6 @@ from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
-from sdp_vs_penalty.estimation.uncertainty import Uncertainty, uncertainty
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.report import evidence, parameters, sections
@@ -95,24 +94,15 @@ def make_report(
     }
     progress("looking where it fails")
     failures = where_it_fails(last, measurements, settings, noise_from=noise_from)
-    progress("bootstrapping")
     material = Material(
         models,
         measurements,
         comparisons,
         rows,
         failures,
-        _known(last, measurements),
         check(last.problem, measurements),
         commands,
     )
     progress("drawing")
     made = [make(material) for make in _SECTIONS]
     return page(f"{last.robot.name}: identified dynamics", made, get_plotlyjs())
-
-
-def _known(estimate: Estimate, measurements: Measurements) -> Uncertainty | None:
-    try:
-        return uncertainty(estimate.problem, estimate, measurements)
-    except InputError:  # too few time blocks: the section says so
-        return None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.estimation.uncertainty import Interval, counts
+from sdp_vs_penalty.estimation.intervals import Interval, counts
 from sdp_vs_penalty.report.plots import COLOURS, MEASURED
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot import inertia
@@ -18,16 +18,14 @@ Array = NDArray[np.float64]
 
 def parameters(material: Material) -> Section:
     """Base and standard parameters with intervals and verdicts."""
-    known = material.uncertainty
-    if known is None:
-        return Section(
-            "parameters", "Parameters", text("The runs are too short for intervals (four time blocks).")
-        )
-    percent = 100.0 * known.level
+    known = material.last.uncertainty
     base, standard = counts(known.base), counts(known.standard)
+    runs = ", ".join(map(str, material.last.provenance.get("runs", []))) or "unknown runs"
     body = text(
-        f"Values are those of {material.last_name}; {percent:.0f} % intervals come from these runs "
-        f"alone (least squares, block bootstrap), without constraints. Of {len(known.base)} base "
+        f"Values and 95 % intervals are those of {material.last_name}, from the runs that it was "
+        f"identified from ({runs}). They hold the noise, the model's own errors as far as these runs "
+        "show them and the errors of estimated shape constants; where the estimate satisfies "
+        f"constraints, so do they. Of {len(known.base)} base "
         f"parameters (the combinations that torques determine) {base['identifiable']} are "
         f"identifiable, {base['weakly']} weakly, {base['not seen']} not; of {len(known.standard)} "
         f"standard parameters {standard['identifiable']}, {standard['weakly']} and "

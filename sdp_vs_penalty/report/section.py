@@ -15,7 +15,6 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.report.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
 
@@ -27,8 +26,7 @@ class Material:
     """Everything that the sections show, computed once.
 
     models : by name, in the order in which effects were added; the last one is looked at closely.
-    rows : of each model the filtered rows of each run; uncertainty : of the last, None where the data
-    are too short; commands : that made this report.
+    rows : of each model the filtered rows of each run; commands : that made this report.
     """
 
     models: Mapping[str, Estimate]
@@ -36,7 +34,6 @@ class Material:
     comparisons: Sequence[Comparison]
     rows: Mapping[str, list[Rows]]
     failures: Sequence[JointFailure]
-    uncertainty: Uncertainty | None
     checks: Sequence[Report]
     commands: Sequence[str]
 

@@ -12,6 +12,7 @@ from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
+from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.report.plots import POINTS, Curves, ladder_figure, torque_figure
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 
@@ -79,11 +80,10 @@ def torques(material: Material) -> Section:
         _add_band(plot, material, index, t, keep)
         start = float(t[-1]) + 1.0
     caption = "Left: measured and modelled torque. Right: the residuals. Click a name to hide it."
-    if material.uncertainty is not None:
-        caption += (
-            f" Shaded: where {100.0 * material.uncertainty.level:.0f} % of the errors of "
-            f"{material.last_name} should lie, given its parameters' uncertainty and the noise."
-        )
+    caption += (
+        f" Shaded: where 95 % of the errors of {material.last_name} should lie, given its parameters' "
+        "uncertainty and what it left of its own training runs."
+    )
     return Section("torques", "Measured against modelled", figure(plot, caption, 90 + 150 * n))
 
 
@@ -91,19 +91,16 @@ def _add_band(plot: Any, material: Material, index: int, t: Array, keep: NDArray
     """The last model's band around a zero error, beside the errors."""
     from plotly.graph_objects import Scatter
 
-    known = material.uncertainty
-    if known is None:
-        return
+    last, known = material.last, material.last.uncertainty
     rows = material.rows[material.last_name][index]
     few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
-    low, high = known.band(few, measured=True)
-    centre = predicted(rows, material.last.theta)[keep]
-    for j in range(low.shape[1]):
-        for bound, fill in ((high[:, j], None), (low[:, j], "tonexty")):
+    half = NORMAL_95 * np.hypot(known.band(last.theta, few)[1], known.noise)
+    for j in range(half.shape[1]):
+        for bound, fill in ((half[:, j], None), (-half[:, j], "tonexty")):
             plot.add_trace(
                 Scatter(
                     x=t[keep],
-                    y=bound - centre[:, j],
+                    y=bound,
                     line={"width": 0},
                     fill=fill,
                     fillcolor="rgba(128,128,128,0.25)",

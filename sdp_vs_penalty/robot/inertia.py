@@ -152,3 +152,16 @@ def thickness(theta: ArrayLike) -> Array:
     central = np.where(np.isfinite(central), central, 0.0)
     smallest = np.linalg.eigvalsh(central)[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
+
+
+def gyration(theta: ArrayLike) -> Array:
+    """Radius of gyration [m], sqrt(tr(Sigma_c) / m): how far from its centre a link's mass lies.
+
+    Of a point mass and of no mass zero, of two equal masses half their distance, of a uniform ball of
+    radius R sqrt(3/5) R.
+    """
+    p = pseudo_inertia(theta)
+    mass, h = p[..., 3, 3], p[..., :3, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = np.trace(p[..., :3, :3], axis1=-2, axis2=-1) / mass - np.sum(h**2, axis=-1) / mass**2
+    return np.sqrt(np.maximum(np.where(np.isfinite(square), square, 0.0), 0.0))

@@ -31,6 +31,7 @@ class _Reader:
     path: Path
     joints: list[Joint] = field(default_factory=list)
     nominal: list[Array] = field(default_factory=list)
+    parts: list[list[tuple[Any, Array]]] = field(default_factory=list)
     reached: set[str] = field(default_factory=set)
 
     def fail(self, what: str) -> InputError:
@@ -100,6 +101,7 @@ class _Reader:
         """Add a link and what hangs on it; pose is the link's in the frame of its moving body."""
         self.reached.add(name)
         if body >= 0:
+            self.parts[body].append((links[name], pose))
             self.nominal[body] = self.nominal[body] + inertia.transform(pose) @ self.inertial(
                 links[name]
             )
@@ -111,6 +113,7 @@ class _Reader:
             else:
                 self.joints.append(self.joint(element, body, placement))
                 self.nominal.append(np.zeros(10))
+                self.parts.append([])
                 self.visit(links, children, child, len(self.joints) - 1, np.eye(4))
 
     def joint(self, element: Any, parent: int, placement: Array) -> Joint:
@@ -168,6 +171,27 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
     Raises InputError for a file that is not a URDF, a floating, planar or mimic joint, a loop, or
     no moving joint at all.
     """
+    reader, root = _read(path)
+    x, y, z = (float(v) for v in gravity)
+    name = root.get("name") or reader.path.stem
+    return Robot(name, tuple(reader.joints), (x, y, z)), np.array(reader.nominal)
+
+
+def placed_links(path: str | Path) -> list[list[tuple[Any, Array]]]:
+    """Of each moving link the <link> elements that it is made of, with their poses (4, 4) in its frame.
+
+    Raises InputError as :func:`load_urdf` does.
+    """
+    return _read(path)[0].parts
+
+
+def pose_of(path: str | Path, element: Any) -> Array:
+    """The pose (4, 4) of an element's <origin>, the identity without one."""
+    return _Reader(Path(path)).pose(element)
+
+
+def _read(path: str | Path) -> tuple[_Reader, Any]:
+    """The reader after its walk through the file, and the <robot> element."""
     reader = _Reader(Path(path))
     root = _parse(reader)
     links, children = _tree(reader, root)
@@ -181,9 +205,7 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
             raise reader.fail(f"link {name!r} is in a loop of joints apart from the base {base!r}")
     if not reader.joints:
         raise reader.fail("no moving joint: there is nothing to identify")
-    x, y, z = (float(v) for v in gravity)
-    name = root.get("name") or reader.path.stem
-    return Robot(name, tuple(reader.joints), (x, y, z)), np.array(reader.nominal)
+    return reader, root
 
 
 def _parse(reader: _Reader) -> Any:

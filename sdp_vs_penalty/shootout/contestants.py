@@ -217,7 +217,7 @@ def _penalty() -> Contestant:
     def solve(instance: Instance, accuracy: float) -> Answer:
         start = time.perf_counter()
         try:
-            fit = fit_penalty(instance.task, instance.data, 0.0, 3, accuracy)
+            fit = fit_penalty(instance.task, instance.data, instance.task.constraints, 3, accuracy)
         except InputError as error:
             nothing = np.full(len(instance.task.bound), np.nan)
             claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"

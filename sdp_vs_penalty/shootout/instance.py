@@ -136,7 +136,7 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
         data.rows,
     )
     row_units = {"centre of mass": m * l, "centre of mass cone": m * l, "trace": m * l**2}
-    row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid"), m)
+    row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid", "body"), m)
 
     def convert(c: Constraint) -> Constraint:
         local = factor[c.indices].reshape(-1, *[1] * c.constant.ndim)

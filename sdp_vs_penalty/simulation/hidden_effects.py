@@ -1,4 +1,4 @@
-"""What can be hidden in simulated measurements: the effects whose files say how, and LuGre friction.
+"""What can be hidden in simulated measurements: the effects whose files say how.
 
 What is hidden is kept in a truth that only a scorer reads.
 """
@@ -6,13 +6,11 @@ What is hidden is kept in a truth that only a scorer reads.
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.hidden import Hidden, Maker, World, one_joint
-from sdp_vs_penalty.effects.presliding_hysteresis import bristle
+from sdp_vs_penalty.effects.hidden import Hidden, Maker, World
 from sdp_vs_penalty.errors import InputError
 
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves most.
@@ -40,16 +38,3 @@ def make_hidden(effect: str, joint: int, world: World, rng: np.random.Generator)
 def hideable() -> tuple[str, ...]:
     """Names of the effects that can be hidden."""
     return tuple(makers())
-
-
-def lugre(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    """LuGre friction (Canudas de Wit et al. 1995) in place of Coulomb: another form of hysteresis."""
-    d = float(np.exp(rng.uniform(np.log(0.001), np.log(0.01))))
-    stribeck, vs = float(rng.uniform(0.0, 0.3)), float(rng.uniform(0.02, 0.1))
-    made = one_joint(
-        "presliding_hysteresis",
-        joint,
-        lambda w, m: bristle(m.t, m.dq[:, joint], d, stribeck, vs) - w.dry(m.dq[:, joint]),
-        shape={"d": d, "stribeck": stribeck, "vs": vs},
-    )
-    return replace(made, theta=None, details={**made.details, "form": "LuGre"})

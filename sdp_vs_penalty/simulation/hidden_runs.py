@@ -1,6 +1,6 @@
 """Runs with hidden effects: 20 s of a motion that repeats after two thirds, noise as on the real arm.
 
-``simulate --hide`` and ``challenge`` are made from these.
+``simulate --hide`` is made from these; the challenge has worlds of its own.
 """
 
 from __future__ import annotations
@@ -173,15 +173,6 @@ def encoder_error(world: World, hidden: Sequence[Hidden], motion: Motion) -> Arr
         if h.encoder is not None:
             out = out + h.encoder(world, motion, h.size)
     return out
-
-
-def link_deviation(made: HiddenRuns, hidden: Hidden) -> float:
-    """By how much [rad, m] the links stand elsewhere than the model believes, root mean square."""
-    if hidden.encoder is None:
-        return hidden.size * hidden.deviation
-    run = made.ideal[0]
-    error = hidden.encoder(made.world, Motion(run.t, run.q, 0.0 * run.q, 0.0 * run.q), hidden.size)
-    return float(np.sqrt(np.mean(error**2, axis=0)).max())
 
 
 def hidden_torque(

@@ -41,6 +41,9 @@ class Certificate(Shown):
     the nearest feasible point towards the interior; lower : a lower bound on the optimum of the
     convex problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : the
     share of random poses at which M(q) is positive definite. None where it does not apply.
+    largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to
+    the largest half axis of its body, at most 1 for what fits; density : least and largest mean density
+    of the links whose geometry has a volume [kg/m^3].
     held : the effects that were not optimised but held as they were: violations are of the whole model
     all the same, upper, lower and gap of the other effects alone.
     """
@@ -53,6 +56,9 @@ class Certificate(Shown):
     positive_mass_matrices: float | None = None
     smallest_thickness: float | None = None
     held: list[str] = field(default_factory=list)
+    largest_gyration: float | None = None
+    body_share: float | None = None
+    density: list[float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -84,6 +90,13 @@ class Certificate(Shown):
         ]
         if self.smallest_thickness is not None:
             out.append(("smallest thickness", f"{1e3 * self.smallest_thickness:.1f} mm"))
+        if self.largest_gyration is not None and self.body_share is not None:
+            fits = "at most" if self.body_share <= 1.0 else "beyond what any mass inside can have:"
+            text = f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a link's body)"
+            out.append(("largest radius of gyration", text))
+        if self.density is not None:
+            low, high = self.density
+            out.append(("mean density", f"{low:.3g} to {high:.3g} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:
             share = 100.0 * self.positive_mass_matrices
             out.append(("M(q) positive definite", f"at {share:.4g} % of 10 000 random poses"))

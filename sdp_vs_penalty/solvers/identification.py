@@ -46,8 +46,9 @@ class SdpProblem:
     conic: ConicProblem
     centre: Array
     theta_scale: Array
-    loss_scale: float  # the conic objective is loss / loss_scale^2
+    loss_scale: float
     placed: tuple[Placed, ...]
+    offset: float = 0.0  # the objective is offset + loss_scale^2 times the conic one
     entropy: Entropy | None = None
     entropy_rows: tuple[int, ...] = ()  # where each link's 8x8 block starts
 
@@ -118,11 +119,11 @@ def least_squares_sdp(
     size = loss_scale if fine else torque
     norms = np.linalg.norm(data.R, axis=0)
     seen = norms * bound > _ROUNDING * torque
-    unseen = _FARTHEST / np.maximum(_moves(constraints, reference, p), _FARTHEST / bound)
+    unseen = moving_scale(constraints, reference, bound)
     scale = np.where(seen, np.minimum(bound, size / np.where(seen, norms, 1.0)), unseen)
 
-    rows, rho = _independent_rows(data.R * scale, data.rho - data.R @ centre)
-    r = len(rho)
+    rows, rho, out_of_reach = _independent_rows(data.R * scale, data.rho - data.R @ centre)
+    r, offset = len(rho), data.residual_norm**2 + out_of_reach
     pieces = _Rows(p + r)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     pieces.dense("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
@@ -135,6 +136,7 @@ def least_squares_sdp(
     entropy_rows: tuple[int, ...] = ()
     if objective.entropy is not None:
         entropy_rows, logs = pieces.log_det(objective.entropy, centre, scale)
+        offset += _entropy_offset(objective.entropy, centre)
         weight = objective.entropy.weight / loss_scale**2
         for link, p0 in zip(objective.entropy.links, objective.entropy.nominal, strict=True):
             linear[link.indices] += weight * link.adjoint(np.linalg.inv(p0)) * scale[link.indices]
@@ -143,19 +145,31 @@ def least_squares_sdp(
         linear = np.concatenate([linear, extra])
         linear[logs] = -weight
     conic = pieces.problem(sparse.diags(quadratic).tocsc(), linear)
-    return SdpProblem(conic, centre, scale, loss_scale, tuple(placed), objective.entropy, entropy_rows)
+    return SdpProblem(
+        conic, centre, scale, loss_scale, tuple(placed), offset, objective.entropy, entropy_rows
+    )
 
 
-def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: Array) -> SdpProblem:
+def _entropy_offset(entropy: Entropy, centre: Array) -> float:
+    """What of the divergence the conic problem leaves out: its trace at the centre, log det, scaling."""
+    total = 0.0
+    for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
+        sizes = float(np.sum(np.log(np.diagonal(p0))))  # log det_block scales P to D P D, D^-2 = diag P0
+        at_centre = float(np.sum(np.linalg.inv(p0) * link.value(centre)))
+        total += at_centre + float(np.linalg.slogdet(p0)[1]) - 4.0 - sizes
+    return entropy.weight * total
+
+
+def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: Array) -> SdpProblem:
     """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone: an interior point if t > 0.
 
-    x = (scaled theta, t); t < 0 at the optimum proves that no theta satisfies all constraints.
+    x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all constraints.
     """
-    p = len(bound)
+    p = len(scale)
     pieces = _Rows(p + 1)
     placed = []
     for constraint in constraints:
-        start, cone_scale = pieces.constraint(constraint, np.zeros(p), bound, reference, slack=p)
+        start, cone_scale = pieces.constraint(constraint, np.zeros(p), scale, reference, slack=p)
         placed.append(Placed(constraint, start, cone_scale))
     top = np.zeros((1, p + 1))
     top[0, p] = 1.0
@@ -163,7 +177,7 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, bound: A
     linear = np.zeros(p + 1)
     linear[p] = -1.0
     conic = pieces.problem(sparse.csc_matrix((p + 1, p + 1)), linear)
-    return SdpProblem(conic, np.zeros(p), bound, 1.0, tuple(placed))
+    return SdpProblem(conic, np.zeros(p), scale, 1.0, tuple(placed))
 
 
 class _Rows:
@@ -277,15 +291,15 @@ class _Rows:
         )
 
 
-def _moves(constraints: Sequence[Constraint], reference: Array, p: int) -> Array:
-    """(p,) how far a unit of each parameter moves a matrix, in its size at the reference."""
-    out = np.zeros(p)
+def moving_scale(constraints: Sequence[Constraint], reference: Array, bound: Array) -> Array:
+    """(p,) units of theta, at most ``bound``, that move no matrix far in its size at the reference."""
+    moves = np.zeros(len(bound))
     for c in constraints:
         if c.cone == "psd":
             t = _whitening(c.value(reference))
-            moves = np.linalg.norm(t @ c.coefficients @ t.T, axis=(1, 2))
-            out[c.indices] = np.maximum(out[c.indices], moves)
-    return out
+            size = np.linalg.norm(t @ c.coefficients @ t.T, axis=(1, 2))
+            moves[c.indices] = np.maximum(moves[c.indices], size)
+    return np.asarray(_FARTHEST / np.maximum(moves, _FARTHEST / bound))
 
 
 def _whitening(value: Array) -> Array:
@@ -313,16 +327,19 @@ def _rows(constraint: Constraint) -> int:
     return size * (size + 1) // 2 if constraint.cone == "psd" else size
 
 
-def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array]:
+def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
     """An orthogonal change of rows that drops those without content and leaves an upper trapezoid.
 
+    Beside rows and right-hand side what no theta reaches, |rho|^2 less that of the new right-hand side.
     By QR with pivoted columns: half the entries of any other choice, hence two thirds of the time.
     """
     if matrix.size == 0:
-        return np.zeros((0, matrix.shape[1])), np.zeros(0)
+        return np.zeros((0, matrix.shape[1])), np.zeros(0), float(rho @ rho)
     q, r, pivots = scipy.linalg.qr(matrix, mode="economic", pivoting=True, check_finite=False)
     diagonal = np.abs(np.diagonal(r))
     rank = int(np.sum(diagonal > 1e-13 * diagonal[0])) if diagonal[0] > 0.0 else 0
     rows = np.zeros((rank, matrix.shape[1]))
     rows[:, pivots] = r[:rank]
-    return rows, q[:, :rank].T @ rho
+    kept = q[:, :rank].T @ rho
+    missed = rho - q[:, :rank] @ kept
+    return rows, kept, float(missed @ missed)

@@ -28,10 +28,14 @@ class NotApplicableError(ValueError):
 
 @dataclass(frozen=True)
 class Rewritten:
-    """A problem and back(x, z), from its solutions to those of the problem it came from."""
+    """A problem and back(x, z), from its solutions to those of the problem it came from.
+
+    constant : the objective of that problem less that of this one.
+    """
 
     problem: ConicProblem
     back: Callable[[Array, Array], tuple[Array, Array]]
+    constant: float = 0.0
 
     def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
         following = step(self.problem)
@@ -39,7 +43,7 @@ class Rewritten:
         def back(x: Array, z: Array) -> tuple[Array, Array]:
             return self.back(*following.back(x, z))
 
-        return Rewritten(following.problem, back)
+        return Rewritten(following.problem, back, self.constant + following.constant)
 
 
 def unchanged(problem: ConicProblem) -> Rewritten:
@@ -153,7 +157,7 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
         full_z[equal] = -(problem.q[pivots] + rest[:, pivots].T @ z) / size
         return full_x, full_z
 
-    return Rewritten(made, back)
+    return Rewritten(made, back, float(problem.q[pivots] @ offset))
 
 
 def arrows(problem: ConicProblem) -> Rewritten:

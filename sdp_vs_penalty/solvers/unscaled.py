@@ -30,7 +30,8 @@ def gram_sdp(
     R, rho = data.R.astype(precision), data.rho.astype(precision)
     P = np.triu(2.0 * (R.T @ R).astype(float))
     q = -2.0 * (R.T @ rho).astype(float)
-    return _posed(sparse.csc_matrix(P), q, [], np.zeros(0), constraints, len(q))
+    offset = float(data.rho @ data.rho) + data.residual_norm**2
+    return _posed(sparse.csc_matrix(P), q, [], np.zeros(0), constraints, len(q), offset)
 
 
 def rows_sdp(data: LeastSquares, constraints: Sequence[Constraint]) -> SdpProblem:
@@ -38,7 +39,7 @@ def rows_sdp(data: LeastSquares, constraints: Sequence[Constraint]) -> SdpProble
     r, p = data.R.shape
     P = sparse.diags(np.concatenate([np.zeros(p), np.full(r, 2.0)])).tocsc()
     equal = sparse.hstack([sparse.csr_matrix(data.R), -sparse.identity(r)])
-    return _posed(P, np.zeros(p + r), [equal], data.rho, constraints, p)
+    return _posed(P, np.zeros(p + r), [equal], data.rho, constraints, p, data.residual_norm**2)
 
 
 def _posed(
@@ -48,6 +49,7 @@ def _posed(
     right: Array,
     constraints: Sequence[Constraint],
     p: int,
+    offset: float,
 ) -> SdpProblem:
     blocks, b = list(equal), [right]
     cones = [Cone("zero", len(right))] if len(right) else []
@@ -65,4 +67,4 @@ def _posed(
         placed.append(Placed(c, start, np.eye(d) if psd else np.ones(d)))
         start += len(constant)
     conic = ConicProblem(P, q, sparse.csc_matrix(sparse.vstack(blocks)), np.concatenate(b), tuple(cones))
-    return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, tuple(placed))
+    return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, tuple(placed), offset)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -56,23 +61,72 @@ def test_list_names_instances_and_solvers(capsys: pytest.CaptureFixture[str]) ->
         assert name in said
 
 
-def test_export_writes_files_that_solve_to_the_same_optimum(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+#: Programs that read a .dat-s file, where they print the optimum, and its sign there.
+PROGRAMS = {
+    "csdp": (["csdp", "a.dat-s"], r"Dual objective value: (\S+)", 1.0),
+    "sdpa": (
+        ["sdpa", "-ds", "a.dat-s", "-o", "answer", "-numThreads", "1"],
+        r"objValPrimal = (\S+)",
+        1.0,
+    ),
+    "dsdp5": (["dsdp5", "a.dat-s"], r"DSDP Solution:\s+(\S+)", -1.0),
+}
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The 2R's problem in both formats, and with the entropic prior of the default method in one."""
+    folder = tmp_path_factory.mktemp("exported")
+    save(experiment(load_problem("two_link")).training_run(seed=0), folder / "run.csv")
+    plain = ("--method", "lmi-sdp-thickness")
+    for name, method in (("a.dat-s", plain), ("a.cbf", plain), ("entropic.cbf", ())):
+        given = ("--data", folder / "run.csv", "--out", folder / name, *method)
+        assert run("export-sdp", "two_link", *given) == 0
+    return folder
+
+
+def within(about: dict[str, float], optimum: float, accuracy: float) -> bool:
+    """Whether a file's optimum, found to an accuracy relative to 1 + |optimum|, is the loss proved."""
+    loss = about["offset"] + about["scale"] * optimum
+    slack = accuracy * about["scale"] * (1.0 + abs(optimum))
+    return about["lower"] - slack <= loss <= about["upper"] + slack
+
+
+def test_export_writes_files_whose_optimum_is_the_proved_loss(exported: Path) -> None:
+    for name, read in (("a.dat-s", read_sdpa), ("a.cbf", read_cbf), ("entropic.cbf", read_cbf)):
+        about = json.loads((exported / f"{name}.json").read_text())
+        assert about["sha256"] == hashlib.sha256((exported / name).read_bytes()).hexdigest()
+        assert about["upper"] - about["lower"] < 1e-7 * about["upper"]
+        conic = read(exported / name)
+        assert (len(conic.q), len(conic.b)) == (about["variables"], about["rows"])
+        optimum = float(conic.q @ solver("clarabel").solve(conic, 1e-9).x)
+        assert within(about, optimum, 1e-7)
+        assert not within(about, optimum + 1e-5, 1e-7)
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_outside_programs_reproduce_the_interval_from_the_file_alone(
+    program: str, exported: Path, tmp_path: Path
 ) -> None:
-    problem = load_problem("two_link")
-    save(experiment(problem).training_run(seed=0), tmp_path / "run.csv")
-    optima = []
-    for name, read in (("a.dat-s", read_sdpa), ("a.cbf", read_cbf)):
-        assert (
-            run("export-sdp", "two_link", "--data", tmp_path / "run.csv", "--out", tmp_path / name) == 0
-        )
-        conic = read(tmp_path / name)
-        optima.append(float(conic.q @ solver("clarabel").solve(conic, 1e-8).x))
-    assert optima[0] == pytest.approx(optima[1], rel=1e-6)
-    capsys.readouterr()
-    wrong = ("--data", tmp_path / "run.csv", "--out", tmp_path / "a.mps")
+    if shutil.which(program) is None:
+        pytest.skip(f"the program {program} is not installed")
+    shutil.copy(exported / "a.dat-s", tmp_path)
+    command, printed, sign = PROGRAMS[program]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    text = done.stdout + "".join(p.read_text() for p in tmp_path.glob("answer"))
+    (found,) = re.findall(printed, text)[-1:]
+    about = json.loads((exported / "a.dat-s.json").read_text())
+    assert within(about, sign * float(found), 1e-5)
+    assert not within({**about, "offset": 0.0}, sign * float(found), 1e-5)
+
+
+def test_what_cannot_be_exported_is_one_sentence(
+    exported: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = ("--data", exported / "run.csv", "--out", tmp_path / "a.mps")
     assert run("export-sdp", "two_link", *wrong) == 2
     assert ".dat-s" in capsys.readouterr().err
-    penalty = ("--method", "penalty", "--data", tmp_path / "run.csv", "--out", tmp_path / "a.cbf")
+    penalty = ("--method", "penalty", "--data", exported / "run.csv", "--out", tmp_path / "a.cbf")
     assert run("export-sdp", "two_link", *penalty) == 2
     assert "not a single SDP" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -13,6 +13,7 @@ from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eige
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.body import Body
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=40, deadline=None, derandomize=True)
@@ -32,12 +33,17 @@ def wild_link(rng: np.random.Generator) -> np.ndarray:
     return link_parameters(rng, 0.5) + rng.normal(size=10) * 10.0 ** rng.uniform(-4, 0)
 
 
+def random_body(rng: np.random.Generator) -> Body:
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
+
+
 def one_of_each(rng: np.random.Generator) -> list[Constraint]:
     link = np.arange(10) + 5
     return [
         build.pseudo_inertia("link", link),
         build.minimum_thickness("link", link, 0.05),
-        build.density_in_ellipsoid("link", link, rng.normal(size=3), rng.uniform(0.1, 1, 3)),
+        build.density_in_ellipsoid("body", "link", link, random_body(rng).quadric),
         build.linear("mass", "link", link[:1], [[1.0, -1.0]], [-0.5, 3.0]),
         build.second_order("cone", "link", link[:4], rng.normal(size=(4, 3)), rng.normal(size=3)),
     ]
@@ -78,13 +84,14 @@ def test_ellipsoid_is_the_mean_over_the_mass(seed: int) -> None:
     """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over points."""
     rng = np.random.default_rng(seed)
     masses, x = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
-    centre, half = rng.normal(size=3) * 0.3, rng.uniform(0.5, 3.0, 3)
+    body = random_body(rng)
     homogeneous = np.column_stack([x, np.ones(20)])
     theta = inertia.from_pseudo_inertia((homogeneous.T * masses) @ homogeneous)
-    constraint = build.density_in_ellipsoid("link 1", np.arange(10), centre, half)
-    expected = masses @ (1.0 - np.sum(((x - centre) / half) ** 2, axis=1))
+    constraint = build.density_in_ellipsoid("body", "link 1", np.arange(10), body.quadric)
+    inside = 1.0 - np.sum(((x - body.centre) @ body.axes / body.half_axes) ** 2, axis=1)
+    expected = masses @ inside
     assert constraint.value(theta)[0] == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    if np.all(np.sum(((x - centre) / half) ** 2, axis=1) <= 1.0):
+    if np.all(inside >= 0.0):
         assert constraint.margin(theta) >= 0.0
 
 

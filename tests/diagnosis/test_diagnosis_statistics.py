@@ -13,7 +13,7 @@ from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthono
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
 from sdp_vs_penalty.signals.autoregression import autoregression, beside
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile
-from sdp_vs_penalty.simulation.challenge.report import wilson
+from sdp_vs_penalty.simulation.challenge.judge import wilson
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +16,15 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.estimation.certify import covariance
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 seeds = st.integers(0, 2**32 - 1)
+
+FIELDS = {"name", "value", "unit", "std", "lower", "upper", "verdict", "effect", "joint"}
 
 
 def random_problem(rng: np.random.Generator, n: int) -> Problem:
@@ -103,7 +103,7 @@ def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> 
     estimate.save(tmp_path / "model.json")
     data = strict((tmp_path / "model.json").read_text())
     parameters = data["parameters"]
-    assert [set(p) for p in parameters] == [{"name", "value", "unit", "std", "effect", "joint"}] * 26
+    assert [set(p) for p in parameters] == [FIELDS] * 26
     assert [p["name"] for p in parameters[10:20]] == [
         *("m2", "mx2", "my2", "mz2"),
         *("Ixx2", "Ixy2", "Iyy2", "Ixz2", "Iyz2", "Izz2"),
@@ -117,7 +117,7 @@ def test_the_file_holds_what_was_promised(two_link: Problem, tmp_path: Path) -> 
         data["provenance"]["versions"]
     )
     assert data["settings"]["weighting"] == "noise"
-    assert data["settings"]["thickness"] == 0.02
+    assert data["settings"]["entropy"] == DEFAULT_ENTROPY
     assert data["robot"]["gravity"] == [0.0, 0.0, -9.81]
     assert set(data["preprocessing"]) == {"state_cutoff", "torque_cutoff", "standstill"}
     assert {"violations", "loss", "upper", "lower", "gap"} <= set(data["certificate"])
@@ -173,20 +173,3 @@ def test_reported_spread_is_the_observed_one(two_link: Problem) -> None:
     ratio = np.mean(reported, axis=0)[known] / observed
     assert np.all((ratio > 0.7) & (ratio < 1.45)), ratio
     assert 0.85 < np.exp(np.mean(np.log(ratio))) < 1.18
-
-
-@settings(max_examples=15, deadline=None, derandomize=True)
-@given(seeds)
-def test_covariance_is_the_textbooks_where_everything_is_seen(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    r = np.triu(rng.normal(size=(5, 5))) + 3.0 * np.eye(5)
-    data = LeastSquares(r, rng.normal(size=5), 1.7, 10.0, 105)
-    expected = 1.7**2 / (105 - 5) * np.linalg.inv(r.T @ r)
-    np.testing.assert_allclose(covariance(data, 1.0), expected, rtol=1e-9)
-    # Twice as many rows that repeat each other: the same information.
-    twice = replace(data, R=np.sqrt(2) * r, residual_norm=np.sqrt(2) * 1.7, rows=210)
-    np.testing.assert_allclose(covariance(twice, 2.0), expected, rtol=1e-9)
-
-
-def test_nothing_seen_has_no_covariance() -> None:
-    assert np.all(np.isnan(covariance(LeastSquares(np.zeros((3, 3)), np.zeros(3), 1.0, 1.0, 9), 2.0)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,21 +14,30 @@ from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpTwoStep, essential, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import (
+    LmiSdp,
+    LmiSdpEntropic,
+    LmiSdpThickness,
+    LmiSdpTwoStep,
+    essential,
+    interior_point,
+)
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 seeds = st.integers(0, 2**32 - 1)
-METHODS = {"lmi-sdp-plain": 0.0, "lmi-sdp": 0.02, "lmi-sdp-entropic": 0.0}
+METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
 
 def simulated(
@@ -143,9 +153,10 @@ CVXPY_SOLVERS = {"CLARABEL": {}, "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_
 def test_the_readable_model_has_the_same_optimum(
     method: str, solver: str, toy_task: Task, two_link: Problem
 ) -> None:
-    fit = make_estimator(method).fit(toy_task)
+    estimator: Any = make_estimator(method)
+    fit = estimator.fit(toy_task)
     theta, certificate = certify(toy_task, fit)
-    model = cvxpy_model(two_link, toy_task, fit.objective, METHODS[method])
+    model = cvxpy_model(two_link, toy_task, fit.objective, estimator.thickness, estimator.body)
     found, value = model.solve(solver, **CVXPY_SOLVERS[solver])
     assert certificate.upper is not None
     loss = fit.objective.least_squares.loss(theta)
@@ -161,8 +172,9 @@ def test_the_readable_model_has_the_same_optimum(
 def test_the_readable_model_agrees_on_the_real_panda(
     method: str, panda: Problem, real_task: Task
 ) -> None:
-    fit = make_estimator(method).fit(real_task)
-    model = cvxpy_model(panda, real_task, fit.objective, METHODS[method])
+    estimator: Any = make_estimator(method)
+    fit = estimator.fit(real_task)
+    model = cvxpy_model(panda, real_task, fit.objective, estimator.thickness, estimator.body)
     found, value = model.solve("CLARABEL")
     own = fit.objective.value(fit.theta)
     loss = fit.objective.least_squares.loss(fit.theta)
@@ -224,7 +236,8 @@ def test_a_random_feasible_robot_round_trips(seed: int) -> None:
     assert estimate.certificate.worst == 0.0
     assert estimate.certificate.positive_mass_matrices == 1.0
     assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(estimate.links)) >= 0.0)
-    assert np.all(inertia.thickness(estimate.links) >= 0.02 - 1e-9)
+    reach = [body.reach for body in problem.link_bodies]
+    assert np.all(inertia.gyration(estimate.links) <= reach)
 
 
 # --- laws -------------------------------------------------------------------------------------------
@@ -232,7 +245,7 @@ def test_a_random_feasible_robot_round_trips(seed: int) -> None:
 
 def test_loss_rises_with_what_is_demanded(toy_task: Task) -> None:
     def loss(thickness: float) -> float:
-        return toy_task.data.loss(LmiSdp(thickness=thickness).fit(toy_task).theta)
+        return toy_task.data.loss(LmiSdpThickness(thickness=thickness).fit(toy_task).theta)
 
     losses = [toy_task.data.loss(toy_task.ols), *(loss(r) for r in (0.0, 0.01, 0.02, 0.04, 0.06))]
     tolerance = 1e-8 * losses[0]
@@ -263,7 +276,7 @@ def test_an_entropic_pull_of_growing_weight_reaches_the_nominal_robot(toy_task: 
     nominal = toy_task.nominal[toy_task.links]
 
     def distance(entropy: float) -> float:
-        fit = LmiSdp(thickness=0.0, entropy=entropy).fit(toy_task)
+        fit = LmiSdpEntropic(entropy=entropy).fit(toy_task)
         assert fit.objective.entropy is not None
         return fit.objective.entropy.value(fit.theta) / fit.objective.entropy.weight
 
@@ -329,6 +342,40 @@ def test_a_model_without_links_is_a_bounded_least_squares_problem(two_link: Prob
     assert estimate.theta[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert estimate.certificate.worst == 0.0
     assert estimate.certificate.positive_mass_matrices is None
+
+
+def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
+    """The solver's first answers are not numbers."""
+    from sdp_vs_penalty.solvers import clarabel
+
+    real, calls = clarabel.solve, iter(range(1000))
+
+    def solve(problem: ConicProblem, accuracy: float) -> Solution:
+        answer = real(problem, accuracy)
+        if next(calls) >= failures:
+            return answer
+        return replace(answer, x=np.full_like(answer.x, np.nan), claims="failed")
+
+    monkeypatch.setattr(clarabel, "solve", solve)
+
+
+def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(
+    panda: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The panda's nominal links are thinner than 7 cm: an interior point has to be searched."""
+    model = panda.model()
+    p = len(model.parameters)
+    data = LeastSquares(np.eye(p), np.ones(p), 0.0, float(p), p)
+    demands = panda.constraints(model)
+    task = Task(model, data, demands, panda.parameter_bound(model), panda.nominal(model), panda.box)
+    demands = demands.plus(task.minimum_thickness(0.07))
+    assert demands.margin(task.nominal) < 0.0
+    without_answers(monkeypatch, 1)
+    assert demands.margin(interior_point(task, demands)) > 0.0
+    without_answers(monkeypatch, 2)
+    with pytest.raises(InputError, match=r"neither parameters that satisfy .* nor a proof") as error:
+        interior_point(task, demands)
+    assert not isinstance(error.value, Infeasible)
 
 
 def test_interior_points_are_interior_for_every_built_in_problem(request: pytest.FixtureRequest) -> None:

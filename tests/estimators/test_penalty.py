@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.barycentric import STEINER_FORMS, barycentric_box
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS, LmiSdp, interior_point
 from sdp_vs_penalty.estimators.penalty import Penalty, ScaledProblem, feasible
 from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss, PenaltyPaper
 from sdp_vs_penalty.estimators.task import make_task
@@ -74,6 +74,8 @@ def close(a: Array, b: Array, tolerance: float = 1e-6) -> bool:
     return bool(np.abs(a - b).max() <= tolerance * max(np.abs(a).max(), np.abs(b).max(), 1e-12))
 
 
+#: The SDP that gets the arrays that `penalty` gets, and no more.
+SAME = LmiSdp(entropy=0.0, thickness=DEFAULT_THICKNESS)
 ROBOTS = ["two_link", "panda", "1 joint, seed 0", "3 joints, seed 3"]
 
 
@@ -162,7 +164,7 @@ def independent_margins(theta: Array, links: NDArray[np.intp], thickness: float)
 )
 def test_penalty_reaches_the_sdp_and_is_feasible(name: str, request: pytest.FixtureRequest) -> None:
     task = task_named(name, request)
-    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
+    _, sdp = certify(task, SAME.fit(task))
     fit = Penalty(starts=3).fit(task)
     theta, certificate = certify(task, fit)
     assert abs(certificate.loss / sdp.loss - 1.0) < 1e-4
@@ -180,7 +182,7 @@ def test_penalty_obeys_bounds_that_no_sdp_can_take(panda: Problem) -> None:
     box[:, [4, 6, 9], 1], box[:, [5, 7, 8], 0], box[:, [5, 7, 8], 1] = 0.02, -1e-3, 1e-3
     tight = replace(panda, box=box)
     task = task_of(tight, run_of(panda, panda.nominal_links, noise=0.02))
-    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
+    _, sdp = certify(task, SAME.fit(task))
     assert sdp.violations["barycentric inertia"] > 1e-3
     theta, certificate = certify(task, Penalty(starts=2).fit(task))
     moments = inertia.barycentric_from_standard(theta[task.links])[:, 4:]
@@ -259,7 +261,7 @@ def test_penalty_without_links(two_link: Problem) -> None:
 def test_on_the_real_panda(panda: Problem, data_folder) -> None:  # type: ignore[no-untyped-def]
     run = load_measurements(data_folder / "panda", joints=7, stop=14.0)
     task = task_of(panda, run, seed=11)
-    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
+    _, sdp = certify(task, SAME.fit(task))
     fit = make_estimator("penalty").fit(task)
     theta, strong = certify(task, fit)
     assert abs(strong.loss / sdp.loss - 1.0) < 1e-3

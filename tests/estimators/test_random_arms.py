@@ -19,7 +19,7 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 
-METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic")
+METHODS = ("lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain", "lmi-sdp-entropic")
 #: Mass in kg and length in metres of one unit: SI, grams and millimetres, tons and kilometres.
 UNITS = ((1.0, 1.0), (1e-3, 1e-3), (1e3, 1e3))
 COMMON = ("viscous_friction", "coulomb_friction", "torque_offset")

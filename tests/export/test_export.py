@@ -26,6 +26,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.export import export, plain_robot
 from sdp_vs_penalty.export.mjcf import quaternion
 from sdp_vs_penalty.export.urdf import rpy_of
@@ -79,13 +80,12 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
     if model.needs_reference:
         model = Model(robot, model.effects, theta)
-    p = len(theta)
     certificate = Certificate({}, 0.0, None, None, None, None, None)
     return Estimate(
         random_robots.bare(robot),
         model,
         theta,
-        np.full((p, p), np.nan),
+        Uncertainty.unknown(model, theta),
         "by hand",
         certificate,
         Preprocessing(),

@@ -6,6 +6,7 @@
                 m <= m_i <= m,  lb m <= m c <= ub m           mass, centre of mass
                 |(m c) across| <= (m c) along . slope + m radius
                 J_aa <= ub_aa + m max(c_b^2 + c_c^2)          or tr Sigma <= m radius^2
+                sum_k E[(u_k . (x - c))^2] / a_k^2 <= m       each link inside of its body
                 m <= sum m_i <= m,  signs and ranges of everything else
 
 Written from the problem's physical quantities, not from the constraint arrays, so that the two can be
@@ -43,9 +44,9 @@ class CvxpyModel:
 
 
 def cvxpy_model(
-    problem: Problem, task: Task, objective: Objective, thickness: float = 0.0
+    problem: Problem, task: Task, objective: Objective, thickness: float = 0.0, body: bool = False
 ) -> CvxpyModel:
-    """The SDP of a task of this problem: its objective, and a minimum thickness [m] of every link.
+    """The SDP of a task of this problem: its objective, a minimum thickness [m] of every link, its body.
 
     theta = centre + scale x: only the numbers that the solver handles are scaled, each parameter by
     the torque that it makes (by its bound where it makes none), the loss by that of least squares.
@@ -67,6 +68,8 @@ def cvxpy_model(
     links = [Link.of(theta, indices) for indices in task.links]
     for number, link in enumerate(links):
         constraints += _link(problem, number, link, thickness)
+        if body:
+            constraints.append(_inside(problem, number, link))
     if links and (problem.total_mass[0] > 0.0 or np.isfinite(problem.total_mass[1])):
         total = cp.sum(cp.hstack([link.mass for link in links]))
         constraints += _between(total, *problem.total_mass)
@@ -149,6 +152,17 @@ def _link(problem: Problem, number: int, link: Link, thickness: float) -> list[A
     else:
         out.append(cp.trace(link.sigma) <= link.mass * problem._radius(number) ** 2)
     return out
+
+
+def _inside(problem: Problem, number: int, link: Link) -> Any:
+    """The mean square distance from the body's centre, in its half axes, is at most one."""
+    body = problem.link_bodies[number]
+    square = 0.0
+    for axis, half in zip(body.axes.T, body.half_axes, strict=True):
+        centre = float(axis @ body.centre)
+        along = axis @ link.sigma @ axis - 2.0 * centre * (axis @ link.h) + centre**2 * link.mass
+        square = square + along / half**2
+    return square <= link.mass
 
 
 def _between(x: Any, lower: float, upper: float) -> list[Any]:

@@ -142,8 +142,8 @@ def bare(robot: Robot) -> Problem:
     """A robot of which nothing but the kinematics is known."""
     box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.01
-    nominal = plausible_links(robot, np.zeros((robot.n, 10)))
-    return Problem(robot.name, "by hand", robot, box, nominal)
+    nominal, sources = plausible_links(robot, np.zeros((robot.n, 10)))
+    return Problem(robot.name, "by hand", robot, box, nominal, nominal_from=sources)
 
 
 def task_of(problem: Problem) -> Task:

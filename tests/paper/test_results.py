@@ -132,7 +132,7 @@ def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
         unstable = row["method"].startswith("penalty-paper") or column == "seconds"
         if unstable or column in ("smallest_eigenvalue", "violated_family", "worst_violation"):
             return anything
-        if column == "smallest_thickness_mm" and row["method"] != "lmi-sdp":
+        if column == "smallest_thickness_mm" and row["method"] != "lmi-sdp-thickness":
             return anything  # rods of no thickness, and what torque does not determine
         return 0.02, 0.05
     if name == "data":

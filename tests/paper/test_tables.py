@@ -343,7 +343,7 @@ def test_every_method_has_its_row_in_the_method_table(tables: dict[tuple[str, st
     assert float(by_name["lmi-sdp-plain"]["excess_loss_percent"]) < 1e-4  # its bound is its optimum
     assert float(by_name["penalty"]["excess_loss_percent"]) < 0.1
     assert by_name["penalty"]["feasible_runs"] == by_name["penalty"]["runs"]
-    assert float(by_name["lmi-sdp"]["smallest_thickness_mm"]) > 19.9
+    assert float(by_name["lmi-sdp-thickness"]["smallest_thickness_mm"]) > 19.9
     assert by_name["penalty-paper"]["runs"] == "2"
     # The SDP gets a consequence of the bounds on inertias only, and the table says what came of it.
     assert by_name["lmi-sdp-plain"]["violated_family"] == "barycentric inertia"

@@ -160,7 +160,7 @@ def test_the_verb_and_short_runs(two_link: Problem, tmp_path: Path) -> None:
     save(run, tmp_path / "run.csv")
     save(short, tmp_path / "short.csv")
     identify(two_link, run, "ols").save(tmp_path / "model.json")
-    for name, words in (("run", "identifiable"), ("short", "too short for intervals")):
+    for name, words in (("run", "identifiable"), ("short", "from the runs that it was identified")):
         out = tmp_path / f"{name}.html"
         arguments = ["report", tmp_path / "model.json", "--data", tmp_path / f"{name}.csv", "--out", out]
         with pytest.raises(SystemExit) as code:

@@ -1,92 +1,157 @@
-"""A small challenge: a handful of cases end to end, the report, and the real Panda run."""
+"""The challenge: cases end to end, judged by rules with known answers, resumed, reported."""
 
 from __future__ import annotations
 
+import csv
 import json
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import diagnose
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.challenge.cases import CLASSES
-from sdp_vs_penalty.simulation.challenge.challenge import VERSION, run_case, run_challenge
-from sdp_vs_penalty.simulation.challenge.report import (
-    abstained,
-    counted,
-    false_claim,
-    first_right,
-    in_set,
-    write_report,
-)
-
-
-def test_a_small_challenge_is_won() -> None:
-    """Library effects at strong and medium, of which one may be missed; clean and unknown: none."""
-    records = [
-        run_case("panda", f"{name}/{seed}") for name, seed in (("strong", 9003), ("medium", 9016))
-    ]
-    records += [
-        run_case("two_link", f"{name}/{seed}") for name in ("strong", "medium") for seed in (1, 2)
-    ]
-    shown = [r for r in records if counted(r)]
-    assert len(shown) >= 3
-    assert sum(first_right(r) for r in shown) >= len(shown) - 1
-    assert sum(in_set(r) for r in shown) >= len(shown) - 1
-    assert not any(false_claim(run_case("two_link", f"clean/{seed}")) for seed in (1, 2))
-    assert abstained(run_case("panda", "unknown_strong/9001"))
-
-
-def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
-    written = run_challenge("two_link", 1, 5, tmp_path, jobs=1, classes=["clean", "weak"])
-    assert [p.name for p in written] == ["challenge.json", "challenge.csv", "challenge.md"]
-    first = json.loads(written[0].read_text())
-    first["cases"] = {k: {**v, "seconds": 123.0} for k, v in first["cases"].items()}
-    written[0].write_text(json.dumps(first))
-    run_challenge("two_link", 1, 5, tmp_path, jobs=1, classes=["clean", "weak"])
-    assert json.loads(written[0].read_text()) == first
-    assert "worst 123.00" in written[2].read_text()
-    assert "Wilson" in written[2].read_text()
-
-
-def test_an_unknown_class_is_said(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="class 'magic' is unknown"):
-        run_challenge("two_link", 1, 0, tmp_path, classes=["magic"])
-
+from sdp_vs_penalty.simulation.challenge import judge
+from sdp_vs_penalty.simulation.challenge.case import Case, run_case, simulate_case
+from sdp_vs_penalty.simulation.challenge.challenge import VERSION, run_challenge, wanted
+from sdp_vs_penalty.simulation.challenge.classes import CLASSES, EFFECTS, USUAL
+from sdp_vs_penalty.simulation.challenge.report import csv_text, report_text
+from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
+from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN
 
 RESULTS = Path(__file__).parents[2] / "results"
 
 
-def committed_cases() -> dict[str, dict[str, Any]]:
+def test_what_is_hidden_is_called_as_the_library_calls_it() -> None:
+    named = {**EFFECTS, **FROZEN}
+    assert set(named) | set(USUAL) <= set(effect_types())
+    fair = {effect for nuisance in NUISANCES.values() for effect in nuisance.fair}
+    assert len(fair & set(effect_types())) >= 6
+
+
+def test_hidden_effects_have_their_size_and_level() -> None:
+    """Sized on a coarse grid, met on the fine one; each effect once in so many cases."""
+    met = set()
+    for index in range(len(EFFECTS)):
+        sitting = simulate_case(Case("medium", "short", 1, index))
+        (hidden,) = sitting.hidden
+        truth = hidden.to_dict()
+        met.add(truth["effect"])
+        assert truth["joints"] == [j + 1 for j in hidden.joints]
+        shares = np.concatenate([x.shares[0] for x in sitting.logged[:-1]])
+        level = np.sqrt(np.mean(shares**2, axis=0)) / sitting.world.arm.noise
+        if level.max() > 1e-6:  # a joint that nothing pulls has neither backlash nor elasticity
+            assert level.max() == pytest.approx(LEVELS["medium"], rel=0.25), truth["effect"]
+    assert met == set(EFFECTS)
+
+
+def test_hidden_effects_are_found_and_clean_robots_are_clean() -> None:
+    """Small cases end to end; that sign and size agree is physics stated twice."""
+    hidden = run_case(Case("strong", "encoder", 1000, 16))[1]
+    assert judge.counted(hidden)
+    assert judge.first_right(hidden)
+    assert judge.sizes(hidden)[0][1] < 0.2
+    assert judge.outcome(run_case(Case("clean", "encoder", 1000, 16))[1]) in ("silent", "named")
+    assert judge.abstained(run_case(Case("unknown_strong", "encoder", 1000, 10))[1])
+
+
+def test_a_contact_is_an_event_not_an_effect() -> None:
+    record = run_case(Case("disturbance", "encoder", 1000, 9))[1]
+    assert record["truth"][0]["kind"] == "contact"
+    assert judge.flagged(record)
+    assert not record["events"] or judge.found_in_time(record)
+
+
+def found(effect: str, *joints: int, **more: Any) -> dict[str, Any]:
+    usual = {"size": 1.0, "std": 0.1, "shape": {}, "confidence": "confident"}
+    return usual | {"effect": effect, "joints": list(joints), "indistinguishable_from": []} | more
+
+
+def record(*findings: dict[str, Any], **more: Any) -> dict[str, Any]:
+    verdict = "effect_missing" if findings else "nothing_missing"
+    usual = {"fair": [], "abstains": False, "retuned": [], "events": [], "energy": [], "deviation": []}
+    return usual | {"truth": [], "verdict": verdict, "found": list(findings)} | more
+
+
+def test_clean_robots_are_judged_by_what_was_stated_beforehand() -> None:
+    dahl = found("presliding_hysteresis", 2)
+    assert judge.outcome(record()) == "silent"
+    assert judge.outcome(record(dahl)) == "false"
+    assert judge.outcome(record(dahl, fair=["presliding_hysteresis"])) == "named"
+    assert judge.outcome(record(retuned=[{"joint": 1}])) == "named"
+    assert judge.outcome(record(verdict="unknown_effect")) == "false"
+    assert judge.outcome(record(verdict="unknown_effect", abstains=True)) == "abstained"
+    assert judge.outcome(record(verdict="refused", abstains=True)) == "false"
+
+
+def test_findings_are_judged_beside_the_truth() -> None:
+    truth = {"effect": "joint_spring", "joints": [2], "size": 0.8, "shape": {}}
+    spring, other = found("joint_spring", 2), found("torque_delay", 1)
+    right = record(spring, other, truth=[truth], energy=[100.0], deviation=[0.0])
+    assert judge.first_right(right)
+    assert judge.counted(right)
+    assert not judge.nothing_else(right)
+    assert judge.sizes(right) == [("joint_spring", pytest.approx(0.25), pytest.approx(2.0))]
+    assert judge.first_right(record(other, spring, truth=[truth], fair=["torque_delay"]))
+    assert not judge.first_right(record(other, spring, truth=[truth]))
+    assert not judge.first_right(record(found("joint_spring", 1), truth=[truth]))
+    rival = found("torque_delay", 1, indistinguishable_from=["joint_spring"])
+    assert judge.in_set(record(rival, truth=[truth]))
+    assert not judge.counted(right | {"energy": [29.0]})
+
+
+def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    kinds, conditions = ["clean"], ["rate", "short"]
+    paths = run_challenge(1, 5, tmp_path, 1, kinds, conditions)
+    assert [p.name for p in paths] == ["challenge.json", "challenge.csv", "challenge.md"]
+    kept = json.loads(paths[0].read_text())
+    kept["cases"] = {k: {**v, "seconds": 123.0} for k, v in kept["cases"].items()}
+    paths[0].write_text(json.dumps(kept))
+    run_challenge(1, 5, tmp_path, 1, kinds, conditions)
+    assert json.loads(paths[0].read_text()) == kept
+    assert "worst 123.0" in paths[2].read_text()
+    with pytest.raises(InputError, match="class 'magic' is unknown"):
+        run_challenge(1, 0, tmp_path, classes=["magic"])
+    with pytest.raises(InputError, match="nuisance 'luck' is unknown"):
+        run_challenge(1, 0, tmp_path, nuisances=["luck"])
+
+
+def test_cases_do_not_depend_on_which_others_are_run() -> None:
+    every = wanted(30, 4, list(CLASSES), list(NUISANCES))
+    assert len({case.key for case in every}) == len(every)
+    assert wanted(3, 4, ["weak"], list(NUISANCES)) == [c for c in every if c.kind == "weak"][:3]
+
+
+def test_the_committed_report_is_made_from_the_committed_cases() -> None:
     kept = json.loads((RESULTS / "challenge.json").read_text())
-    assert kept["version"] == VERSION
-    return kept["cases"]
-
-
-def test_the_committed_report_is_made_from_the_committed_cases(tmp_path: Path) -> None:
-    records = committed_cases()
-    text = (RESULTS / "challenge.md").read_text()
-    cases, seed = map(int, re.findall(r"--cases (\d+) --seed (\d+)", text)[0])
-    per_class = Counter(r["class"] for r in records.values())
-    assert set(per_class) == set(CLASSES)
-    assert set(per_class.values()) == {cases}
-    for written in write_report(records, tmp_path, "panda", cases, seed):
-        assert written.read_text() == (RESULTS / written.name).read_text()
+    if kept["version"] != VERSION:
+        pytest.skip("the committed cases are of an earlier format")
+    records = kept["cases"]
+    (seed,) = {int(key.split("/")[2]) for key in records}
+    assert {r["class"] for r in records.values()} == set(CLASSES)
+    assert {r["nuisance"] for r in records.values() if r["class"] == "clean"} == set(NUISANCES)
+    assert (RESULTS / "challenge.md").read_text() == report_text(records, seed)
+    assert (RESULTS / "challenge.csv").read_text() == csv_text(records)
+    rows = list(csv.DictReader((RESULTS / "challenge.csv").open()))
+    assert Counter(r["case"] for r in rows) == Counter(records)
 
 
 @pytest.mark.reproduce
 @pytest.mark.parametrize("name", CLASSES)
 def test_cases_of_the_challenge_come_out_as_committed(name: str) -> None:
     """One case a class again, to the digits that are kept of it."""
-    key, record = next((k, r) for k, r in committed_cases().items() if r["class"] == name)
-    again = run_case("panda", key)
-    for field in ("truth", "verdict", "events", "found", "energy", "floor", "after"):
+    cases = json.loads((RESULTS / "challenge.json").read_text())["cases"]
+    key, record = next((k, r) for k, r in cases.items() if r["class"] == name)
+    kind, nuisance, seed, index = key.split("/")
+    _, again = run_case(Case(kind, nuisance, int(seed), int(index)))
+    for field in ("truth", "verdict", "events", "found", "retuned", "energy", "after"):
         assert again[field] == approximately(record[field]), field
 
 

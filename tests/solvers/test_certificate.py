@@ -14,7 +14,7 @@ from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import certify, positive_mass_matrices
 from sdp_vs_penalty.estimators.estimator import Fit, Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, interior_point, solve_sdp
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpThickness, interior_point, solve_sdp
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
@@ -107,7 +107,7 @@ class Known:
 @given(seeds, st.integers(1, 3))
 def test_the_interval_of_the_estimator_holds_the_known_optimum(seed: int, links: int) -> None:
     known = Known(seed, links)
-    fit = LmiSdp(thickness=THICKNESS).fit(known.task)
+    fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
     theta, certificate = certify(known.task, fit)
     assert certificate.lower is not None
     assert certificate.upper is not None
@@ -156,7 +156,7 @@ def test_no_multipliers_prove_too_much(seed: int) -> None:
 @given(seeds)
 def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed: int) -> None:
     known = Known(seed)
-    fit = LmiSdp(thickness=THICKNESS).fit(known.task)
+    fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
     assert fit.multipliers is not None
     _, right = certify(known.task, fit)
     rng = np.random.default_rng(seed)
@@ -176,7 +176,7 @@ def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed: int) -> None:
 @given(seeds)
 def test_an_infeasible_answer_is_repaired_or_reported(seed: int) -> None:
     known = Known(seed)
-    fit = LmiSdp(thickness=THICKNESS).fit(known.task)
+    fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
     interior = interior_point(known.task, fit.constraints)
     outside = fit.theta + 0.2 * (fit.theta - interior)
     assert fit.constraints.margin(outside) < 0.0
@@ -261,7 +261,7 @@ def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]
 def test_demands_that_exclude_each_other_are_named(case: str, panda: Problem) -> None:
     problem, thickness, families = conflicts(panda)[case]
     with pytest.raises(InputError, match="exclude each other") as refusal:
-        LmiSdp(thickness=thickness).fit(task_of(problem))
+        LmiSdpThickness(thickness=thickness).fit(task_of(problem))
     message = str(refusal.value)
     for family in families:
         assert family in message
@@ -308,12 +308,12 @@ def test_the_certificate_decides_whether_a_solver_gave_up(
     monkeypatch.setattr("sdp_vs_penalty.estimators.lmi_sdp.solver", lambda _: Doubtful)
     known = Known(0)
     if finds:
-        _, certificate = certify(known.task, LmiSdp(thickness=THICKNESS).fit(known.task))
+        _, certificate = certify(known.task, LmiSdpThickness(thickness=THICKNESS).fit(known.task))
         assert certificate.gap is not None
         assert certificate.gap < 1e-7
     else:
         with pytest.raises(InputError, match=r"gave up.*stalled"):
-            LmiSdp(thickness=THICKNESS).fit(known.task)
+            LmiSdpThickness(thickness=THICKNESS).fit(known.task)
 
 
 def test_a_certificate_reads_as_text() -> None:

@@ -183,7 +183,7 @@ def test_a_gram_matrix_is_factorised() -> None:
 def test_exported_files_read_back_to_the_same_problem(tmp_path: Path, ending: str) -> None:
     conic = Link().sdp.conic
     path = tmp_path / f"problem{ending}"
-    export_sdp(conic, path)
+    export_sdp(Link().sdp, path, None)
     if ending == ".dat-s":
         sent = rewrite.linear_matrix_inequalities(conic).problem
         found = read_sdpa(path)
@@ -201,10 +201,11 @@ def test_exported_files_read_back_to_the_same_problem(tmp_path: Path, ending: st
 
 
 def test_the_entropic_problem_is_exported_to_cbf_only(tmp_path: Path) -> None:
-    conic = Link(entropic=True).sdp.conic
+    sdp = Link(entropic=True).sdp
+    conic = sdp.conic
     with pytest.raises(InputError, match=r"exponential cone.*\.cbf"):
-        export_sdp(conic, tmp_path / "a.dat-s")
-    export_sdp(conic, tmp_path / "a.cbf")
+        export_sdp(sdp, tmp_path / "a.dat-s", None)
+    export_sdp(sdp, tmp_path / "a.cbf", None)
     kinds = ("zero", "nonnegative", "soc", "exp", "psd")
     found = rewrite.reorder(read_cbf(tmp_path / "a.cbf"), kinds).problem
     sent = rewrite.reorder(rewrite.linear_objective(conic).problem, kinds).problem
@@ -222,7 +223,7 @@ def test_files_that_are_not_of_the_format_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line \d+"):
         read_sdpa(path)
     with pytest.raises(InputError, match=r"\.dat-s"):
-        export_sdp(Link().sdp.conic, tmp_path / "a.mps")
+        export_sdp(Link().sdp, tmp_path / "a.mps", None)
     broken = cbf_text(rewrite.linear_objective(Link().sdp.conic).problem).replace("OBJSENSE\nMIN", "")
     (tmp_path / "a.cbf").write_text(broken)
     with pytest.raises(InputError, match="CBF"):

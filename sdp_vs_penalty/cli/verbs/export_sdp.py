@@ -17,22 +17,26 @@ def verb(
         Path, typer.Option(metavar="FILE", help="File to write: .dat-s (sparse SDPA) or .cbf.")
     ],
     method: Annotated[
-        str, typer.Option(help="Method: lmi-sdp, lmi-sdp-plain or lmi-sdp-entropic.")
+        str, typer.Option(help="Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic.")
     ] = "lmi-sdp",
     effects: Annotated[
         str | None, typer.Option(metavar="a,b,c", help="Effects, as for `identify`.")
     ] = None,
     debug: Debug = False,
 ) -> None:
-    """Write the identification SDP as a file for another solver.
+    """Write the identification SDP as a file for another solver, and FILE.json with what it means.
 
-    Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
+    The JSON holds offset and scale, with which the file's optimum becomes the loss, and the proved
+    interval of that. Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.export.sdp import export_sdp as write
-    from sdp_vs_penalty.export.sdp import posed
+    from sdp_vs_penalty.export import sdp
 
-    conic = posed(problem, data, method, effects)
-    write(conic, out)
-    rows, columns = conic.A.shape
+    made = sdp.posed(problem, data, method, effects)
+    sdp.rewritten(made.sdp.conic, out)  # refuses a suffix before anything is solved
+    proof = sdp.prove(made.task, made.objective, made.constraints)
+    interval = proof["lower"], proof["upper"]
+    about = sdp.export_sdp(made.sdp, out, interval, problem=problem, method=method)
+    rows, columns = made.sdp.conic.A.shape
     console.written(out, f"{columns} variables, {rows} rows")
+    console.written(about, f"the loss lies in [{interval[0]}, {interval[1]}]")

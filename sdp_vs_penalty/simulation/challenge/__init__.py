@@ -1,1 +1,1 @@
-"""How often the diagnosis is right: cases, their run, the report."""
+"""How often the diagnosis is right: cases in worlds of their own, their run, the report."""

@@ -1,302 +1,248 @@
-"""The challenge's figures: shares with Wilson intervals, and who is taken for whom."""
+"""The challenge's figures: shares with Wilson's intervals, by class, by nuisance, by effect."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.simulation.challenge.cases import CLASSES, FARTHEST, IDENTIFIABLE
+from sdp_vs_penalty.simulation.challenge import judge
+from sdp_vs_penalty.simulation.challenge.judge import Item, Record, counted, wilson
+from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 
-Record = dict[str, Any]
+SINGLE = ("strong", "medium", "weak")
+HEADINGS = ("class", "counted", "cases", "share", "interval", "to reach")
 
-
-def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's score interval of a share (JASA 1927); (0, 1) without cases."""
-    if count == 0:
-        return 0.0, 1.0
-    p = hits / count
-    centre = p + z**2 / (2 * count)
-    half = z * np.sqrt(p * (1 - p) / count + z**2 / (4 * count**2))
-    scale = 1 + z**2 / count
-    return max(0.0, float((centre - half) / scale)), min(1.0, float((centre + half) / scale))
-
-
-def first_right(record: Record) -> bool:
-    """The first named effect is the hidden one, on its joint."""
-    return bool(record["found"]) and _same(record["found"][0], record["truth"][0])
-
-
-def in_set(record: Record) -> bool:
-    """The hidden effect is the first named one or among those that it cannot be told apart from."""
-    if not record["found"]:
-        return False
-    first, truth = record["found"][0], record["truth"][0]
-    if _same(first, truth):
-        return True
-    return any(r.split(":")[0] == truth["effect"] for r in first["rivals"])
-
-
-def _same(found: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
-    joints = [] if not found["joints"] else truth["joints"]
-    return found["effect"] == truth["effect"] and list(found["joints"]) == list(joints)
-
-
-def both_named(record: Record) -> bool:
-    return all(any(_same(f, t) for f in record["found"]) for t in record["truth"])
-
-
-def false_claim(record: Record) -> bool:
-    return record["verdict"] != "nothing_missing"
-
-
-def abstained(record: Record) -> bool:
-    return bool(record["verdict"] == "unknown_effect")
-
-
-def flagged(record: Record) -> bool:
-    return bool(record["events"]) or abstained(record)
-
-
-def found_in_time(record: Record) -> bool:
-    """An event overlaps the disturbance, give or take a second; a hum goes on all the time."""
-    truth = record["truth"][0]
-    if truth["kind"] == "hum":
-        return bool(record["events"])
-    return any(
-        e["t_start"] < truth["t_end"] + 1.0 and e["t_end"] > truth["t_start"] - 1.0
-        for e in record["events"]
-    )
-
-
-def nothing_else(record: Record, confidence: tuple[str, ...] = ("confident", "weak")) -> bool:
-    """Of the findings after the first, of these confidences, none is anything that was not hidden."""
-    more = [f for f in record["found"][1:] if f["confidence"] in confidence]
-    return all(any(_same(f, t) for t in record["truth"]) for f in more)
-
-
-def nothing_else_confident(record: Record) -> bool:
-    return nothing_else(record, ("confident",))
-
-
-def named_payload(record: Record) -> bool:
-    return bool(record["found"]) and record["found"][0]["effect"] == "payload"
-
-
-#: What is counted in which class: (class, what is counted, of identifiable cases only, figure to reach).
-MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], bool, str]] = (
-    ("strong", "first named effect right", first_right, True, ">= 99 %"),
-    ("medium", "first named effect right", first_right, True, ">= 99 %"),
-    ("weak", "first named effect right", first_right, True, ">= 92 %"),
-    ("strong", "truth in the equivalence set", in_set, True, ">= 99 %"),
-    ("medium", "truth in the equivalence set", in_set, True, ">= 99 %"),
-    ("weak", "truth in the equivalence set", in_set, True, ">= 99 %"),
-    *(
-        (name, what, test, True, "")
-        for name in ("strong", "medium", "weak")
-        for what, test in (
-            ("nothing named besides", nothing_else),
-            ("nothing confident besides", nothing_else_confident),
-        )
-    ),
-    ("clean", "false claims", false_claim, False, "<= 1 %"),
-    ("clean", "false events", lambda r: bool(r["events"]), False, ""),
-    ("unknown_strong", "abstained", abstained, True, ">= 95 %"),
-    ("unknown_medium", "abstained", abstained, True, ">= 95 %"),
-    ("disturbance", "flagged as event or unknown", flagged, False, ">= 80 %"),
-    ("disturbance", "an event at the right time", found_in_time, False, ""),
-    ("two_effects", "both named", both_named, True, ">= 90 %"),
-    ("other_forms", "right or in the set", in_set, True, ">= 99 %"),
-    ("one_run", "first named effect right", first_right, True, ">= 95 %"),
-    ("payload", "payload named first", named_payload, False, ""),
+#: What is counted in which class: (class, what is counted, how, figure to reach).
+MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
+    ("clean", "false claims, all nuisances", judge.false_claim, "<= 1 %"),
+    ("clean", "false events", judge.has_events, ""),
+    ("strong", "first named effect right", judge.first_right, ">= 99 %"),
+    ("medium", "first named effect right", judge.first_right, ">= 99 %"),
+    ("weak", "first named effect right", judge.first_right, ">= 95 %"),
+    *((name, "truth in the equivalence set", judge.in_set, ">= 99 %") for name in SINGLE),
+    *((name, "nothing named besides", judge.nothing_else, "") for name in SINGLE),
+    *((name, "nothing confident besides", judge.nothing_else_confident, ">= 98 %") for name in SINGLE),
+    ("one_run", "first named effect right", judge.first_right, ">= 95 %"),
+    ("pairs", "both named", judge.all_named, ">= 95 %"),
+    ("triples", "all three named", judge.all_named, ">= 90 %"),
+    ("unknown_strong", "abstained", judge.abstained, ">= 97 %"),
+    ("unknown_medium", "abstained", judge.abstained, ">= 97 %"),
+    ("disturbance", "flagged as event or unknown", judge.flagged, ""),
+    ("disturbance", "an event at the right time", judge.found_in_time, ">= 90 %"),
+    ("payload", "payload named first", judge.first_right, ""),
 )
 
 
-def write_report(
-    records: Mapping[str, Record], out: Path, problem: str, cases: int, seed: int
-) -> list[Path]:
+def write_report(records: Mapping[str, Record], out: Path, seed: int) -> list[Path]:
     """challenge.csv (every case) and challenge.md (the figures)."""
     table, report = out / "challenge.csv", out / "challenge.md"
-    write_text(table, _csv(records))
-    write_text(report, report_text(list(records.values()), problem, cases, seed))
+    write_text(table, csv_text(records))
+    write_text(report, report_text(records, seed))
     return [table, report]
 
 
-def _csv(records: Mapping[str, Record]) -> str:
+def csv_text(records: Mapping[str, Record]) -> str:
+    """One case a row."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["case", "truth", "energy", "verdict", "found", "rivals", "events", "seconds"])
+    names = (
+        "case",
+        "arm",
+        "truth",
+        "energy",
+        "verdict",
+        "found",
+        "retuned",
+        "rivals",
+        "events",
+        "seconds",
+    )
+    writer.writerow(names)
     for key, r in records.items():
-        writer.writerow(
-            [
-                key,
-                "+".join(_label(t) for t in r["truth"]),
-                " ".join(f"{e:.4g}" for e in r["energy"]),
-                r["verdict"],
-                "+".join(_label(f) for f in r["found"]),
-                " ".join(r["found"][0]["rivals"]) if r["found"] else "",
-                len(r["events"]),
-                f"{r['seconds']:.2f}",
-            ]
-        )
+        rivals = r["found"][0]["indistinguishable_from"] if r["found"] else []
+        row = [key, r["conditions"]["arm"], "+".join(map(_label, r["truth"]))]
+        row += [" ".join(f"{e:.4g}" for e in r["energy"]), r["verdict"]]
+        row += ["+".join(map(_label, r["found"])), str(len(r["retuned"])), " ".join(rivals)]
+        writer.writerow([*row, str(len(r["events"])), f"{r.get('seconds', 0.0):.2f}"])
     return buffer.getvalue()
 
 
-def _label(item: Mapping[str, Any]) -> str:
+def _label(item: Item) -> str:
     joints = "+".join(str(j) for j in item["joints"])
     return f"{item['effect']}:{joints}" if joints else str(item["effect"])
 
 
-def identifiable(record: Record) -> bool:
-    """Each hidden effect, by itself, is visible in these data."""
-    return all(e > IDENTIFIABLE for e in record["energy"])
-
-
-def plausible(record: Record) -> bool:
-    """No hidden effect moves a link farther than machines do."""
-    return all(d <= FARTHEST for d in record["deviation"])
-
-
-def counted(record: Record) -> bool:
-    return identifiable(record) and plausible(record)
+def share(hits: int, count: int) -> list[str]:
+    """Cases, share and Wilson's interval."""
+    low, high = wilson(hits, count)
+    return [str(count), f"{100 * hits / count:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %"]
 
 
 def shares(records: Sequence[Record]) -> list[list[str]]:
-    """Class, what is counted in it, of how many cases, share, Wilson's interval, figure to reach."""
+    """Rows under HEADINGS; of hidden effects only those that these data show."""
     rows = []
-    for name, what, test, only, goal in MEASURES:
-        mine = [r for r in records if r["class"] == name and (counted(r) or not only)]
+    for name, what, test, goal in MEASURES:
+        mine = [r for r in records if r["class"] == name and counted(r)]
         if mine:
-            hits = sum(test(r) for r in mine)
-            low, high = wilson(hits, len(mine))
-            interval = f"{100 * low:.1f} to {100 * high:.1f} %"
-            rows.append([name, what, str(len(mine)), f"{100 * hits / len(mine):.1f} %", interval, goal])
+            rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
+            if test is judge.false_claim:
+                rows += _extreme_nuisances(mine)
     return rows
 
 
-def report_text(records: Sequence[Record], problem: str, cases: int, seed: int) -> str:
-    """The committed report."""
-    lines = [
-        "# Challenge: does diagnose name what is hidden?",
-        "",
-        f"`sdp-vs-penalty challenge --cases {cases} --seed {seed} --problem {problem}`: {cases} cases a "
-        "class, simulated, each by its own seed. Thresholds were set on other seeds than these. "
-        "Intervals are Wilson's, 95 %.",
-        "",
-        "| class | counted | cases | share | interval | to reach |",
-        "| --- | --- | --- | --- | --- | --- |",
+def _extreme_nuisances(clean: Sequence[Record]) -> list[list[str]]:
+    """False claims in the nuisance with the most, and in the plain class."""
+    by = {name: [r for r in clean if r["nuisance"] == name] for name in NUISANCES}
+    hits = {name: sum(map(judge.false_claim, mine)) for name, mine in by.items() if mine}
+    worst = max(hits, key=lambda name: hits[name] / len(by[name]))
+    rows = [
+        [
+            "clean",
+            f"false claims, worst nuisance ({worst})",
+            *share(hits[worst], len(by[worst])),
+            "<= 3 %",
+        ]
     ]
-    lines += ["| " + " | ".join(row) + " |" for row in shares(records)]
-    lines += ["", *_numbers(records), "", *_excluded(records), "", *_confusion(records)]
+    if "plain" in hits:
+        rows.append(
+            ["clean", "false claims, plain", *share(hits["plain"], len(by["plain"])), "<= 0.3 %"]
+        )
+    return rows
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return ["| " + " | ".join(cells) + " |" for cells in (headings, ["---"] * len(headings), *rows)]
+
+
+def report_text(records: Mapping[str, Record], seed: int) -> str:
+    """The committed report."""
+    every = list(records.values())
+    lines = [
+        "# Challenge: does diagnose name what is hidden, and nothing else?",
+        "",
+        f"`sdp-vs-penalty challenge --seed {seed}`, cases as counted below. Robots, friction, channels "
+        "and hidden effects are simulated by code that shares nothing with the library "
+        "(`sdp_vs_penalty/simulation/worlds`). Thresholds were set on other seeds. Intervals are "
+        "Wilson's, 95 %. What a nuisance makes fair to name is stated in `worlds/conditions.py` and is "
+        "neither right nor false. Hidden effects count where these data show them: energy above 30, "
+        "white and with the model partialled out, and no link moved by more than 0.3 rad.",
+        "",
+        *table(HEADINGS, shares(every)),
+        "",
+        *_clean(every),
+        *_hidden(every),
+        *_numbers(every),
+        *_effects(every),
+        *_false_claims(records),
+    ]
     return "\n".join(lines) + "\n"
 
 
-def _numbers(records: Sequence[Record]) -> list[str]:
-    lines = ["## Sizes, floors, times", ""]
-    named = [r for r in records if r["class"] in ("strong", "medium", "weak") and counted(r)]
-    sets = [1 + len(r["found"][0]["rivals"]) for r in named if r["found"]]
-    if sets:
-        lines.append(f"- mean size of the equivalence set: {np.mean(sets):.2f} (to reach: 1.2)")
-    for name in ("strong", "medium", "weak"):
-        right = [r for r in named if r["class"] == name and first_right(r)]
-        errors = [_size_error(r) for r in right]
-        errors = [e for e in errors if np.isfinite(e)]
-        if errors:
-            lines.append(
-                f"- amplitude, {name}: median error {100 * np.median(errors):.2f} %, 90 % within "
-                f"{100 * np.quantile(errors, 0.9):.1f} %"
-            )
-        if right:
-            after = np.array([r["after"] for r in right])
-            lines.append(
-                f"- held-out error after adding over the true noise, {name}: median over cases and "
-                f"joints {np.median(after):.3f}, median of the worst joint "
-                f"{np.median(after.max(axis=1)):.3f} (to reach: 1.03)"
-            )
-    load = [r for r in records if r["class"] == "payload" and named_payload(r)]
-    if load:
-        errors = [abs(r["found"][0]["size"] / r["truth"][0]["size"] - 1.0) for r in load]
-        lines.append(
-            f"- payload: mass within {100 * np.median(errors):.2f} % in the median, 90 % within "
-            f"{100 * np.quantile(errors, 0.9):.2f} %"
-        )
-    floors = np.array([r["floor"] for r in records if r["class"] in ("clean", "strong", "medium")])
-    if len(floors):
-        lines.append(
-            f"- noise floor over the true one: median {np.median(floors):.3f} (to reach: within 5 % of "
-            f"1), 90 % of joints between {np.quantile(floors, 0.05):.3f} and "
-            f"{np.quantile(floors, 0.95):.3f}; the true one is of the residual: torque noise, and what "
-            "quantisation and the log's clock do to the modelled torque"
-        )
-    seconds = [r["seconds"] for r in records]
-    lines.append(
-        f"- seconds a diagnosis: median {np.median(seconds):.2f}, worst {np.max(seconds):.2f} (60 s of "
-        "data at 1 kHz and a test run of 20 s, as loaded the machine was)"
+def _clean(records: Sequence[Record]) -> list[str]:
+    mine = [r for r in records if r["class"] == "clean"]
+    if not mine:
+        return []
+    rows = []
+    for name in [x for x in NUISANCES if any(r["nuisance"] == x for r in mine)]:
+        group = [r for r in mine if r["nuisance"] == name]
+        count = Counter(map(judge.outcome, group))
+        cpu = np.mean([r.get("seconds", 0.0) for r in group])
+        rest = [str(count[kind]) for kind in judge.OUTCOMES[1:]]
+        rows.append([name, *share(count["false"], len(group)), *rest, f"{cpu:.1f}"])
+    headings = ["nuisance", "cases", "false", "interval", "named", "abstained", "silent", "CPU s"]
+    note = (
+        "Nothing is hidden. False: an effect that is not fair to name, or an abstention where "
+        "something has a name; named: only what is fair, or a changed shape constant; abstained: where "
+        "that is fair."
     )
-    return lines
+    return ["## Clean robots, by nuisance", "", note, "", *table(headings, rows), ""]
 
 
-def _size_error(record: Record) -> float:
-    truth, found = record["truth"][0], record["found"][0]
-    if not effect_types()[truth["effect"]].one_number:
-        return float("nan")
-    return float(abs(abs(found["size"]) / abs(truth["size"]) - 1.0))
+def _hidden(records: Sequence[Record]) -> list[str]:
+    """One hidden effect, by nuisance."""
+    mine = [r for r in records if r["class"] in SINGLE and counted(r)]
+    rows = []
+    for name in [x for x in NUISANCES if any(r["nuisance"] == x for r in mine)]:
+        group = [r for r in mine if r["nuisance"] == name]
+        right, alone = sum(map(judge.first_right, group)), sum(map(judge.nothing_else_confident, group))
+        rows.append([name, *share(right, len(group)), f"{100 * alone / len(group):.0f} %"])
+    headings = ["nuisance", "cases", "first right", "interval", "nothing confident besides"]
+    return ["## One hidden effect, by nuisance", "", *table(headings, rows), ""] if mine else []
 
 
-def _excluded(records: Sequence[Record]) -> list[str]:
-    lines = [
-        "## Cases left out, per effect",
-        "",
-        "First those that these data cannot show (white, partialled energy below 30), then those in "
-        "which the links would stand more than 0.3 rad from where the model believes them, of all.",
-        "",
-        "| effect | strong | medium | weak |",
-        "| --- | --- | --- | --- |",
-    ]
-    levels = ("strong", "medium", "weak")
-    effects = sorted({r["truth"][0]["effect"] for r in records if r["class"] in levels})
-    for effect in effects:
-        cells = []
-        for level in levels:
-            mine = [r for r in records if r["class"] == level and r["truth"][0]["effect"] == effect]
-            hidden = sum(not identifiable(r) for r in mine)
-            far = sum(identifiable(r) and not plausible(r) for r in mine)
-            cells.append(f"{hidden} + {far} of {len(mine)}")
-        lines.append(f"| {effect} | {' | '.join(cells)} |")
-    return lines if effects else []
+def _numbers(records: Sequence[Record]) -> list[str]:
+    lines = ["## Errors and times", ""]
+    for name in ("clean", *SINGLE):
+        mine = [r for r in records if r["class"] == name and counted(r) and r["after"]]
+        right = [r for r in mine if name == "clean" or judge.all_named(r)]
+        if right:
+            worst = [max(r["after"]) for r in right]
+            lines.append(
+                f"- held-out error with what was found over the true floor, {name} ({len(right)} "
+                f"cases): worst joint {np.median(worst):.3f} in the median (to reach: 1.05), "
+                f"{np.quantile(worst, 0.9):.3f} at 90 %"
+            )
+    cpu = [r["seconds"] for r in records if "seconds" in r]
+    if cpu:
+        lines.append(
+            f"- CPU seconds a diagnosis: median {np.median(cpu):.2f}, mean {np.mean(cpu):.2f}, worst "
+            f"{np.max(cpu):.1f}"
+        )
+    return [*lines, ""]
 
 
-def _confusion(records: Sequence[Record]) -> list[str]:
-    """Rows: what was hidden; what was named first, where it was not that."""
-    levels = ("strong", "medium", "weak")
-    mine = [r for r in records if r["class"] in levels and counted(r)]
-    lines = [
-        "## Confusion (strong, medium and weak together, identifiable cases)",
-        "",
-        "| hidden | cases | right | named instead |",
-        "| --- | --- | --- | --- |",
-    ]
-    for effect in sorted({r["truth"][0]["effect"] for r in mine}):
+def _effects(records: Sequence[Record]) -> list[str]:
+    """By effect: cases, who was taken for whom, and how honest its size is."""
+    mine = [r for r in records if r["class"] in SINGLE]
+    rows = []
+    for effect in sorted({t["effect"] for r in mine for t in r["truth"]}):
         group = [r for r in mine if r["truth"][0]["effect"] == effect]
-        wrong: dict[str, int] = {}
-        for r in group:
-            if not first_right(r):
-                if not r["found"]:
-                    label = "nothing" if r["verdict"] == "nothing_missing" else "unknown"
-                elif r["found"][0]["effect"] == effect:
-                    label = f"{effect} on another joint"
-                else:
-                    label = r["found"][0]["effect"]
-                wrong[label] = wrong.get(label, 0) + 1
-        cells = ", ".join(f"{k} {v}" for k, v in sorted(wrong.items(), key=lambda x: -x[1]))
-        right = sum(first_right(r) for r in group)
-        lines.append(f"| {effect} | {len(group)} | {right} | {cells} |")
-    used = [name for name in CLASSES if any(r["class"] == name for r in records)]
-    lines += ["", f"Classes run: {', '.join(used)}."]
-    return lines
+        shown = [r for r in group if counted(r)]
+        wrong = Counter(_instead(r) for r in shown if not judge.first_right(r))
+        named = [s for r in shown for s in judge.sizes(r)]
+        covered = sum(s[2] <= 1.96 for s in named)
+        cells = [effect, str(len(group) - len(shown)), str(len(shown))]
+        cells += [
+            str(sum(map(judge.first_right, shown))),
+            ", ".join(f"{k} {v}" for k, v in wrong.items()),
+        ]
+        error = f"{100 * np.median([s[1] for s in named]):.1f} %" if named else ""
+        rows.append([*cells, error, f"{covered} of {len(named)}" if named else ""])
+    everything = [s for r in records if counted(r) for s in judge.sizes(r)]
+    if not everything:
+        return []
+    within = sum(s[2] <= 1.96 for s in everything)
+    count, part, interval = share(within, len(everything))
+    note = (
+        "Left out: not shown by these data. Sizes, of those named: the median relative error, and how "
+        f"often the 95 % interval holds the truth. Over all classes: {part} of {count} ({interval}); "
+        "to reach: 90 to 98 % for every effect."
+    )
+    headings = ["hidden", "left out", "cases", "right", "named instead", "size error", "interval holds"]
+    return ["## By effect: strong, medium and weak together", "", note, "", *table(headings, rows), ""]
+
+
+def _instead(record: Record) -> str:
+    named = judge.first(record)
+    if named is None:
+        return "nothing" if record["verdict"] == "nothing_missing" else str(record["verdict"])
+    if any(named["effect"] == t["effect"] for t in record["truth"]):
+        return "another joint"
+    return str(named["effect"])
+
+
+def _false_claims(records: Mapping[str, Record]) -> list[str]:
+    lines = ["## False claims about clean robots", ""]
+    for key, r in records.items():
+        if r["class"] == "clean" and judge.outcome(r) == "false":
+            what = ", ".join(f"{_label(f)} ({f['confidence']})" for f in judge.extras(r))
+            lines.append(
+                f"- {key} on {r['conditions']['arm']}: {r['verdict']}; {what or r.get('error', '')}"
+            )
+    return lines if len(lines) > 2 else []

@@ -85,7 +85,7 @@ _GEOMETRY = ("kinematic_error", "base_tilt", "joint_zero_error")
 NUISANCES: Mapping[str, Nuisance] = {
     x.name: x
     for x in (
-        Nuisance("plain", lambda c, _: replace(c, arm="panda", channel=Channel(rate=1000.0))),
+        Nuisance("plain", lambda *_: Conditions(channel=Channel(rate=1000.0))),
         Nuisance("sign", lambda c, _: replace(c, law="sign")),
         Nuisance("tanh_0.002", lambda c, _: replace(c, law="tanh", width=(0.002, 0.002))),
         Nuisance(
@@ -126,8 +126,9 @@ NUISANCES: Mapping[str, Nuisance] = {
 
 def draw_conditions(nuisance: str, rng: Generator) -> Conditions:
     """Conditions of one case of a class of nuisance, on any of the arms (plain: on the Panda)."""
-    arm = str(rng.choice(ARMS, p=[0.4, 0.2, 0.2, 0.2]))
-    return NUISANCES[nuisance].draw(Conditions(arm), rng)
+    arm = str(rng.choice(ARMS))
+    usual = Conditions(arm, runs=int(rng.integers(2, 5)), duration=float(rng.uniform(10.0, 25.0)))
+    return NUISANCES[nuisance].draw(usual, rng)
 
 
 def fair(c: Conditions) -> tuple[set[str], bool]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -56,8 +57,11 @@ class World:
         return asdict(self.conditions) | {"dry": self.dry.to_dict()}
 
 
-def draw_world(c: Conditions, rng: np.random.Generator) -> World:
-    """Friction around what the URDF says, links as it says, joints where the conditions put them."""
+def draw_world(c: Conditions, rng: np.random.Generator, without: Collection[str] = ()) -> World:
+    """Friction around what the URDF says, links as it says, joints where the conditions put them.
+
+    without : of viscous_friction, coulomb_friction and torque_offset those that no joint has.
+    """
     arm = load_arm(c.arm)
     n = arm.n
 
@@ -67,50 +71,57 @@ def draw_world(c: Conditions, rng: np.random.Generator) -> World:
     coulomb, viscous = arm.coulomb * spread(0.5, 1.5), arm.viscous * spread(0.5, 1.5)
     offset = 0.2 * arm.coulomb * rng.uniform(-1.0, 1.0, n)
     unit = arm.unit_speed
-    width = spread(*c.width) if c.width[0] == c.width[1] else unit * spread(*c.width)
+    width = spread(*c.width) * (1.0 if c.width[0] == c.width[1] else unit)
     dry = DryFriction(
         c.law, width, unit * spread(0.001, 0.01), rng.uniform(0.0, 0.4, n), unit * spread(0.02, 0.1)
     )
     sides = rng.choice([-1.0, 1.0], (2, n)) * c.asymmetry
+    built = misplaced(arm.model, *c.misplacement, rng)
+    warm_up = float(rng.uniform(30.0, 120.0))
+    coulomb = coulomb * ("coulomb_friction" not in without)
+    viscous = viscous * ("viscous_friction" not in without)
+    offset = offset * ("torque_offset" not in without)
     return World(
-        c,
-        arm,
-        misplaced(arm.model, *c.misplacement, rng),
-        dry,
-        coulomb,
-        viscous,
-        offset,
-        sides[0] * coulomb,
-        sides[1] * viscous,
-        float(rng.uniform(30.0, 120.0)),
+        c, arm, built, dry, coulomb, viscous, offset, sides[0] * coulomb, sides[1] * viscous, warm_up
     )
+
+
+def start_of(c: Conditions, k: int) -> float:
+    """When run k begins on the clock of the sitting [s]; what is logged begins LEAD later."""
+    return k * (c.duration + 2.0 * LEAD + PAUSE)
+
+
+def draw_motion(world: World, k: int, rng: np.random.Generator) -> Motion:
+    """The motion of run k, on the fine grid."""
+    c = world.conditions
+    length = c.duration + 2.0 * LEAD
+    local = np.arange(round(length * FINE)) / FINE
+    return Motion(start_of(c, k) + local, *plan(world.arm, c.motion, length, rng)(local))
 
 
 @dataclass(frozen=True)
 class Logged:
-    """run : as logged; ideal : what perfect sensors would have logged at the same instants."""
+    """run : as logged; ideal : what perfect sensors would have logged at the same instants;
+    shares : (N, n) what each hidden effect adds to its torque."""
 
     run: Measurements
     ideal: Measurements
+    shares: tuple[Array, ...] = ()
 
 
-def log_run(world: World, k: int, rng: np.random.Generator) -> Logged:
-    """Run k of the sitting, of a motion of its own."""
+def log_run(
+    world: World, motion: Motion, rng: np.random.Generator, added: Sequence[Array] = ()
+) -> Logged:
+    """What the sensors make of a run; added : (N, n) torques on top of the world's, on the fine grid."""
     c = world.conditions
-    start = k * (c.duration + 2.0 * LEAD + PAUSE)
-    local = np.arange(round((c.duration + 2.0 * LEAD) * FINE)) / FINE
-    states = plan(world.arm, c.motion, c.duration + 2.0 * LEAD, rng)
-    motion = Motion(start + local, *states(local))
-    tau = c.channel.torque(motion.t, world.torque(motion))
     every = round(FINE / c.channel.rate)
     inside = slice(round(LEAD * FINE), round((LEAD + c.duration) * FINE), every)
-    t, q, dq, tau = motion.t[inside], motion.q[inside], motion.dq[inside], tau[inside]
+    tau, *shares = (c.channel.torque(motion.t, x)[inside] for x in (world.torque(motion), *added))
+    t, q, dq = motion.t[inside], motion.q[inside], motion.dq[inside]
+    tau = tau + sum(shares)
     noisy = tau + c.noise.draw(len(t), world.arm.noise, rng)
     speed = None
     if c.channel.speed_noise is not None:
         speed = dq + c.channel.speed_noise * world.arm.unit_speed * rng.normal(size=dq.shape)
     counted = c.channel.position(q, world.arm.unit_speed)
-    name = (f"run{k + 1}",)
-    return Logged(
-        Measurements(t, counted, noisy, speed, names=name), Measurements(t, q, tau, names=name)
-    )
+    return Logged(Measurements(t, counted, noisy, speed), Measurements(t, q, tau), tuple(shares))

@@ -1,0 +1,231 @@
+"""Which method should be the default: error on unseen motion and plausibility, method by arm.
+
+    python benchmarks/default_method.py          writes results/default_method.md
+
+Measured arms (the folder that SDP_VS_PENALTY_DATA names) and simulated ones, whose URDF does not know
+the truth: its inertials are 30 % off, or missing, or only the geometry is there. Every method gets the
+same rows, effects and bounds; what differs is what it does with what the data leave open.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.datasets import converted
+from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators.lmi_sdp import (
+    LmiSdp,
+    LmiSdpEntropic,
+    LmiSdpPlain,
+    LmiSdpThickness,
+)
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.real_data import real_data_folder
+from sdp_vs_penalty.robot import inertia
+
+Array = NDArray[np.float64]
+
+METHODS = {
+    "plain": LmiSdpPlain(),
+    "thickness 20 mm": LmiSdpThickness(),
+    "entropic, weight 1": LmiSdpEntropic(),
+    "body": LmiSdp(entropy=0.0),
+    "body, thickness 20 mm": LmiSdp(entropy=0.0, thickness=0.02),
+    "body, entropic, weight 1": LmiSdp(entropy=1.0),
+    "body, entropic, weight 3": LmiSdp(entropy=3.0),
+    "body, entropic, weight 10": LmiSdp(entropy=10.0),
+    "body, entropic, weight 100": LmiSdp(entropy=100.0),
+}
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Runs to train on, and motion that they do not hold; mass (n,) : the truth where it is known."""
+
+    name: str
+    problem: Problem
+    train: Measurements
+    test: Measurements
+    mass: Array | None = None
+    effects: tuple[str, ...] | None = None
+
+
+def measured(folder: Path) -> Iterator[Arm]:
+    panda = load_problem("panda")
+    for train, test in (((0.0, 7.6), (8.0, 13.2)), ((0.0, 6.5), (6.7, 13.3)), ((0.0, 5.0), (5.2, 13.3))):
+        parts = [
+            load_measurements(folder / "panda", joints=7, start=a, stop=b) for a, b in (train, test)
+        ]
+        yield Arm(f"Panda, {train[0]:g}-{train[1]:g} / {test[0]:g}-{test[1]:g} s", panda, *parts)
+    ur10e = converted("ur10e", folder / "ur10e")
+    for train, test in (
+        ("20_02_12-50sec_12harm", "20_02_19_14harm50sec"),
+        ("20_02_19_14harm50sec", "20_02_12-50sec_12harm"),
+    ):
+        yield Arm(
+            f"UR10e, {train} / {test}",
+            load_problem("ur10e"),
+            ur10e[f"ur-{train}"],
+            ur10e[f"ur-{test}"],
+        )
+    emps = converted("emps", folder / "emps")
+    yield Arm("EMPS, tracking / pulses", load_problem("emps"), emps["tracking"], emps["pulses"])
+    yield tx40(folder / "tx40")
+
+
+def tx40(folder: Path) -> Arm:
+    """Joint side: q = q_m / N with joint 6 driven through joint 5, every fifth row of 5 kHz."""
+    gear = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
+    q = np.loadtxt(folder / "pos_read_data.csv", delimiter=",", skiprows=1)[:, :6] / gear
+    tau = np.loadtxt(folder / "curr_data.csv", delimiter=",", skiprows=1)[:, :6] * gear
+    q[:, 5] -= q[:, 4]
+    q[:, 1] -= 0.5 * np.pi
+    q[:, 2] += 0.5 * np.pi
+    tau[:, 4] += tau[:, 5]
+    t = np.arange(len(q)) / 5000.0
+    runs = [
+        Measurements(t[rows], q[rows], tau[rows], None, None, (name,))
+        for rows, name in ((slice(0, 30000, 5), "train"), (slice(30000, None, 5), "test"))
+    ]
+    problem = load_problem(folder / "tx40.urdf")
+    return Arm("TX40, 0-6 / 6-9 s", problem, *runs, effects=(*problem.default_effects, "rotor_inertia"))
+
+
+def simulated(seed: int, knowledge: str, folder: Path) -> Arm:
+    """A serial arm of solid cylinders between its joints, 10 s of sines, 1 % noise.
+
+    knowledge : what its URDF says of the links: "inertials" (masses and sizes each up to 30 % wrong),
+    "geometry" (the cylinders), or "nothing".
+    """
+    rng = np.random.default_rng(seed)
+    n = 4 + seed % 3
+    links, joints, truth = [], [], []
+    at = np.zeros(3)
+    for k in range(n):
+        length, radius = rng.uniform(0.1, 0.45), rng.uniform(0.03, 0.08)
+        axis = np.eye(3)[rng.integers(3)]
+        mass = rng.uniform(1500.0, 3000.0) * np.pi * radius**2 * length
+        truth.append(cylinder(mass, radius, length, axis))
+        said = cylinder(*(x * rng.uniform(0.7, 1.3) for x in (mass, radius, length)), axis)
+        turn = rotation_onto(axis)
+        content = {
+            "inertials": inertial_text(said),
+            "geometry": f'<visual><origin xyz="{words(0.5 * length * axis)}" rpy="{words(turn)}"/>'
+            f'<geometry><cylinder radius="{radius}" length="{length}"/></geometry></visual>',
+            "nothing": "",
+        }[knowledge]
+        links.append(f'<link name="l{k + 1}">{content}</link>')
+        joints.append(
+            f'<joint name="j{k + 1}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+            f'<origin xyz="{words(at)}"/><axis xyz="{words(np.eye(3)[(2, 1, 0)[k % 3]])}"/>'
+            '<limit lower="-2.5" upper="2.5" velocity="4" effort="500"/></joint>'
+        )
+        at = length * axis
+    path = folder / f"arm{seed}_{knowledge}.urdf"
+    path.write_text("\n".join(['<robot name="arm"><link name="l0"/>', *links, *joints, "</robot>"]))
+    problem, links_true = load_problem(path), np.array(truth)
+    runs = [_run(problem, links_true, rng) for _ in range(2)]
+    return Arm(f"simulated {seed}, {n} joints, URDF with {knowledge}", problem, *runs, links_true[:, 0])
+
+
+def _run(problem: Problem, links: Array, rng: np.random.Generator) -> Measurements:
+    n = problem.robot.n
+    t = np.arange(0.0, 10.0, 0.01)
+    frequency = 2.0 * np.pi * rng.uniform(0.1, 0.6, (4, n, 1))
+    phase, size = rng.uniform(0.0, 2.0 * np.pi, (4, n, 1)), rng.uniform(0.1, 0.4, (4, n, 1))
+    waves = frequency * t + phase
+    q = np.sum(size * np.sin(waves), axis=0).T
+    dq = np.sum(size * frequency * np.cos(waves), axis=0).T
+    ddq = -np.sum(size * frequency**2 * np.sin(waves), axis=0).T
+    tau = problem.robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * dq + 0.3 * np.tanh(dq / 0.01)
+    noise = 0.01 * np.sqrt(np.mean(tau**2, axis=0))
+    return Measurements(t, q, tau + noise * rng.normal(size=tau.shape), dq)
+
+
+def cylinder(mass: float, radius: float, length: float, axis: Array) -> Array:
+    """Standard parameters (10,) of a solid cylinder from the frame's origin along an axis."""
+    across = mass * (radius**2 / 4.0 + length**2 / 12.0)
+    moments = np.where(axis == 1.0, 0.5 * mass * radius**2, across)
+    about = [moments[0], 0.0, moments[1], 0.0, 0.0, moments[2]]
+    return inertia.standard_from_barycentric([mass, *(0.5 * length * axis), *about])
+
+
+def inertial_text(link: Array) -> str:
+    m, x, y, z, xx, _, yy, _, _, zz = inertia.barycentric_from_standard(link)
+    return (
+        f'<inertial><origin xyz="{x} {y} {z}"/><mass value="{m}"/><inertia ixx="{xx}" ixy="0" ixz="0" '
+        f'iyy="{yy}" iyz="0" izz="{zz}"/></inertial>'
+    )
+
+
+def rotation_onto(axis: Array) -> Array:
+    """Roll, pitch and yaw that turn z onto an axis of the frame."""
+    return 0.5 * np.pi * np.array([axis[1], axis[0], 0.0])
+
+
+def words(numbers: Array) -> str:
+    return " ".join(f"{x:.9g}" for x in numbers)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method on one arm: see :func:`heads`."""
+
+    arm: str
+    method: str
+    error: float
+    gyration: float
+    lightest: float
+    masses: float
+    gap: float
+
+
+def judged(arm: Arm, method: str, estimator: LmiSdp) -> Row:
+    made = identify(arm.problem, arm.train, estimator, effects=arm.effects)
+    seen = compare(made, arm.test)[0]
+    mass = made.links[:, 0]
+    wrong = np.nan if arm.mass is None else float(np.median(np.abs(mass / arm.mass - 1.0)))
+    return Row(
+        arm.name,
+        method,
+        seen.relative_error_percent,
+        float(made.certificate.body_share or 0.0),
+        float(mass.min()),
+        100.0 * wrong,
+        float(made.certificate.gap or 0.0),
+    )
+
+
+def main() -> None:
+    folder = real_data_folder()
+    rows = []
+    with tempfile.TemporaryDirectory() as place:
+        arms = [] if folder is None else list(measured(folder))
+        arms += [
+            simulated(seed, knowledge, Path(place))
+            for seed, knowledge in enumerate(("inertials", "geometry", "nothing") * 2, start=1)
+        ]
+        for arm in arms:
+            for method, estimator in METHODS.items():
+                rows.append(judged(arm, method, estimator))
+                print(rows[-1], flush=True)
+    write_text(Path(__file__).parents[1] / "results" / "default_method.md", report(rows))
+
+
+def report(rows: list[Row]) -> str:
+    return ""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,223 @@
+"""The error of least squares from time blocks: a sandwich that few blocks and slow noise do not fool.
+
+In coordinates z of the visible directions, theta = V z with V' (R' W^2 R) V = 1, c' theta errs by
+w' sum_b g_b, w = V' c, with the block scores g_b = V' R_b' W^2 (rho_b - R_b theta_hat). Its variance is
+estimated by
+
+    v = sum_ab K_ab (w' g_a) (w' g_b),     K_ab = max(0, 1 - |t_a - t_b| / window) within a run
+
+(Newey, West, Econometrica 1987). theta_hat takes part of the error with it: were the error white with
+variance s^2, then E v = s^2 tr(K G) with G_ab = [a = b] w' A_a w - w' A_a A_b w, A_b the blocks' grams.
+v is divided by tr(K G), and counts for tr(K G)^2 / tr(K G K G) degrees of freedom (Bell, McCaffrey,
+Survey Methodology 2002), so that quantiles are Student's. The window is a multiple of the correlation
+time that the scores show: by how much they exceed white noise. What all directions say together counts
+for two degrees of freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.special import stdtrit
+
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
+
+Array = NDArray[np.float64]
+
+#: Singular values below this share of the largest are rounding: the data do not show that direction.
+UNSEEN = 1e-9
+#: A linear function of theta belongs to the visible ones up to this much of its square.
+_INSIDE = 1e-6
+#: Length of the window in correlation times. Chosen for 95 % coverage at forty of them a run.
+_WINDOW = 20.0
+#: Degrees of freedom for which the mean over all directions counts.
+_POOLED = 2.0
+#: Of the normal distribution, for which standard deviations are given.
+NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Sandwich:
+    """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates;
+    kernel (B, B): how far blocks' errors are one error; white: variance of white rows, and
+    ``inflation``: how much larger that of the scores is; prior (r, r): part of the information that
+    is no data's; norms (p,): of the columns; taken_white: the blocks are not asked."""
+
+    regression: Regression
+    weights: Array
+    directions: Array
+    grams: Array
+    scores: Array
+    kernel: sparse.csr_array
+    white: float
+    inflation: float
+    prior: Array
+    norms: Array
+    taken_white: bool = False
+
+    @cached_property
+    def pooled(self) -> float:
+        """Variance that all directions say together."""
+        return self.inflation * self.white
+
+    def sees(self, contrasts: Array) -> NDArray[np.bool_]:
+        """Which linear functions (k, p) of theta the data determine."""
+        norms, dark = self.norms, self.norms <= 0.0
+        scaled = contrasts / np.where(dark, 1.0, norms)
+        total = np.sum(scaled**2, axis=1)
+        hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
+        inside = np.sum((scaled @ self._basis) ** 2, axis=1)
+        return np.asarray((inside > (1.0 - _INSIDE) * total) & ~hidden & (total > 0.0))
+
+    @cached_property
+    def _basis(self) -> Array:
+        """(p, r) orthonormal basis of the visible directions, columns at unit norm."""
+        return np.asarray(np.linalg.qr(self.directions * self.norms[:, None])[0])
+
+    def half_widths(self, contrasts: Array, level: float) -> Array:
+        """(k,) half-widths of intervals of linear functions (k, p) of theta, NaN for unseen ones."""
+        half = np.full(len(contrasts), np.nan)
+        for k in np.flatnonzero(self.sees(contrasts)):
+            w = self.directions.T @ contrasts[k]
+            variance, freedom = self._variance(w)
+            known = self.white * float(w @ self.prior @ w)
+            t, normal = stdtrit([freedom, np.inf], 0.5 + 0.5 * level)
+            half[k] = np.sqrt(t**2 * variance + normal**2 * known)
+        return half
+
+    def _variance(self, w: Array) -> tuple[float, float]:
+        """Variance of w' z from the data, and its degrees of freedom."""
+        if self.taken_white:
+            return self.white * float(w @ w - w @ self.prior @ w), np.inf
+        AB, h = self.grams @ w, self.scores @ w
+        own, K = AB @ w, self.kernel
+        KAB = K @ AB
+        M = AB.T @ KAB
+        own = np.maximum(own, 0.0)
+        expected = float(own.sum() - np.trace(M))
+        square = float(own @ (K.power(2) @ own) - 2.0 * own @ np.sum(KAB**2, axis=1) + np.sum(M * M.T))
+        information = float(own.sum())
+        found = max(float(h @ (K @ h)), 0.0)
+        if not expected > 1e-6 * information or square <= 0.0:
+            return self.pooled * information, _POOLED
+        freedom = expected**2 / square
+        moderated = (_POOLED * self.pooled + freedom * found / expected) / (_POOLED + freedom)
+        return moderated * information, freedom + _POOLED
+
+    @cached_property
+    def factor(self) -> Array:
+        """(p, r) F with the covariance of everything visible F F'.
+
+        The blocks' own products are few: they are shrunk to the pooled variance, by as much as there
+        are more directions than independent windows.
+        """
+        B, r = self.scores.shape
+        flat = self.grams.reshape(B, -1)
+        lost = float(np.sum((self.kernel @ flat) * flat))
+        data = r - float(np.trace(self.prior))
+        windows = B**2 / max(float(self.kernel.sum()), 1.0)
+        meat = self.pooled * np.eye(r)
+        if data - lost > 1e-6 * data:
+            products = self.scores.T @ (self.kernel @ self.scores) * (data / (data - lost))
+            share = r / (r + windows)
+            meat = share * meat + (1.0 - share) * products
+        values, vectors = np.linalg.eigh(meat)
+        return np.asarray(self.directions @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+
+    def response(self, torques: Sequence[Array]) -> Array:
+        """(p, e) change of the estimate where the torque changes by ``torques``: (rows of its factor's
+        triangle, e) for each factor of the regression."""
+        moved = np.zeros((self.directions.shape[1], torques[0].shape[1] if torques else 0))
+        for f, torque in zip(self.regression.factors, torques, strict=True):
+            weighted = self.weights[f.joint] ** 2 * f.triangle[:, :-1] @ self.directions[f.indices]
+            moved += weighted.T @ torque
+        return np.asarray(self.directions @ moved)
+
+    def gain_response(self, theta: Array) -> Array:
+        """(p, n) change of the estimate theta for a unit relative error of each channel's gain."""
+        torques = []
+        for f in self.regression.factors:
+            column = np.zeros((len(f.triangle), self.regression.joints))
+            column[:, f.joint] = f.triangle[:, :-1] @ theta[f.indices]
+            torques.append(column)
+        return self.response(torques)
+
+
+def sandwich(
+    regression: Regression, weights: Array, prior_scale: Array | None = None, white: float | None = None
+) -> Sandwich:
+    """The sandwich of weighted least squares on compressed data.
+
+    prior_scale : (p,) standard deviations of parameters that are known beforehand to be zero, infinite
+    for all others. white : variance of white rows; by default that of the residual.
+    """
+    scale = np.full(regression.p, np.inf) if prior_scale is None else prior_scale
+    data = regression.least_squares(weights)
+    if white is None:
+        white = white_variance(data, regression.oversampling)
+    # Where the torque is fitted to rounding, a prior weighs that much and no less.
+    strength = max(white, 1e-24 * data.tau_squared / max(data.rows, 1))
+    whole = data.with_prior(scale, strength) if np.any(np.isfinite(scale)) else data
+    V = visible_directions(whole)
+    z = V.T @ (whole.R.T @ whole.rho)
+    B, r = len(regression.blocks), V.shape[1]
+    grams, scores = np.zeros((B, r, r)), np.zeros((B, r))
+    for f in regression.factors:
+        rows = weights[f.joint] * f.triangle
+        seen = rows[:, :-1] @ V[f.indices]
+        grams[f.block] += seen.T @ seen
+        scores[f.block] += seen.T @ (rows[:, -1] - seen @ z)
+    excess = float(np.sum(np.trace(grams, axis1=1, axis2=2)) - np.sum(grams**2))
+    inflation = 1.0
+    if excess > 1e-6 * r and white > 0.0:
+        inflation = float(np.sum(scores**2)) / excess / white
+    prior = V.T * (strength / scale**2) @ V
+    kernel = _kernel(regression, inflation)
+    return Sandwich(
+        regression, weights, V, grams, scores, kernel, white, inflation, prior, whole.column_norms
+    )
+
+
+def white_variance(data: LeastSquares, oversampling: float) -> float:
+    """Variance of the residual of least squares, were it white: of one independent row."""
+    V = visible_directions(data)
+    left = data.rho - data.R @ (V @ (V.T @ (data.R.T @ data.rho)))
+    degrees = max(data.rows - oversampling * V.shape[1], 1.0)
+    return (float(left @ left) + data.residual_norm**2) / degrees * oversampling
+
+
+def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
+    """(B, B) the triangular window over the blocks of each run, at most half a run long."""
+    runs = np.array([b.run for b in regression.blocks])
+    starts = np.array([b.start for b in regression.blocks])
+    stops = np.array([b.stop for b in regression.blocks])
+    rows = max(int(regression.joint_rows().max(initial=0)), 1)
+    # Scores of noise with the correlation time T have 2 T / interval times the variance of white rows.
+    interval = float(np.sum(stops - starts)) * regression.oversampling / rows
+    window = _WINDOW * 0.5 * max(inflation, 1.0) * interval
+    parts = []
+    for run in np.unique(runs):
+        own = runs == run
+        middle = 0.5 * (starts[own] + stops[own])
+        length = min(window, 0.5 * float(stops[own].max() - starts[own].min()))
+        apart = np.abs(np.subtract.outer(middle, middle))
+        parts.append(np.maximum(1.0 - apart / length, 0.0) if length > 0.0 else np.eye(len(middle)))
+    return sparse.csr_array(sparse.block_diag(parts)) if parts else sparse.csr_array((0, 0))
+
+
+def visible_directions(data: LeastSquares) -> Array:
+    """(p, r) directions V of theta that the data show, with V' R' R V = 1."""
+    norms = data.column_norms
+    seen = np.flatnonzero(norms > 0.0)
+    if not len(seen):
+        return np.zeros((data.R.shape[1], 0))
+    _, s, vt = np.linalg.svd(data.R[:, seen] / norms[seen], full_matrices=False)
+    good = s > UNSEEN * s[0]
+    out = np.zeros((data.R.shape[1], int(good.sum())))
+    out[seen] = (vt[good] / s[good, None]).T / norms[seen, None]
+    return out

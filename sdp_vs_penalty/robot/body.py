@@ -1,0 +1,124 @@
+"""The body of a link: an ellipsoid outside of which it has no mass, and where that is known from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.errors import InputError
+
+Array = NDArray[np.float64]
+
+#: What a body can be known from, the best first.
+SOURCES = ("geometry", "bounds", "inertial", "kinematics")
+#: Directions in which a cloud of points is searched for its extremes: enough for 1 % of its size.
+_DIRECTIONS = 400
+#: Relative excess of the volume of an enclosing ellipsoid, and the steps that it may take.
+_EXCESS, _STEPS = 1e-2, 2000
+
+
+@dataclass(frozen=True)
+class Body:
+    """{x : sum_k (axes[:, k] . (x - centre))^2 / half_axes[k]^2 <= 1} in the link frame [m].
+
+    centre (3,), half_axes (3,), axes (3, 3) : orthonormal columns; source : one of :data:`SOURCES`;
+    volume : of the link's geometry itself [m^3], None where there is none.
+    Raises InputError for half axes that are not positive, or another source.
+    """
+
+    centre: Array
+    half_axes: Array
+    axes: Array
+    source: str
+    volume: float | None = None
+
+    def __post_init__(self) -> None:
+        shapes = (self.centre.shape, self.half_axes.shape, self.axes.shape)
+        if shapes != ((3,), (3,), (3, 3)) or not np.all(np.isfinite(self.centre)):
+            raise InputError("a body needs a centre (3,), half axes (3,) and axes (3, 3).")
+        if not np.all((self.half_axes > 0.0) & np.isfinite(self.half_axes)):
+            raise InputError("the half axes of a body must be positive.")
+        if not np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6):
+            raise InputError("the axes of a body must be orthonormal.")
+        if self.source not in SOURCES:
+            raise InputError(f"body source {self.source!r} is unknown; there are: {', '.join(SOURCES)}.")
+
+    @property
+    def quadric(self) -> Array:
+        """Q (4, 4) with (x, 1)^T Q (x, 1) = 1 - |x - centre|^2 in units of the half axes."""
+        d = (self.axes / self.half_axes**2) @ self.axes.T
+        q = np.empty((4, 4))
+        q[:3, :3], q[3, 3] = -d, 1.0 - float(self.centre @ d @ self.centre)
+        q[:3, 3] = q[3, :3] = d @ self.centre
+        return q
+
+    @property
+    def reach(self) -> float:
+        """The largest radius of gyration that a mass inside can have [m]: its largest half axis."""
+        return float(self.half_axes.max())
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "centre": self.centre.tolist(),
+            "half_axes": self.half_axes.tolist(),
+            "axes": self.axes.tolist(),
+            "source": self.source,
+            "volume": self.volume,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Body:
+        centre, half_axes, axes = (np.array(data[k], float) for k in ("centre", "half_axes", "axes"))
+        volume = None if data["volume"] is None else float(data["volume"])
+        return cls(centre, half_axes, axes, data["source"], volume)
+
+
+def around(
+    points: ArrayLike, source: str, margin: float = 1.0, layer: float = 0.0, volume: float | None = None
+) -> Body:
+    """The ellipsoid of about least volume that holds points (k, 3), enlarged.
+
+    Its half axes are multiplied by ``margin``, then ``layer`` [m] longer.
+
+    Khachiyan's ascent on the weights of the lifted points (Todd, Minimum-Volume Ellipsoids, SIAM 2016,
+    ch. 3) over the extremes of the cloud, then enlarged until all points are inside.
+    """
+    cloud = np.asarray(points, float)
+    extremes = cloud[np.unique([int(np.argmax(cloud @ d)) for d in _directions()])]
+    lifted = np.column_stack([extremes, np.ones(len(extremes))])
+    weights = np.full(len(lifted), 1.0 / len(lifted))
+    for _ in range(_STEPS):
+        moment = (lifted * weights[:, None]).T @ lifted
+        distance = np.sum(lifted @ np.linalg.pinv(moment) * lifted, axis=1)
+        farthest = int(np.argmax(distance))
+        excess = distance[farthest]
+        if excess <= 4.0 * (1.0 + _EXCESS):
+            break
+        step = (excess - 4.0) / (4.0 * (excess - 1.0))
+        weights *= 1.0 - step
+        weights[farthest] += step
+    centre = weights @ extremes
+    second = (extremes * weights[:, None]).T @ extremes - np.outer(centre, centre)
+    size, axes = np.linalg.eigh(3.0 * second)
+    half_axes = np.sqrt(np.maximum(size, 0.0))
+    half_axes = np.maximum(half_axes, 1e-3 * half_axes.max())
+    outside = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
+    return Body(centre, margin * max(outside, 1.0) * half_axes + layer, axes, source, volume)
+
+
+def balls(centres: ArrayLike, radius: float) -> Array:
+    """(6 k, 3) the ends of the axes of balls around centres (k, 3): points that stand for them."""
+    ends = radius * np.concatenate([np.eye(3), -np.eye(3)])
+    return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
+
+
+def _directions() -> Array:
+    """(d, 3) unit vectors, spread over the sphere by the golden angle."""
+    k = np.arange(_DIRECTIONS) + 0.5
+    z, turn = 1.0 - 2.0 * k / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
+    across = np.sqrt(1.0 - z**2)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])

@@ -1,0 +1,144 @@
+"""The geometry of a URDF's links: points that enclose its shapes, and their volume.
+
+Collision shapes where they can be read, else visual ones. Meshes are found beside the file or in the
+packages that ROS knows; a link of which one is missing or cannot be read has no geometry, and its
+body is then taken from what else is known.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.robot.urdf import placed_links, pose_of
+
+Array = NDArray[np.float64]
+
+#: Corners of the polygons that stand for circles, around them.
+_CORNERS = 16
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """points (k, 3) whose convex hull holds a link's shapes, in its frame [m]; volume of them [m^3]."""
+
+    points: Array
+    volume: float
+
+
+def link_geometry(path: str | Path) -> list[Geometry | None]:
+    """Of each moving link of a URDF, with what is fixed to it; None where it is not known whole.
+
+    Raises InputError for a file that is not a URDF of a tree of joints.
+    """
+    out: list[Geometry | None] = []
+    for parts in placed_links(path):
+        found = [_shapes(Path(path), link, placement) for link, placement in parts]
+        shapes = [shape for part in found for shape in part or []]
+        if shapes and None not in found:
+            cloud = np.concatenate([shape.points for shape in shapes])
+            out.append(Geometry(cloud, sum(shape.volume for shape in shapes)))
+        else:
+            out.append(None)
+    return out
+
+
+def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:
+    """Of one <link> element: all its collision shapes, else all visual ones; None: some are missing."""
+    elements = [link.findall(tag) for tag in ("collision", "visual")]
+    for members in elements:
+        shapes = [_shape(path, element.find("geometry")) for element in members]
+        if shapes and None not in shapes:
+            poses = [placement @ pose_of(path, element) for element in members]
+            return [
+                Geometry(shape.points @ pose[:3, :3].T + pose[:3, 3], shape.volume)
+                for shape, pose in zip(shapes, poses, strict=True)
+                if shape is not None
+            ]
+    return None if any(elements) else []
+
+
+def _shape(path: Path, geometry: Any) -> Geometry | None:
+    """One shape about its own origin; None for numbers that describe none, or a mesh that is missing."""
+    shape = next(iter(geometry), None) if geometry is not None else None
+    if shape is None:
+        return None
+    if shape.tag == "box":
+        half = 0.5 * _numbers(shape.get("size"), 3)
+        made = Geometry(_box(half), float(8.0 * half.prod()))
+    elif shape.tag == "sphere":
+        (radius,) = _numbers(shape.get("radius"), 1)
+        made = Geometry(_box(np.full(3, radius)), 4.0 / 3.0 * np.pi * radius**3)
+    elif shape.tag in ("cylinder", "capsule"):
+        radius, length = (*_numbers(shape.get("radius"), 1), *_numbers(shape.get("length"), 1))
+        ends = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
+        made = Geometry(_cylinder(radius, ends), np.pi * radius**2 * length)
+    elif shape.tag == "mesh":
+        scale = _numbers(shape.get("scale") or "1 1 1", 3)
+        found = _mesh(path, shape.get("filename") or "", scale)
+        if found is None:
+            return None
+        made = found
+    else:
+        return None
+    return made if np.all(np.isfinite(made.points)) and len(made.points) else None
+
+
+def _numbers(text: str | None, count: int) -> Array:
+    """As many numbers, NaN where the text does not hold them."""
+    try:
+        values = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        values = np.zeros(0)
+    return values if len(values) == count else np.full(count, np.nan)
+
+
+def _box(half: Array) -> Array:
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return signs * half
+
+
+def _cylinder(radius: float, half: float) -> Array:
+    turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
+    outer = radius / np.cos(np.pi / _CORNERS)
+    x, y, z = outer * np.cos(turn), outer * np.sin(turn), np.full(_CORNERS, half)
+    return np.concatenate([np.column_stack([x, y, z]), np.column_stack([x, y, -z])])
+
+
+def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
+    file = next((p for p in _places(path, filename) if p.is_file()), None)
+    if file is None:
+        return None
+    try:
+        import coal
+
+        model = coal.MeshLoader().load(str(file), scale)
+        points = np.array(model.vertices(), float).reshape(-1, 3)
+        volume = abs(float(model.computeVolume()))
+    except Exception:  # a mesh is a help, not an input: whatever its reader says, the rest is enough
+        return None
+    extent = np.ptp(points, axis=0) if len(points) else np.zeros(3)
+    # The volume of an open surface means nothing; a solid's is at most that of its box.
+    return Geometry(points, volume if 0.0 < volume <= float(np.prod(extent)) else 0.0)
+
+
+def _places(path: Path, filename: str) -> Iterator[Path]:
+    """Where a mesh may be: beside the URDF, or in a package above it or on ROS's own paths."""
+    folder = path.resolve().parent
+    if not filename.startswith(("package://", "model://")):
+        yield folder / filename.removeprefix("file://")
+        return
+    package, _, rest = filename.partition("://")[2].partition("/")
+    for above in (folder, *folder.parents):
+        if above.name == package:
+            yield above / rest
+        yield above / package / rest
+    for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        for root in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            yield Path(root) / inside / package / rest

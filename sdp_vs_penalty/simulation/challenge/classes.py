@@ -1,0 +1,86 @@
+"""The classes of the challenge: what is hidden in a case, and how strongly."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdp_vs_penalty.simulation.worlds.conditions import Conditions
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
+from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
+from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE
+from sdp_vs_penalty.simulation.worlds.hidden_unknown import disturbance, unknown
+from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.world import World
+
+#: What every model in question has, unless that is what is hidden.
+USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
+#: What can be hidden from a model that is refitted.
+EFFECTS: Mapping[str, Maker] = {**FRICTION, **MACHINE}
+#: Energy, white and with the model partialled out, from which a hidden effect counts as identifiable.
+IDENTIFIABLE = 30.0
+#: Links that stand farther from where the encoders say [rad, m] belong to no machine.
+FARTHEST = 0.3
+
+
+@dataclass(frozen=True)
+class CaseClass:
+    """what : none, effects, unknown, disturbance or payload; level : of LEVELS; count : of effects;
+    frozen : the model was identified before, without them."""
+
+    name: str
+    what: str
+    level: str = "strong"
+    count: int = 1
+    one_run: bool = False
+
+    @property
+    def frozen(self) -> bool:
+        return self.what == "payload"
+
+    def conditions(self, drawn: Conditions) -> Conditions:
+        return replace(drawn, runs=1, duration=max(drawn.duration, 20.0)) if self.one_run else drawn
+
+    def names(self, seed: int, index: int, rng: np.random.Generator) -> list[str]:
+        """Effects of the library to hide: a single one in turn, in an order of the seed's, so that each
+        is met equally often; of several none that the model usually has."""
+        if self.what != "effects":
+            return []
+        if self.count == 1:
+            order = np.random.default_rng([seed, zlib.crc32(self.name.encode())]).permutation(
+                len(EFFECTS)
+            )
+            return [list(EFFECTS)[order[index % len(EFFECTS)]]]
+        others = [name for name in EFFECTS if name not in USUAL]
+        return [str(x) for x in rng.choice(others, self.count, replace=False)]
+
+    def hidden(
+        self, names: Sequence[str], world: World, motions: Sequence[Motion], rng: np.random.Generator
+    ) -> list[Hidden]:
+        """The hidden effects, sized on the motions that are identified from."""
+        kinds = {"unknown": unknown, "disturbance": disturbance, "payload": FROZEN["payload"]}
+        makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
+        coarse = [Motion(m.t[::10], m.q[::10], m.dq[::10], m.ddq[::10]) for m in motions]
+        made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]
+        return [one.sized(world, coarse, LEVELS[self.level]) for one in made]
+
+
+CLASSES: Mapping[str, CaseClass] = {
+    c.name: c
+    for c in (
+        CaseClass("clean", "none"),
+        CaseClass("strong", "effects", "strong"),
+        CaseClass("medium", "effects", "medium"),
+        CaseClass("weak", "effects", "weak"),
+        CaseClass("one_run", "effects", "strong", one_run=True),
+        CaseClass("pairs", "effects", "medium", 2),
+        CaseClass("triples", "effects", "medium", 3),
+        CaseClass("unknown_strong", "unknown", "strong"),
+        CaseClass("unknown_medium", "unknown", "medium"),
+        CaseClass("disturbance", "disturbance", "strong"),
+        CaseClass("payload", "payload", "strong"),
+    )
+}

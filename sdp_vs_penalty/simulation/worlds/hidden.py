@@ -1,0 +1,128 @@
+"""What can be hidden in a world: a change of its torque, what the library should call it, and how large.
+
+Names, symbols and signs are those that ``sdp-vs-penalty list effects`` prints; the equations are stated
+here a second time, on the true motion and the true robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.world import World
+
+Array = NDArray[np.float64]
+Change = Callable[[World, Motion, float], Array]
+Maker = Callable[[World, int, np.random.Generator], "Hidden"]
+
+#: Root mean square of the hidden torque over the raw noise of the joint that it moves most.
+LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """change : (N, n) torque that an effect of a size adds; joints : from 0, none for the whole robot;
+    number : the library's parameter at size 1, None where it has no single one; shift : (N,) by how
+    much the joint's link stands elsewhere than its encoder says, where that is how it acts."""
+
+    effect: str
+    joints: tuple[int, ...]
+    change: Change
+    number: float | None = 1.0
+    shape: Mapping[str, float] = field(default_factory=dict)
+    size: float = 1.0
+    shift: Change | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    def torque(self, world: World, m: Motion) -> Array:
+        """(N, n) what it adds at its size."""
+        return self.change(world, m, self.size)
+
+    def sized(self, world: World, motions: Sequence[Motion], factor: float) -> Hidden:
+        """With a root mean square of ``factor`` times the raw noise on the joint that it moves most;
+        three rounds, as some effects are not linear. As it is, where it moves nothing."""
+        out = self
+        for _ in range(3):
+            added = np.concatenate([out.torque(world, m) for m in motions])
+            level = world.arm.noise * world.conditions.noise.level
+            ratio = float((np.sqrt(np.mean(added**2, axis=0)) / level).max())
+            if ratio < 1e-9:
+                return self
+            out = replace(out, size=out.size * factor / ratio)
+        return out
+
+    def deviation(self, world: World, m: Motion) -> float:
+        """Root mean square of the shift [rad or m]."""
+        if self.shift is None:
+            return 0.0
+        return float(np.sqrt(np.mean(self.shift(world, m, self.size) ** 2)))
+
+    def to_dict(self) -> dict[str, Any]:
+        size = None if self.number is None else self.number * self.size
+        joints = [j + 1 for j in self.joints]
+        return {"effect": self.effect, "joints": joints, "size": size} | {
+            "shape": dict(self.shape),
+            **self.details,
+        }
+
+
+def on_joint(joint: int, law: Callable[[World, Motion], Array]) -> Change:
+    """The change of one joint's torque by law(world, motion) (N,) times the size."""
+
+    def change(world: World, m: Motion, size: float) -> Array:
+        out = np.zeros_like(m.q)
+        out[:, joint] = size * law(world, m)
+        return out
+
+    return change
+
+
+def at_joint(
+    effect: str,
+    joint: int,
+    law: Callable[[World, Motion], Array],
+    number: float | None = 1.0,
+    **shape: float,
+) -> Hidden:
+    """A torque of one joint."""
+    return Hidden(effect, (joint,), on_joint(joint, law), number, shape)
+
+
+def shifted(effect: str, joint: int, shift: Change, number: float | None) -> Hidden:
+    """The link of a joint stands at q + shift, where q is what motor and encoder do."""
+
+    def change(world: World, m: Motion, size: float) -> Array:
+        moved = displaced(m, joint, shift(world, m, size))
+        return rigid(world, moved) - rigid(world, m)
+
+    return Hidden(effect, (joint,), change, number, shift=shift)
+
+
+def displaced(m: Motion, joint: int, shift: Array) -> Motion:
+    """The motion of the links, rates by central differences on the fine grid."""
+    if np.ptp(shift) == 0.0:
+        rate = acceleration = np.zeros_like(shift)
+    else:
+        rate = np.gradient(shift, m.t)
+        acceleration = np.gradient(rate, m.t)
+    q, dq, ddq = m.q.copy(), m.dq.copy(), m.ddq.copy()
+    q[:, joint] += shift
+    dq[:, joint] += rate
+    ddq[:, joint] += acceleration
+    return Motion(m.t, q, dq, ddq)
+
+
+def rigid(world: World, m: Motion) -> Array:
+    """(N, n) of the links."""
+    return inverse_dynamics(world.built, m.q, m.dq, m.ddq)
+
+
+def sign(world: World, joint: int, m: Motion) -> Array:
+    """(N,) the direction in which a joint rubs, as sharp as its own dry friction is."""
+    return world.dry.share(m.t, m.dq)[:, joint]

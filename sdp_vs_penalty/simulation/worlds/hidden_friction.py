@@ -1,0 +1,123 @@
+"""Friction that can be hidden on a joint; equations and signs as in the sources that are named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sdp_vs_penalty.simulation.worlds.friction import bristles
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, rigid, sign
+from sdp_vs_penalty.simulation.worlds.world import World
+
+Generator = np.random.Generator
+
+
+def _log(rng: Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _unit(world: World, joint: int) -> float:
+    return float(world.arm.unit_speed[joint])
+
+
+def _viscous(w: World, j: int, rng: Generator) -> Hidden:
+    return at_joint("viscous_friction", j, lambda _, m: m.dq[:, j])
+
+
+def _coulomb(w: World, j: int, rng: Generator) -> Hidden:
+    return at_joint("coulomb_friction", j, lambda w, m: sign(w, j, m))
+
+
+def _asymmetric(w: World, j: int, rng: Generator) -> Hidden:
+    side = float(rng.choice([-1.0, 1.0]))
+    return at_joint("asymmetric_viscous_friction", j, lambda _, m: side * np.abs(m.dq[:, j]), side)
+
+
+def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
+    """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
+    vs = _unit(w, j) * _log(rng, 0.04, 0.3)
+    return at_joint(
+        "stribeck_friction",
+        j,
+        lambda w, m: sign(w, j, m) * np.exp(-((m.dq[:, j] / vs) ** 2)),
+        vs=vs,
+        delta=2.0,
+    )
+
+
+def _presliding(w: World, j: int, rng: Generator) -> Hidden:
+    """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
+    d = _unit(w, j) * _log(rng, 0.001, 0.01)
+    one = np.array([d])
+    return at_joint(
+        "presliding_hysteresis",
+        j,
+        lambda w, m: bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0] - sign(w, j, m),
+        d=d,
+    )
+
+
+def _sigmoid(w: World, j: int, rng: Generator) -> Hidden:
+    """Gaz et al., RA-L 2019, eq. 9: part of the Coulomb friction rises slowly."""
+    v0 = _unit(w, j) * _log(rng, 0.05, 0.3)
+    return at_joint("sigmoid_friction", j, lambda w, m: np.tanh(m.dq[:, j] / v0) - sign(w, j, m), v0=v0)
+
+
+def _power(w: World, j: int, rng: Generator) -> Hidden:
+    alpha = float(rng.uniform(0.3, 0.7) if rng.random() < 0.5 else rng.uniform(1.5, 2.5))
+    return at_joint(
+        "power_law_friction",
+        j,
+        lambda w, m: np.sign(m.dq[:, j]) * np.abs(m.dq[:, j]) ** alpha,
+        alpha=alpha,
+    )
+
+
+def _load(w: World, j: int, rng: Generator) -> Hidden:
+    """Hamon, Gautier, Garrec, IROS 2010: rubs in proportion to the torque that the gear transmits."""
+    return at_joint("load_dependent_friction", j, lambda w, m: np.abs(rigid(w, m)[:, j]) * sign(w, j, m))
+
+
+def _coupling(w: World, j: int, rng: Generator) -> Hidden:
+    """Janot et al., IEEE TCST 2014; between turning joints, as wrists are."""
+    n = w.arm.n
+    i = j - 1 if j > 0 else min(1, n - 1)
+    form, side = int(rng.integers(1, 5)), float(rng.choice([-1.0, 1.0]))
+    width = float(np.median(w.dry.width))
+
+    def law(w: World, dq: np.ndarray) -> np.ndarray:
+        speed = {1: dq[:, i], 2: dq[:, i], 3: dq[:, j] + dq[:, i], 4: dq[:, j] - dq[:, i]}[form]
+        rubbing = speed if form == 1 else np.tanh(speed / width)
+        return np.asarray(side * rubbing)
+
+    shape = {"i": float(i + 1), "form": float(form)}
+    return at_joint("joint_coupling", j, lambda w, m: law(w, m.dq), side, **shape)
+
+
+def _warming(w: World, j: int, rng: Generator) -> Hidden:
+    """Simoni et al., IROS 2015: friction that falls with time."""
+    T = float(rng.uniform(40.0, 150.0))
+    form = int(rng.choice([2, 4]))
+    return at_joint(
+        "drift_friction",
+        j,
+        lambda w, m: np.exp(-m.t / T) * (sign(w, j, m) if form == 2 else m.dq[:, j]),
+        None,
+        form=float(form),
+        T=T,
+    )
+
+
+FRICTION: Mapping[str, Maker] = {
+    "viscous_friction": _viscous,
+    "coulomb_friction": _coulomb,
+    "asymmetric_viscous_friction": _asymmetric,
+    "stribeck_friction": _stribeck,
+    "presliding_hysteresis": _presliding,
+    "sigmoid_friction": _sigmoid,
+    "power_law_friction": _power,
+    "load_dependent_friction": _load,
+    "joint_coupling": _coupling,
+    "drift_friction": _warming,
+}

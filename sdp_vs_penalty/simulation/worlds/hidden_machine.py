@@ -1,0 +1,177 @@
+"""What else a machine does to its torque: gears, springs, sensors, mounting, loads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.hidden import (
+    Hidden,
+    Maker,
+    at_joint,
+    displaced,
+    rigid,
+    shifted,
+)
+from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.world import World
+
+Array = NDArray[np.float64]
+Generator = np.random.Generator
+
+
+def _side(rng: Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _spring(w: World, j: int, rng: Generator) -> Hidden:
+    return at_joint("joint_spring", j, lambda _, m: m.q[:, j])
+
+
+def _offset(w: World, j: int, rng: Generator) -> Hidden:
+    side = _side(rng)
+    return at_joint("torque_offset", j, lambda _, m: np.full(len(m.t), side), side)
+
+
+def _drift(w: World, j: int, rng: Generator) -> Hidden:
+    """A sensor's zero that creeps as it warms."""
+    T = float(rng.uniform(40.0, 150.0))
+    return at_joint("drift_offset", j, lambda _, m: np.exp(-m.t / T), None, form=2.0, T=T)
+
+
+def _ripple(w: World, j: int, rng: Generator) -> Hidden:
+    """Teeth and poles: 2 to 40 waves a turn; a prismatic joint's screw has a lead of 8 to 70 mm."""
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
+    turns = float(rng.integers(2, 41))
+    k = turns if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
+    return at_joint("torque_ripple", j, lambda _, m: np.cos(k * m.q[:, j] + phase), k=k)
+
+
+def _rotor(w: World, j: int, rng: Generator) -> Hidden:
+    return at_joint("rotor_inertia", j, lambda _, m: m.ddq[:, j])
+
+
+def _gain(w: World, j: int, rng: Generator) -> Hidden:
+    side = _side(rng)
+    return at_joint("torque_gain", j, lambda w, m: side * w.torque(m)[:, j], side)
+
+
+def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
+    def change(w: World, m: Motion, size: float) -> Array:
+        tau = w.torque(m)
+        out = np.zeros_like(tau)
+        for j in channels:
+            out[:, j] = np.interp(m.t - size, m.t, tau[:, j]) - tau[:, j]
+        return out
+
+    return Hidden(effect, joints, change, size=1e-3)
+
+
+def _delay(w: World, j: int, rng: Generator) -> Hidden:
+    return _late([j], (j,), "torque_delay")
+
+
+def _global_delay(w: World, j: int, rng: Generator) -> Hidden:
+    return _late(list(range(w.arm.n)), (), "global_delay")
+
+
+def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
+    side = _side(rng)
+    hidden = shifted("joint_zero_error", j, lambda _, m, a: np.full(len(m.t), a * side), side)
+    return replace(hidden, size=1e-3)
+
+
+def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
+    """Spong 1987, the link at rest on its spring: it lags by c times the torque that it needs."""
+
+    def shift(w: World, m: Motion, c: float) -> Array:
+        lag = np.zeros(len(m.t))
+        for _ in range(2):
+            lag = -c * rigid(w, displaced(m, j, lag))[:, j]
+        return lag
+
+    return replace(shifted("joint_elasticity", j, shift, 1.0), size=1e-5)
+
+
+def _backlash(w: World, j: int, rng: Generator) -> Hidden:
+    """Nordin, Gutman 2002: between impacts the link rests on the flank that its torque presses it to.
+
+    Flanks that yield a little let it change over within a fiftieth of the largest torque; what the
+    impact itself does is left out."""
+
+    def shift(w: World, m: Motion, b: float) -> Array:
+        tau = rigid(w, m)[:, j]
+        return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
+
+    def change(w: World, m: Motion, b: float) -> Array:
+        q = m.q.copy()
+        q[:, j] += shift(w, m, b)
+        return rigid(w, replace(m, q=q)) - rigid(w, m)
+
+    return Hidden("backlash", (j,), change, 1.0, size=1e-4, shift=shift)
+
+
+def _tilt(w: World, j: int, rng: Generator) -> Hidden:
+    angle = float(rng.uniform(0.0, 2.0 * np.pi))
+
+    def change(w: World, m: Motion, size: float) -> Array:
+        tilted = pin.Model(w.built)
+        across = size * np.array([np.cos(angle), np.sin(angle), 0.0])
+        tilted.gravity.linear = w.built.gravity.linear + across
+        return inverse_dynamics(tilted, m.q, m.dq, m.ddq) - rigid(w, m)
+
+    return Hidden("base_tilt", (), change, 1.0, size=0.1)
+
+
+def _wrench(w: World, j: int, rng: Generator) -> Hidden:
+    """A constant force and moment on the last link, at its joint: motors carry -J^T (F, M)."""
+    force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
+
+    def change(w: World, m: Motion, size: float) -> Array:
+        data, last = w.built.createData(), w.built.njoints - 1
+        out = np.zeros_like(m.q)
+        for k, q in enumerate(m.q):
+            pin.computeJointJacobians(w.built, data, q)
+            J = pin.getJointJacobian(w.built, data, last, pin.LOCAL_WORLD_ALIGNED)
+            out[k] = -size * (J.T @ force)
+        return out
+
+    return Hidden("external_wrench", (), change, None)
+
+
+def _payload(w: World, j: int, rng: Generator) -> Hidden:
+    """A ball that the last link carries: its size is its mass [kg]."""
+    reach = float(np.linalg.norm(w.arm.model.jointPlacements[-1].translation)) + 0.05
+    centre = rng.uniform(-0.5, 0.5, 3) * reach
+
+    def change(w: World, m: Motion, mass: float) -> Array:
+        loaded = pin.Model(w.built)
+        ball = pin.Inertia(mass, centre, 0.4 * mass * 0.05**2 * np.eye(3))
+        loaded.inertias[loaded.njoints - 1] = w.built.inertias[w.built.njoints - 1] + ball
+        return inverse_dynamics(loaded, m.q, m.dq, m.ddq) - rigid(w, m)
+
+    return Hidden("payload", (), change, 1.0, size=0.1)
+
+
+#: What shows only against a model that is kept as it is.
+FROZEN: Mapping[str, Maker] = {"payload": _payload}
+MACHINE: Mapping[str, Maker] = {
+    "joint_spring": _spring,
+    "torque_offset": _offset,
+    "drift_offset": _drift,
+    "torque_ripple": _ripple,
+    "rotor_inertia": _rotor,
+    "torque_gain": _gain,
+    "torque_delay": _delay,
+    "global_delay": _global_delay,
+    "joint_zero_error": _zero_error,
+    "joint_elasticity": _elasticity,
+    "backlash": _backlash,
+    "base_tilt": _tilt,
+    "external_wrench": _wrench,
+}
