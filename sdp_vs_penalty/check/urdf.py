@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,14 @@ from sdp_vs_penalty.export.content import ROUNDING, Inertial
 from sdp_vs_penalty.export.splice import Document
 from sdp_vs_penalty.export.urdf import write_inertial
 from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.urdf import load_urdf, read_inertial
+from sdp_vs_penalty.robot.geometry import link_geometry
+from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, read_inertial
 
 Array = NDArray[np.float64]
 
-#: m: no link of an arm has its mass that far from its own centre.
+#: m: no link has its mass that far from its own centre, where nothing moves it.
 _FAR = 3.0
 
 
@@ -33,7 +35,8 @@ class LinkCheck:
         pseudo-inertia about the link's origin (kg, kg m, kg m^2 mixed: its sign is what counts);
     nearest : consistent Inertial nearest to that of the link, None where it is consistent already or
         has no positive mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2]; gyration :
-        sqrt(tr I / (2 m)) about the centre of mass [m]: how far out the mass lies, in the mean.
+        sqrt(tr I / (2 m)) about the centre of mass [m]: how far out the mass lies, in the mean; reach :
+        how far its body does [m], from its geometry or the joints around it.
     """
 
     link: str
@@ -44,11 +47,12 @@ class LinkCheck:
     nearest: Inertial | None = None
     distance: float = 0.0
     gyration: float = 0.0
+    reach: float = _FAR
 
     @property
     def unlikely(self) -> bool:
-        """A body that can exist, but not in an arm: as if its mass lay :data:`_FAR` or farther out."""
-        return self.consistent and self.gyration > _FAR
+        """A body that can exist, but not in this arm: its mass lies farther out than it reaches."""
+        return self.consistent and self.gyration > self.reach
 
     @property
     def consistent(self) -> bool:
@@ -63,6 +67,7 @@ class LinkCheck:
             "consistent": self.consistent,
             "verdict": self.verdict,
             "radius_of_gyration": self.gyration,
+            "plausible": self.consistent and not self.unlikely,
         }
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
@@ -75,13 +80,27 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
-    load_urdf(path)  # says in a sentence whatever else is wrong with the file
+    reach = _reaches(path)  # says in a sentence whatever else is wrong with the file
     checks = []
     for element in Document.read(path).root.findall("link"):
         if element.find("inertial") is None:
             continue
-        checks.append(_check(str(element.get("name")), read_inertial(path, element)))
+        name = str(element.get("name"))
+        made = _check(name, read_inertial(path, element))
+        checks.append(replace(made, reach=reach.get(name, _FAR)))
     return checks
+
+
+def _reaches(path: str | Path) -> dict[str, float]:
+    """How far the body of each moving <link> reaches [m], whatever its inertial says."""
+    robot, given = load_urdf(path)
+    open_box = np.tile([-np.inf, np.inf], (robot.n, 3, 1))
+    bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
+    return {
+        str(link.get("name")): body.reach
+        for parts, body in zip(placed_links(path), bodies, strict=True)
+        for link, _ in parts
+    }
 
 
 def massless_links(path: str | Path) -> list[str]:

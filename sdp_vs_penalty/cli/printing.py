@@ -24,9 +24,12 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import BANDS, JointFailure, dependences
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot import inertia
 
 #: What an error is called that no other run was kept for.
 TRAINING = "the training data"
+#: Base parameters of the prior that are named.
+_LISTED = 8
 #: What `weak` means, where findings are called so.
 _WEAK = (
     "weak = at least one of: an alternative fits as well; size uncertain by > 20 %; small gain; no "
@@ -49,6 +52,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         style="bold",
     )
     certificate(result)
+    if len(result.links):
+        links(result)
     if fit is not None:
         comparison([fit], result.robot.torque_units, "RMSE on these measurements")
 
@@ -58,7 +63,57 @@ def certificate(result: Estimate) -> None:
     lines = result.certificate.summary()
     if bounds := result.details.get("on_bounds"):
         lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
+    lines += determined(result)
     details(*zip(*lines, strict=True))
+
+
+def determined(result: Estimate) -> list[tuple[str, str]]:
+    """How many parameters the data determine; the base parameters that the prior decides."""
+    base = result.details.get("base_parameters")
+    if base is None:
+        return []
+    prior = [b["name"] for b in base if b["source"] != "data"]
+    own = sum(source == "data" for source in result.sources)
+    text = (
+        f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
+    )
+    lines = [("determined by the data", text)]
+    if prior:
+        more = f" and {len(prior) - _LISTED} more" if len(prior) > _LISTED else ""
+        rest = next(b["source"] for b in base if b["source"] != "data")
+        lines.append(
+            (f"from the {rest}", f"{', '.join(prior[:_LISTED])}{more}; see `source` in the file")
+        )
+    return lines
+
+
+def links(result: Estimate) -> None:
+    """Mass and radius of gyration of each link, against the nominal robot."""
+    k = result.model.rigid_indices[::10]
+    theta, nominal = result.links, result.nominal[result.model.rigid_indices].reshape(-1, 10)
+    rows = [
+        (
+            str(i + 1),
+            number(m, 4),
+            number(m0, 4),
+            result.sources[k[i]],
+            number(g),
+            number(g0),
+            body.source,
+        )
+        for i, (m, m0, g, g0, body) in enumerate(
+            zip(
+                theta[:, 0],
+                nominal[:, 0],
+                inertia.gyration(theta),
+                inertia.gyration(nominal),
+                result.problem.link_bodies,
+                strict=True,
+            )
+        )
+    ]
+    heads = ("link", "mass", "nominal", "from", "gyration", "nominal", "body from")
+    table("Links: mass [kg] and radius of gyration [m], identified and nominal", heads, rows)
 
 
 def comparison(results: Sequence[Comparison], units: Sequence[str], title: str = "RMSE") -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certify import certify, certify_beside, on_bounds, versions
+from sdp_vs_penalty.estimation.determined import record
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.shape_constants import sensitivities
@@ -215,7 +217,10 @@ def _add_frozen(
         theta=theta,
         uncertainty=_beside(estimate, model, own, part, measurements, settings, gain_uncertainty),
         certificate=certify_beside(estimate, model, theta, certificate),
-        details={"on_bounds": on_bounds(problem.constraints(model), theta)},
+        details={
+            **_determined(estimate, record(problem, task, part, estimator.rest)),
+            "on_bounds": on_bounds(problem.constraints(model), theta),
+        },
         provenance={
             **estimate.provenance,
             "seed": seed,
@@ -226,6 +231,15 @@ def _add_frozen(
         },
         training_motion=None if before is None or new_motion is None else before.joined(new_motion),
     )
+
+
+def _determined(estimate: Estimate, new: dict[str, Any]) -> dict[str, Any]:
+    """Who determines which parameter: of the model that was held, then of the new effects."""
+    old = estimate.details
+    return {
+        "undetermined": {**old.get("undetermined", {}), **new["undetermined"]},
+        "base_parameters": [*old.get("base_parameters", []), *new["base_parameters"]],
+    }
 
 
 def _beside(

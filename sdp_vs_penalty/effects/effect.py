@@ -210,6 +210,13 @@ class Effect(ABC):
             out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
         return out
 
+    def constraints_beside(
+        self, parameters: Sequence[Parameter], indices: NDArray[np.intp]
+    ) -> list[Constraint]:
+        """Demands that tie the parameters, which sit at ``indices`` of theta, to those of other effects;
+        parameters : all of theta."""
+        return []
+
     @property
     def nominal(self) -> Array:
         """(k,) plausible parameters, strictly inside the constraints that are no mere bounds."""

@@ -14,6 +14,7 @@ from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.determined import record
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
@@ -83,7 +84,11 @@ def build_estimate(
         certificate,
         preprocessing,
         settings,
-        {**{k: v for k, v in fit.details.items() if k != "interior"}, "on_bounds": bounds},
+        {
+            **{k: v for k, v in fit.details.items() if k != "interior"},
+            "on_bounds": bounds,
+            **record(problem, task, theta, estimator.rest),
+        },
         provenance,
         record_motion(measurements, preprocessing) if isinstance(measurements, Measurements) else None,
     )

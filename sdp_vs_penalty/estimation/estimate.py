@@ -79,6 +79,19 @@ class Estimate(Shown):
         """(p,) of each parameter on its own; NaN where the data do not determine it."""
         return self.uncertainty.std
 
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """(p,) who decides each parameter: the "data", else its method's "prior" or the "bounds"."""
+        rest = self.details.get("undetermined", {})
+        return tuple(rest.get(p.name, "data") for p in self.model.parameters)
+
+    @property
+    def nominal(self) -> Array:
+        """(p,) the nominal links' parameters, NaN for those of other effects."""
+        known = np.full(len(self.theta), np.nan)
+        known[self.model.rigid_indices] = self.problem.nominal(self.model)[self.model.rigid_indices]
+        return known
+
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""
         return self.model.torque(self.theta, motion)
@@ -124,8 +137,9 @@ class Estimate(Shown):
         ]
 
     def _table(self) -> Table:
-        rows = parameter_rows(self.model.parameters, self.theta, self.standard_deviations)
-        return ("parameter", "value", "unit", "effect"), rows
+        spread = self.standard_deviations
+        rows = parameter_rows(self.model.parameters, self.theta, spread, self.nominal, self.sources)
+        return ("parameter", "value", "nominal", "from", "unit", "effect"), rows
 
     def to_frame(self) -> pandas.DataFrame:
         """The parameters as a table, indexed by name: value, std, 95 % interval, unit, effect, joint."""
@@ -139,11 +153,18 @@ class Estimate(Shown):
             {
                 **interval.to_dict(),
                 "value": float(value),
+                "nominal": None if np.isnan(nominal) else float(nominal),
+                "source": source,
                 "effect": p.effect,
                 "joint": p.joint,
             }
-            for p, value, interval in zip(
-                self.model.parameters, self.theta, self.uncertainty.standard, strict=True
+            for p, value, interval, nominal, source in zip(
+                self.model.parameters,
+                self.theta,
+                self.uncertainty.standard,
+                self.nominal,
+                self.sources,
+                strict=True,
             )
         ]
         seen = np.flatnonzero(~np.isnan(self.standard_deviations))

@@ -15,13 +15,14 @@ Array = NDArray[np.float64]
 
 
 def parameter_rows(
-    parameters: Sequence[Parameter], theta: Array, std: Array
-) -> list[tuple[str, str, str, str]]:
-    """Name, value with its standard deviation, unit and effect of each parameter."""
-    rows = []
-    for p, value, spread in zip(parameters, theta, std, strict=True):
-        known = "" if np.isnan(spread) else f" ± {spread:.1g}"
-        rows.append((p.name, f"{value:.4g}{known}", p.unit, p.effect))
+    parameters: Sequence[Parameter], theta: Array, std: Array, nominal: Array, sources: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """Name, value with its standard deviation, nominal value, who says so, unit and effect of each."""
+    rows: list[tuple[str, ...]] = []
+    for p, value, spread, known, source in zip(parameters, theta, std, nominal, sources, strict=True):
+        plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
+        before = "" if np.isnan(known) else f"{known:.4g}"
+        rows.append((p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect))
     return rows
 
 

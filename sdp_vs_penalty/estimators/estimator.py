@@ -131,6 +131,11 @@ class Estimator(ABC):
     #: Every method has its rows in the table of methods.
     table_place: ClassVar[int | None] = None
 
+    @property
+    def rest(self) -> str:
+        """What decides where the data do not: the "prior", or the "bounds", of which some vertex."""
+        return "bounds"
+
     @abstractmethod
     def fit(self, task: Task) -> Fit:
         """Estimate theta; raises InputError where the constraints admit none."""

@@ -89,6 +89,10 @@ class LmiSdp(Estimator):
         objective, constraints = self.posed(task)
         return solve_sdp(task, objective, constraints, self.solver, self.accuracy)
 
+    @property
+    def rest(self) -> str:
+        return "prior" if self.entropy > 0.0 else "bounds"
+
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
         """What is minimised, subject to what."""
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))

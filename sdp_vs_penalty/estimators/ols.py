@@ -26,6 +26,10 @@ class Ols(Estimator):
     table_place: ClassVar[int | None] = 1
     description = "classical least squares, no constraints (the paper's CLS)"
 
+    @property
+    def rest(self) -> str:
+        return "prior"
+
     def fit(self, task: Task) -> Fit:
         return Fit(task.ols, Objective(task.data), task.constraints)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
-from sdp_vs_penalty.export.content import Content
+from sdp_vs_penalty.export.content import Content, require_plausible
 from sdp_vs_penalty.export.mjcf import make_mjcf
 from sdp_vs_penalty.export.numpy_function import make_function
 from sdp_vs_penalty.export.sidecar import make_sidecar
@@ -22,15 +22,21 @@ _WHOLE: dict[str, Callable[[Estimate], bytes]] = {".json": make_sidecar, ".py": 
 
 
 def export(
-    estimate: Estimate | str | Path, out: str | Path, urdf: str | Path | None = None
+    estimate: Estimate | str | Path,
+    out: str | Path,
+    urdf: str | Path | None = None,
+    *,
+    force: bool = False,
 ) -> tuple[str, ...]:
     """Write a model in the format of the suffix: .urdf, .xml (MJCF), .json, or .py (NumPy function).
 
     estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
         other byte is kept; for ``out`` with the suffix .urdf only.
+    force : a link whose mass lies farther out than its body reaches is exported all the same.
     Returns the effects that the format has no place for (they are in the .json and the .py).
-    Raises InputError for another suffix, an inconsistent inertial, or a URDF of another robot.
+    Raises InputError for another suffix, an inconsistent or implausible inertial, or a URDF of another
+    robot.
     """
     estimate = as_estimate(estimate, "export(estimate=...)")
     out = Path(out)
@@ -44,6 +50,8 @@ def export(
         write_bytes(out, _WHOLE[suffix](estimate))
         return ()
     content = Content.of(estimate)
+    if not force:
+        require_plausible(estimate)
     if suffix == ".xml":
         write_bytes(out, make_mjcf(estimate.robot, content))
         return content.left_out(armature=True)

@@ -93,6 +93,19 @@ def require_consistent(link: Array, name: str) -> None:
         )
 
 
+def require_plausible(estimate: Estimate) -> None:
+    """InputError for a link that can exist, but not in this arm: its mass lies outside of its body."""
+    gyration = inertia.gyration(estimate.links)
+    for k, body in enumerate(estimate.problem.link_bodies[: len(gyration)]):
+        if gyration[k] > body.reach:
+            raise InputError(
+                f"implausible: radius of gyration {gyration[k]:.3g} m for {estimate.links[k, 0]:.3g} "
+                f"kg, and its body reaches {body.reach:.3g} m (from its {body.source})",
+                "identify with the default method, which keeps every link in its body, or pass --force",
+                f"link {k + 1}",
+            )
+
+
 @dataclass(frozen=True)
 class Inertial:
     """As URDF and MJCF write it: mass [kg], com (3,) [m], about_com (3, 3) [kg m^2]."""

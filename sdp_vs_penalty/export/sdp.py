@@ -72,11 +72,17 @@ def rewritten(problem: ConicProblem, path: str | Path) -> tuple[Rewritten, str]:
     )
 
 
-def export_sdp(sdp: SdpProblem, path: str | Path, interval: tuple[str, str] | None, **more: Any) -> Path:
+def export_sdp(
+    sdp: SdpProblem,
+    path: str | Path,
+    interval: tuple[str, str] | None,
+    status: str = "optimum proved",
+    **more: Any,
+) -> Path:
     """Write the problem, and beside it FILE.json with what its optimum means; returns the latter.
 
-    interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None where the
-    constraints exclude each other. more : further entries of the JSON.
+    interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None where none is
+    proved. status : what is proved; more : further entries of the JSON.
     """
     made, text = rewritten(sdp.conic, path)
     write_text(path, text)
@@ -84,7 +90,7 @@ def export_sdp(sdp: SdpProblem, path: str | Path, interval: tuple[str, str] | No
         "file": Path(path).name,
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "sense": "min",
-        "status": "optimum proved" if interval else "proved infeasible",
+        "status": status,
         "offset": sdp.offset + sdp.loss_scale**2 * made.constant,
         "scale": sdp.loss_scale**2,
         "lower": float(interval[0]) if interval else None,

@@ -3,7 +3,7 @@
 Generous on purpose, because a body that is too small makes the truth infeasible. The margins: 20 % and
 3 cm around geometry (a shell leaves cables and screws out), twice the ellipsoid of uniform density that
 has a link's inertial, and balls around the joints that it bears and the corners of its bounds, of at
-least 10 cm, or 50 cm where nothing but the joints is known.
+least 10 cm, or 1 m where nothing but the joints is known.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ INERTIAL_MARGIN = 2.0
 #: Radius of a link where nothing tells it: this share of its reach, at least so much [m].
 RADIUS_SHARE, LEAST_RADIUS = 0.5, 0.1
 #: The same of a link of which nothing but the joints is known, its reach being the radius.
-LEAST_UNKNOWN = 0.5
+LEAST_UNKNOWN = 1.0
 #: Geometry smaller than this marks a place [m]; one larger than so many robots is not in metres.
 MARKER, ROBOTS = 0.01, 3.0
 

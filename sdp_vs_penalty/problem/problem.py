@@ -208,6 +208,7 @@ class Problem(Shown):
                 )
         for effect, indices in zip(model.effects, model.indices, strict=True):
             convex += effect.constraints(indices)
+            convex += effect.constraints_beside(model.parameters, indices)
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 
     def parameter_bound(self, model: Model) -> Array:

@@ -29,18 +29,27 @@ def parameters(material: Material) -> Section:
         f"parameters (the combinations that torques determine) {base['identifiable']} are "
         f"identifiable, {base['weakly']} weakly, {base['not seen']} not; of {len(known.standard)} "
         f"standard parameters {standard['identifiable']}, {standard['weakly']} and "
-        f"{standard['not seen']}. Parameters that are not identifiable have values that physics "
-        "allows, not measured ones."
+        f"{standard['not seen']}. Parameters that are not from the data have values of the "
+        "prior (the nominal robot) or of the bounds, not measured ones."
     )
-    heads = ("parameter", "verdict", "value", "from", "to", "unit")
-    body += table(heads, [_row(i) for i in known.base], numbers_from=2)
-    inner = table(heads, [_row(i) for i in known.standard], numbers_from=2)
+    heads = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
+    last = material.last
+    base_said = {b["name"]: (b["source"], b["nominal"]) for b in last.details.get("base_parameters", [])}
+    said = {
+        p.name: (source, nominal)
+        for p, source, nominal in zip(last.model.parameters, last.sources, last.nominal, strict=True)
+    }
+    body += table(
+        heads, [_row(i, *base_said.get(i.name, ("", np.nan))) for i in known.base], numbers_from=3
+    )
+    inner = table(heads, [_row(i, *said[i.name]) for i in known.standard], numbers_from=3)
     body += f"<details><summary>Standard parameters</summary>{inner}</details>"
     return Section("parameters", "Parameters", body)
 
 
-def _row(i: Interval) -> tuple[str, ...]:
-    return i.name, i.verdict, number(i.value), number(i.low), number(i.high), i.unit
+def _row(i: Interval, source: str, nominal: float) -> tuple[str, ...]:
+    known = "" if np.isnan(nominal) else number(nominal)
+    return i.name, i.verdict, source, number(i.value), number(i.low), number(i.high), known, i.unit
 
 
 def arm(material: Material) -> Section:

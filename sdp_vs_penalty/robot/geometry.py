@@ -125,7 +125,7 @@ def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
         return None
     extent = np.ptp(points, axis=0) if len(points) else np.zeros(3)
     # The volume of an open surface means nothing; a solid's is at most that of its box.
-    return Geometry(points, volume if 0.0 < volume <= float(np.prod(extent)) else 0.0)
+    return Geometry(points, volume if volume <= 1.001 * float(np.prod(extent)) else 0.0)
 
 
 def _places(path: Path, filename: str) -> Iterator[Path]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -21,9 +22,11 @@ from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers.objective import Objective
 
+Change = Callable[[Instance], Instance]
 
-def _panda(name: str, shape: str = "gyration") -> Instance:
-    made = regular.simulated(name, "hostile", "panda", "one-step", shape, 14.0)
+
+def _panda(name: str, shape: str = "gyration", stop: float = 14.0) -> Instance:
+    made = regular.simulated(name, "hostile", "panda", "one-step", shape, stop)
     return replace(made, hostile=True)
 
 
@@ -35,23 +38,23 @@ def _with_constraints(instance: Instance, convex: tuple[Constraint, ...]) -> Ins
     return replace(instance, task=replace(instance.task, constraints=ConstraintSet(convex)))
 
 
-def _units(mass: float, length: float) -> Callable[[str], Instance]:
-    return lambda name: replace(in_units(_panda(name), mass, length), formulation="gram")
+def gram(mass: float, length: float) -> Change:
+    """The bare quadratic form in units of ``mass`` kg and ``length`` m."""
+    return lambda made: replace(in_units(made, mass, length), formulation="gram")
 
 
-def _scaled_units(mass: float, length: float) -> Callable[[str], Instance]:
-    return lambda name: in_units(_panda(name), mass, length)
+def units(mass: float, length: float) -> Change:
+    return lambda made: in_units(made, mass, length)
 
 
-def no_scaling(name: str) -> Instance:
+def no_scaling(made: Instance) -> Instance:
     """Our residual form without a centre and without scales."""
-    return replace(_panda(name), formulation="rows")
+    return replace(made, formulation="rows")
 
 
-def unidentifiable(name: str) -> Instance:
+def unidentifiable(made: Instance) -> Instance:
     """No bounds on size: the set of optima is unbounded; the certificate holds within |theta| <= B."""
-    made = _panda(name, "plain")
-    open_families = ("trace", "range", "bounding ellipsoid", "total mass")
+    open_families = ("trace", "range", "bounding ellipsoid", "total mass", "minimum thickness")
     kept = [c for c in made.constraints.convex if c.family not in open_families]
     kept = [
         build.linear("mass", c.name, c.indices, [[1.0]], [0.0]) if c.family == "mass" else c
@@ -61,33 +64,23 @@ def unidentifiable(name: str) -> Instance:
     return replace(wide, task=replace(wide.task, bound=1e3 * made.task.bound))
 
 
-def rank_deficient(name: str) -> Instance:
-    """Half a second of motion: far fewer directions than parameters are seen."""
-    made = regular.simulated(name, "hostile", "panda", "one-step", "gyration", 1.0)
-    data = made.data
-    keep = data.R[:: max(1, len(data.R) // 20)]
-    few = LeastSquares(
-        keep,
-        data.rho[:: max(1, len(data.R) // 20)],
-        data.residual_norm,
-        data.tau_squared,
-        data.rows,
-    )
-    return replace(_with_data(made, few), hostile=True)
+def rank_deficient(made: Instance) -> Instance:
+    """Some twenty rows of the factor: far fewer directions than parameters are seen."""
+    data, step = made.data, max(1, len(made.data.R) // 20)
+    few = replace(data, R=data.R[::step], rho=data.rho[::step])
+    return _with_data(made, few)
 
 
-def noise_free(name: str) -> Instance:
+def noise_free(made: Instance) -> Instance:
     """Torque of the nominal robot, exactly: the optimum is zero."""
-    made = _panda(name)
     rho = made.data.R @ made.task.nominal
     return _with_data(made, LeastSquares(made.data.R, rho, 0.0, float(rho @ rho), made.data.rows))
 
 
-def _total_mass_at_least(shift: float) -> Callable[[str], Instance]:
+def total_mass_at_least(shift: float) -> Change:
     """The lower bound on the total mass ``shift`` (relative) above what the links may weigh together."""
 
-    def make(name: str) -> Instance:
-        made = _panda(name)
+    def change(made: Instance) -> Instance:
         upper = 0.0
         for c in made.constraints.convex:
             if c.family == "mass":
@@ -102,26 +95,24 @@ def _total_mass_at_least(shift: float) -> Callable[[str], Instance]:
         kept = [c for c in made.constraints.convex if c.family != "total mass"]
         return _with_constraints(made, (*kept, demand))
 
-    return make
+    return change
 
 
-def thick_beyond_bounds(name: str) -> Instance:
+def thick_beyond_bounds(made: Instance) -> Instance:
     """Radii of gyration that the bounds on the moments exclude."""
-    made = _panda(name, "plain")
-    demands = made.task.minimum_thickness(3.0)
-    return _with_constraints(made, (*made.constraints.convex, *demands))
+    kept = [c for c in made.constraints.convex if c.family != "minimum thickness"]
+    return _with_constraints(made, (*kept, *made.task.minimum_thickness(3.0)))
 
 
-def float32_data(name: str) -> Instance:
+def float32_data(made: Instance) -> Instance:
     """The factor in single precision; what is solved and certified is the problem that this leaves."""
-    made = _panda(name)
     data = made.data
     R, rho = (x.astype(np.float32).astype(float) for x in (data.R, data.rho))
     return _with_data(made, replace(data, R=R, rho=rho))
 
 
-def float32_gram(name: str) -> Instance:
-    return replace(_panda(name), formulation="gram in float32")
+def float32_gram(made: Instance) -> Instance:
+    return replace(made, formulation="gram in float32")
 
 
 def raw_rows(name: str) -> Instance:
@@ -154,23 +145,33 @@ def raw_rows(name: str) -> Instance:
     return replace(made, formulation="rows", raw=uncompressed)
 
 
+#: One thing that users do, or data do to them, to a regular instance.
+CHANGES: dict[str, Change] = {
+    "gram kg m": gram(1.0, 1.0),
+    "gram g mm": gram(1e-3, 1e-3),
+    "gram t km": gram(1e3, 1e3),
+    "units g mm": units(1e-3, 1e-3),
+    "units t km": units(1e3, 1e3),
+    "no scaling": no_scaling,
+    "unidentifiable links": unidentifiable,
+    "rank-deficient": rank_deficient,
+    "noise-free": noise_free,
+    "nearly infeasible 1e-3": total_mass_at_least(-1e-3),
+    "nearly infeasible 1e-6": total_mass_at_least(-1e-6),
+    "infeasible 1e-3": total_mass_at_least(1e-3),
+    "infeasible 1e-6": total_mass_at_least(1e-6),
+    "infeasible thickness": thick_beyond_bounds,
+    "float32 data": float32_data,
+    "float32 gram": float32_gram,
+}
+
+
+def _changed(change: str, name: str) -> Instance:
+    return CHANGES[change](_panda(name, stop=1.0 if change == "rank-deficient" else 14.0))
+
+
 BUILDERS: dict[str, Callable[[str], Instance]] = {
-    "hostile gram kg m": _units(1.0, 1.0),
-    "hostile gram g mm": _units(1e-3, 1e-3),
-    "hostile gram t km": _units(1e3, 1e3),
-    "hostile units g mm": _scaled_units(1e-3, 1e-3),
-    "hostile units t km": _scaled_units(1e3, 1e3),
-    "hostile no scaling": no_scaling,
-    "hostile unidentifiable links": unidentifiable,
-    "hostile rank-deficient": rank_deficient,
-    "hostile noise-free": noise_free,
-    "hostile nearly infeasible 1e-3": _total_mass_at_least(-1e-3),
-    "hostile nearly infeasible 1e-6": _total_mass_at_least(-1e-6),
-    "hostile infeasible 1e-3": _total_mass_at_least(1e-3),
-    "hostile infeasible 1e-6": _total_mass_at_least(1e-6),
-    "hostile infeasible thickness": thick_beyond_bounds,
-    "hostile float32 data": float32_data,
-    "hostile float32 gram": float32_gram,
+    **{f"hostile {change}": partial(_changed, change) for change in CHANGES},
     "hostile raw rows": raw_rows,
 }
 QUICK = ("hostile gram g mm", "hostile float32 gram", "hostile infeasible 1e-3", "hostile noise-free")

@@ -148,9 +148,9 @@ def chain(name: str, n: int) -> Instance:
     return posed(name, "chains", chain_task(n), "one-step", "gyration")
 
 
-def chain_problem(n: int) -> Problem:
+def chain_problem(n: int, draw: int = 0) -> Problem:
     """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
-    rng = np.random.default_rng([_CHAIN_SEED, n])
+    rng = np.random.default_rng(_seeds(_CHAIN_SEED, n, draw))
     robot = Robot.from_dh(
         f"chain{n}",
         rng.uniform(0.0, 0.3, n).tolist(),
@@ -169,10 +169,17 @@ def chain_problem(n: int) -> Problem:
     return Problem(robot.name, f"random serial chain of {n} links", robot, box, links)
 
 
-def chain_task(n: int, samples: int = 60) -> Task:
-    """Random states, torque of thin random links with friction, white noise of 1 % of each joint's."""
-    rng = np.random.default_rng([_CHAIN_SEED + 1, n])
-    problem = chain_problem(n)
+def _seeds(seed: int, n: int, draw: int) -> list[int]:
+    return [seed, n] + ([draw] if draw else [])
+
+
+def chain_task(n: int, samples: int = 60, draw: int = 0) -> Task:
+    """Random states, torque of thin random links with friction, white noise of 1 % of each joint's.
+
+    draw : another arm of the same size, with another motion.
+    """
+    rng = np.random.default_rng(_seeds(_CHAIN_SEED + 1, n, draw))
+    problem = chain_problem(n, draw)
     model = problem.model()
     q = problem.robot.random_configurations(samples, _CHAIN_SEED)
     dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))

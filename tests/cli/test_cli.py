@@ -185,7 +185,9 @@ def test_identify_writes_a_model_and_a_summary(run: Run, runs: list[Path], tmp_p
     assert data["method"] == "lmi-sdp"
     assert data["provenance"]["seed"] == 3
     assert data["provenance"]["runs"] == ["run1.csv", "run2.csv"]
-    assert {"name", "value", "unit", "std", "effect", "joint"} == set(data["parameters"][0])
+    assert {"name", "value", "unit", "std", "effect", "joint", "nominal", "source"} <= set(
+        data["parameters"][0]
+    )
 
 
 def test_identify_options_reach_the_model(run: Run, runs: list[Path], tmp_path: Path) -> None:

@@ -24,7 +24,19 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 seeds = st.integers(0, 2**32 - 1)
 
-FIELDS = {"name", "value", "unit", "std", "lower", "upper", "verdict", "effect", "joint"}
+FIELDS = {
+    "name",
+    "value",
+    "unit",
+    "std",
+    "lower",
+    "upper",
+    "verdict",
+    "effect",
+    "joint",
+    "nominal",
+    "source",
+}
 
 
 def random_problem(rng: np.random.Generator, n: int) -> Problem:

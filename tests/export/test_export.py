@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -628,16 +629,23 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans())
+@given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans(), turned=st.booleans())
 def test_any_tree_survives_being_written_and_edited(
-    tmp_path: Path, seed: int, joints: int, frames: bool
+    tmp_path: Path, seed: int, joints: int, frames: bool, turned: bool
 ) -> None:
-    """A random tree of revolute and prismatic joints: made, reloaded, edited with another model."""
+    """A random tree of revolute and prismatic joints: made, reloaded, edited with another model.
+
+    turned : the user's file names the joints in the opposite order.
+    """
     rng = np.random.default_rng(seed)
     robot = random_robots.tree(rng, joints, link_frames=frames)
     made, edited = tmp_path / "made.urdf", tmp_path / "edited.urdf"
     export(estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed), made)
     other = estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed + 1)
+    if turned:
+        root = ElementTree.parse(made).getroot()
+        root[:] = reversed(root)
+        made.write_bytes(ElementTree.tostring(root))
     export(other, edited, urdf=made)
     check_urdf_parity(edited, other)
     assert all(check.consistent for check in check_urdf(edited))

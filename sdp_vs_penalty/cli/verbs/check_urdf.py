@@ -46,8 +46,9 @@ def verb(
         if c.unlikely:
             console.explain(
                 f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m for "
-                f"{c.mass:.3g} kg. The torques of a link that hardly moves do not determine its mass "
-                "and inertia separately; `identify --method lmi-sdp-entropic` keeps them in proportion."
+                f"{c.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques of a link that "
+                "hardly moves do not determine its mass and inertia separately; the default method of "
+                "`identify` keeps every link in its body."
             )
     if massless:
         console.explain(

@@ -26,16 +26,20 @@ def verb(
             help="Your own URDF, of which only inertials, damping and friction are replaced.",
         ),
     ] = None,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Links whose mass lies outside of their bodies, too."),
+    ] = False,
     debug: Debug = False,
 ) -> None:
-    """Export a model to a simulator or a controller; a physically impossible inertial is refused.
+    """Export a model to a simulator or a controller; an impossible or implausible inertial is refused.
 
     Example: sdp-vs-penalty export model.json --out robot.urdf
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.export import export
 
-    left_out = export(model, out, urdf)
+    left_out = export(model, out, urdf, force=force)
     console.written(out)
     if urdf is None and out.suffix.lower() in (".urdf", ".xml"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"

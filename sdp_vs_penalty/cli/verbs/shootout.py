@@ -18,9 +18,9 @@ def verb(
         str | None, typer.Option(metavar="a,b,...", help="Solvers; default: all that are installed.")
     ] = None,
     problems: Annotated[
-        str,
-        typer.Option(metavar="a,b,...", help="Groups or names of instances, see --list."),
-    ] = "panda,two_link,ur10e,chains,hostile",
+        str | None,
+        typer.Option(metavar="a,b,...", help="Groups or names of instances, see --list; default: all."),
+    ] = None,
     accuracy: Annotated[
         str | None,
         typer.Option(metavar="1e-4,1e-8", help="Accuracies to ask for; default: 1e-4,1e-6,1e-8."),
@@ -41,25 +41,34 @@ def verb(
     jobs: Annotated[
         int, typer.Option(min=0, help="Parallel runs on this computer; 0: one per core.")
     ] = 0,
+    export: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the instances as files with proofs; nothing runs."),
+    ] = None,
     show: Annotated[bool, typer.Option("--list", help="List of instances and solvers.")] = False,
     debug: Debug = False,
 ) -> None:
     """Run SDP solvers on identification problems and judge each answer by a proved interval.
 
+    With --export, write the instances as files that any solver reads, each with a proof.
     Example: sdp-vs-penalty shootout --quick --out shootout
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout import runner, summary
+    from sdp_vs_penalty.shootout.instances import GROUPS
 
     if show:
         _list()
+        return
+    if export is not None:
+        _export(export, None if problems is None else _words(problems))
         return
     text = accuracy or (_QUICK_ACCURACY if quick else ",".join(f"{a:g}" for a in runner.ACCURACIES))
     limit = time_limit if time_limit is not None else _QUICK_LIMIT if quick else 60.0
     setup = runner.Shootout(
         out,
         None if solvers is None else _words(solvers),
-        _words(problems),
+        list(GROUPS) if problems is None else _words(problems),
         _accuracies(text),
         limit,
         memory,
@@ -78,6 +87,20 @@ def verb(
         console.say(sentence)
     for path in (outcome.results.path, *written):
         console.written(path)
+
+
+def _export(folder: Path, groups: list[str] | None) -> None:
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.shootout import library, runner
+
+    everything = list(dict.fromkeys(item.group for item in library.items()))
+    wanted = library.chosen(everything if groups is None else groups)
+    with runner.progress_bar() as progress:
+        rows = library.write_library(folder, wanted, progress)
+    proved = sum(row["status"] != "not proved" for row in rows)
+    console.say(f"{len(rows)} instances, {proved} with a proof")
+    console.next_step(["verify", folder])
+    console.written(folder / "index.csv")
 
 
 def _list() -> None:

@@ -25,7 +25,7 @@ def unknown(w: World, j: int, rng: Generator) -> Hidden:
 
     laws: Mapping[str, Callable[[Motion], Array]] = {
         "q dq": lambda m: m.q[:, j] * m.dq[:, j],
-        "cos(2 q) sign(dq)": lambda m: np.cos(2.0 * s[j] * m.q[:, j] + c) * np.sign(m.dq[:, j]),
+        "cos(2 q_i) sign(dq_j)": lambda m: np.cos(2.0 * s[i] * m.q[:, i] + c) * np.sign(m.dq[:, j]),
         "sin(2 q_j + 3 q_i)": lambda m: np.sin(2.0 * s[j] * m.q[:, j] + 3.0 * m.q[:, i] + c),
         "q_i dq_j": lambda m: m.q[:, i] * m.dq[:, j],
         "dq_i |dq_j|": lambda m: m.dq[:, i] * np.abs(m.dq[:, j]),

@@ -1,0 +1,41 @@
+"""Friction with memory that grows with the load."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
+from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle, dahl
+
+
+class LoadDependentHysteresis(JointEffect):
+    name = "load_dependent_hysteresis"
+    equation = "f_lh |tau_hat| z, dz/dq = (1 - z sign(dq)) / d"
+    explanation = (
+        "Teeth that are pressed harder rub more, and at a reversal their friction turns round over a "
+        "travel of about d: load-dependent friction with Dahl's memory. f_lh is the share of the "
+        "transmitted torque that is lost once the teeth slide; then it only takes energy. Before, they "
+        "are a spring whose stiffness follows the load."
+    )
+    reference = "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
+    symbol = "f_lh"
+    units = ("-", "-")
+    lower = 0.0
+    refines = ("coulomb_friction",)
+    has_memory = True
+    needs_torque = True
+    shapes = PreslidingHysteresis.shapes
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        start = float(motion.sign(joint)[0])
+        return np.abs(motion.model_torque[:, joint]) * dahl(motion.q[:, joint], self.shape["d"], start)
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    d = log_uniform(rng, 0.001, 0.02)
+
+    def law(w: World, m: Motion) -> Array:
+        return np.abs(w.torque(m)[:, joint]) * bristle(m.t, m.dq[:, joint], d)
+
+    return one_joint("load_dependent_hysteresis", joint, law, shape={"d": d})

@@ -1,0 +1,119 @@
+"""Dry friction that differs from place to place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.hidden import Hidden, World, on_joint
+from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.robot.robot import Robot
+
+#: Phases of a wave at which the friction may not become negative.
+_PHASES = 48
+
+
+class PositionDependentFriction(Effect):
+    name = "position_dependent_friction"
+    equation = "sign(dq) sum_i (a_i cos(i k q) + b_i sin(i k q)), i = 1 .. waves"
+    explanation = (
+        "Dry friction that varies along the range: an eccentric or bent shaft, a cable bundle that is "
+        "pressed, a gear worn where it works most. Waves of k per turn, with twice k where waves = 2. "
+        "Beside coulomb_friction on the same joint the sum is kept from becoming negative, so that it "
+        "never feeds energy."
+    )
+    reference = "Popovic, Goldenberg, IEEE Trans. Robotics and Automation 1998 (spectral friction model)"
+    refines = ("coulomb_friction",)
+    shapes = {
+        "k": Shape(
+            1.0,
+            ("1/turn", "rad/m"),
+            grid=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
+            bounds=(0.5, 300.0),
+            scale="linear",
+        ),
+        "waves": Shape(1.0, choices=(1.0, 2.0)),
+    }
+
+    @property
+    def _columns(self) -> int:
+        return 2 * int(self.shape["waves"])
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        grid = [{"k": k, "waves": 1.0} for k in cls.shapes["k"].grid]
+        return [*grid, *({"k": k, "waves": 2.0} for k in (1.0, 2.0, 3.0))]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(f"{symbol}{j + 1}_{i + 1}", self.robot.torque_units[j], self.name, j + 1)
+            for j in self.joints
+            for i in range(self._columns // 2)
+            for symbol in ("a_p", "b_p")
+        )
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        k = self._columns
+        return [
+            Block(
+                j,
+                k * place + np.arange(k),
+                motion.sign(j)[:, None] * self._waves(self.shape["k"] * motion.q[:, j]),
+            )
+            for place, j in enumerate(self.joints)
+        ]
+
+    def _waves(self, phase: Array) -> Array:
+        """(N, 2 waves) cos and sin of the phase and its multiples."""
+        waves = np.arange(1, self._columns // 2 + 1) * phase[:, None]
+        return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
+
+    def constraints_beside(
+        self, parameters: Sequence[Parameter], indices: NDArray[np.intp]
+    ) -> list[Constraint]:
+        """Coulomb friction of the same joint, which it varies, stays above zero at every position."""
+        phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
+        between = np.cos(np.pi * self.shape["waves"] / _PHASES)  # how low a wave is at the nearest phase
+        coefficients = np.vstack([np.ones(_PHASES), self._waves(phases).T / between])
+        coulomb = {p.joint - 1: k for k, p in enumerate(parameters) if p.effect == "coulomb_friction"}
+        k = self._columns
+        return [
+            build.linear(
+                "sign",
+                f"{self.name} {j + 1}",
+                np.array([coulomb[j], *indices[k * place : k * (place + 1)]]),
+                coefficients,
+                np.zeros(_PHASES),
+            )
+            for place, j in enumerate(self.joints)
+            if j in coulomb
+        ]
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    waves, k = int(rng.integers(1, 3)), float(rng.integers(1, 4))
+    amplitude, phase = rng.uniform(0.3, 1.0, waves), rng.uniform(0.0, 2.0 * np.pi, waves)
+
+    def torque(w: World, m: Motion, size: float) -> Array:
+        q = m.q[:, joint]
+        course = sum(
+            a * np.sin((i + 1) * k * q + p)
+            for i, (a, p) in enumerate(zip(amplitude, phase, strict=True))
+        )
+        return size * on_joint(joint, w.robot.n, np.sign(m.dq[:, joint]) * course)
+
+    theta = np.column_stack([amplitude * np.sin(phase), amplitude * np.cos(phase)]).ravel()
+    return Hidden(
+        "position_dependent_friction",
+        (joint,),
+        torque,
+        details={"shape": {"k": k, "waves": float(waves)}},
+        unit=float(np.linalg.norm(theta)),
+        theta=tuple(float(x) for x in theta),
+    )

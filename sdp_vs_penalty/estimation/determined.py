@@ -1,0 +1,95 @@
+"""Which parameters the data determine, and which the prior: who alone would know them better.
+
+Of a linear function a^T theta the data alone know the variance a^T H^-1 a, H = R^T R in units of the
+residual variance (infinite where no torque shows it), the prior alone a^T H_prior^-1 a. H_prior is one
+independent measurement a link: 1/2 P0^-1 (x) P0^-1, the curvature of the entropic pull at the nominal
+robot P0, and of the joints' own parameters one over their scale squared. The data's share of what both
+know, prior variance over the sum of the two, decides: above one half the parameter is from the data.
+For a method without a prior the rest is where its answer is an accident of the bounds.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.estimation.uncertainty import base_rows
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY, sample_variance
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot import inertia
+
+Array = NDArray[np.float64]
+
+DATA = "data"
+#: Information of the data in a direction that no torque shows, in the prior's.
+_UNSEEN = 1e-12
+#: Share of the information from which on a parameter counts as the data's.
+_HALF = 0.5
+
+
+def base_record(problem: Problem, task: Task, theta: Array, rest: str) -> list[dict[str, Any]]:
+    """What model.json says of the base parameters: name, value, nominal value, and who determines it."""
+    rows, names, _ = base_rows(problem, task.model)
+    kinds = [DATA if own else rest for own in determined(task, rows)]
+    values = zip(names, rows @ theta, rows @ task.nominal, kinds, strict=True)
+    return [
+        {"name": name, "value": float(value), "nominal": float(nominal), "source": kind}
+        for name, value, nominal, kind in values
+    ]
+
+
+def record(problem: Problem, task: Task, theta: Array, rest: str) -> dict[str, Any]:
+    """For the details of an estimate: the parameters that the data leave open, all base parameters.
+
+    rest : what decides those (:attr:`Estimator.rest`).
+    """
+    own = determined(task, np.eye(len(theta)))
+    names = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
+    return {
+        "undetermined": dict.fromkeys(names, rest),
+        "base_parameters": base_record(problem, task, theta, rest),
+    }
+
+
+def determined(task: Task, rows: Array) -> NDArray[np.bool_]:
+    """(b,) whether the data say more than the prior of each linear function, rows (b, p), of theta."""
+    return np.asarray(data_share(task, rows) > _HALF)
+
+
+def data_share(task: Task, rows: Array) -> Array:
+    """(b,) the data's share of the information on linear functions, rows (b, p), of theta: 0 to 1."""
+    half = _prior_factor(task)
+    # In coordinates z = half theta the prior is the identity: H becomes A^T A.
+    into = scipy.linalg.solve_triangular(half, np.eye(len(half)), lower=False)
+    a = rows @ into
+    _, s, vt = np.linalg.svd(task.data.R @ into, full_matrices=True)
+    information = np.zeros(len(half))
+    information[: len(s)] = s**2
+    weight = (a @ vt.T) ** 2
+    data, prior = weight @ (1.0 / np.maximum(information, _UNSEEN)), weight.sum(axis=1)
+    return np.asarray(prior / (prior + data))
+
+
+def _prior_factor(task: Task) -> Array:
+    """(p, p) upper triangular U with U^T U the prior's information."""
+    p = len(task.bound)
+    variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
+    scale = np.full(p, np.inf) if task.joint_scale is None else task.joint_scale
+    out = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
+    for indices, p0 in zip(task.links, inertia.pseudo_inertia(task.prior_links), strict=True):
+        root = np.linalg.inv(np.linalg.cholesky(p0))
+        whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
+        # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
+        information = 0.5 * DEFAULT_ENTROPY * variance * (whitened @ whitened.T)
+        out[np.ix_(indices, indices)] = _upper(information)
+    return out
+
+
+def _upper(information: Array) -> Array:
+    """U (d, d) with U^T U = information, balanced first: masses and moments differ by 1e6."""
+    size = np.sqrt(np.diagonal(information))
+    return np.asarray(scipy.linalg.cholesky(information / np.outer(size, size)) * size)

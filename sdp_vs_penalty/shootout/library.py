@@ -1,0 +1,295 @@
+"""The library of instances: identification SDPs as files that any solver reads, with proofs beside them.
+
+Each instance is a folder with the problem in three formats (CBF, sparse SDPA where its cones allow
+that, NumPy and MATLAB arrays), a JSON that says how a file's optimum becomes the loss and between which
+proved bounds that lies, and a proof that `verify` checks in rational arithmetic. index.csv lists them
+all with sizes and SHA-256. The same version writes the same bytes on the same machine.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimators.lmi_sdp import interior_point
+from sdp_vs_penalty.export.sdp import export_sdp, prove
+from sdp_vs_penalty.files import write_bytes, write_text
+from sdp_vs_penalty.problem.real_data import real_data_folder
+from sdp_vs_penalty.shootout import hostile, regular
+from sdp_vs_penalty.shootout.card import CARD, CITATION
+from sdp_vs_penalty.shootout.instance import Instance
+from sdp_vs_penalty.solvers.conic import ConicProblem
+from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, write_proof
+from sdp_vs_penalty.solvers.rewrite import linear_objective
+
+#: A proved interval of at most this share of the loss makes an instance easy, or of medium difficulty.
+_EASY, _MEDIUM = 1e-8, 1e-6
+
+_SHAPES = {
+    "plain": "physical consistency and the problem's bounds",
+    "gyration": "links at least 2 cm thick",
+    "regulariser": "an entropic pull to the nominal robot (exponential cones)",
+    "cones": "centres of mass in second-order cones",
+}
+_STEPS = {"one-step": "torque error", "two-step": "distance of the base parameters from least squares"}
+_CHANGES = {
+    "gram kg m": "as the bare quadratic form of the Gram matrix",
+    "gram g mm": "as the bare quadratic form, in grams and millimetres",
+    "gram t km": "as the bare quadratic form, in tons and kilometres",
+    "units g mm": "in grams and millimetres",
+    "units t km": "in tons and kilometres",
+    "no scaling": "without a centre and without scales",
+    "unidentifiable links": "without bounds on size: the optima are unbounded",
+    "rank-deficient": "from twenty rows only",
+    "noise-free": "of exact torques: the optimum is zero",
+    "nearly infeasible 1e-3": "with masses within 0.1 % of the most that their bounds allow",
+    "nearly infeasible 1e-6": "with masses within a millionth of the most that their bounds allow",
+    "infeasible 1e-3": "with 0.1 % more mass than the bounds allow",
+    "infeasible 1e-6": "with a millionth more mass than the bounds allow",
+    "infeasible thickness": "with links thicker than their bounds allow",
+    "float32 data": "from data rounded to single precision",
+}
+
+
+@dataclass(frozen=True)
+class Item:
+    """One instance of the library; measured : needs real data."""
+
+    name: str
+    group: str
+    sentence: str
+    build: Callable[[], Instance]
+    measured: bool = False
+
+    @property
+    def folder(self) -> str:
+        return f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
+
+
+def items() -> list[Item]:
+    """Every instance, measured ones included, in a fixed order."""
+    return [*_robots(), *_chains(), *_changed()]
+
+
+def _robots() -> Iterator[Item]:
+    """Simulated and measured robots in every formulation."""
+    stops: dict[str, tuple[float, ...]] = {
+        "two_link": (np.inf,),
+        "panda": (14.0, 7.0, 3.0, 1.0),
+        "ur10e": (np.inf,),
+        "emps": (np.inf,),
+        "tx40": (np.inf,),
+    }
+    for robot, lengths in stops.items():
+        for source in ("simulated",) if robot == "two_link" else ("simulated", "measured"):
+            for stop in lengths:
+                for step, aim in _STEPS.items():
+                    for shape, demand in _SHAPES.items():
+                        seconds = f" {stop:g} s" if np.isfinite(stop) else ""
+                        name = f"{robot} {source}{seconds} {step} {shape}"
+                        make = regular.simulated if source == "simulated" else regular.measured
+                        build = partial(make, name, robot, robot, step, shape, stop)
+                        said = f"{robot}, {source}{seconds}: least {aim}; {demand}."
+                        yield Item(name, robot, said, build, source == "measured")
+
+
+def _chains() -> Iterator[Item]:
+    """Random serial arms: every size once in every shape, small ones twice more."""
+    for n in (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 20, 30, 40, 60):
+        for shape, demand in _SHAPES.items():
+            if n > 14 and shape in ("plain", "cones"):
+                continue
+            for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
+                name = f"chain of {n} links {shape} {draw}"
+                said = f"A random arm of {n} revolute joints from 60 random states; {demand}."
+                yield Item(name, "chains", said, partial(_chain, name, n, shape, draw))
+
+
+def _chain(name: str, n: int, shape: str, draw: int) -> Instance:
+    return regular.posed(name, "chains", regular.chain_task(n, draw=draw), "one-step", shape)
+
+
+def _changed() -> Iterator[Item]:
+    """Regular instances with one thing changed that users or data do."""
+    bases: dict[str, Callable[[], Instance]] = {
+        "two_link": partial(regular.simulated, "", "two_link", "two_link", "one-step", "gyration"),
+        "panda": partial(regular.simulated, "", "panda", "panda", "one-step", "gyration", 14.0),
+        "ur10e": partial(regular.simulated, "", "ur10e", "ur10e", "one-step", "gyration"),
+        "chain of 7 links": partial(_chain, "", 7, "gyration", 0),
+        "chain of 14 links": partial(_chain, "", 14, "gyration", 0),
+    }
+    for robot, build in bases.items():
+        for change, words in _CHANGES.items():
+            if change == "rank-deficient" and robot == "two_link":
+                continue  # its factor has no more rows than that
+            name = f"{robot} {change}"
+            said = f"{robot} with links at least 2 cm thick, {words}."
+            yield Item(name, "hostile", said, partial(_apply, name, build, change))
+
+
+def _apply(name: str, build: Callable[[], Instance], change: str) -> Instance:
+    return replace(hostile.CHANGES[change](build()), name=name, group="hostile", hostile=True)
+
+
+def chosen(groups: Sequence[str]) -> list[Item]:
+    """The items of these groups or names, without those whose measurements are absent.
+
+    Raises InputError for a group that does not exist.
+    """
+    everything = items()
+    known = {i.group for i in everything} | {i.name for i in everything}
+    for group in groups:
+        if group not in known:
+            there = ", ".join(dict.fromkeys(i.group for i in everything))
+            raise InputError(f"group {group!r} is unknown", f"choose from {there}", "--problems")
+    here = real_data_folder() is not None
+    wanted = [i for i in everything if i.group in groups or i.name in groups]
+    return [i for i in wanted if here or not i.measured]
+
+
+def write_library(
+    folder: Path, wanted: Sequence[Item], progress: Callable[[str, int, int], None]
+) -> list[dict[str, Any]]:
+    """Write the instances, their index and the data card; returns the rows of the index.
+
+    An instance whose measurements this machine lacks is left out.
+    """
+    rows = []
+    for k, item in enumerate(wanted):
+        progress(item.name, k, len(wanted))
+        try:
+            instance = item.build()
+        except InputError:
+            if item.measured:
+                continue
+            raise
+        rows.append(write_instance(folder / item.folder, item, instance))
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]) if rows else ["name"], lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    write_text(folder / "index.csv", text.getvalue())
+    proved = sum(r["status"] != "not proved" for r in rows)
+    write_text(folder / "README.md", CARD.format(count=len(rows), proved=proved))
+    write_text(folder / "CITATION.cff", CITATION)
+    return rows
+
+
+def write_instance(folder: Path, item: Item, instance: Instance) -> dict[str, Any]:
+    """The files of one instance; returns its row of the index."""
+    status, proof = proved(instance)
+    interval = (proof["lower"], proof["upper"]) if proof and status == "optimum proved" else None
+    if proof is not None:
+        write_proof(proof, folder / "proof.json")
+    sdp = instance.sdp
+    exponential = any(c.kind == "exp" for c in sdp.conic.cones)
+    sums = {}
+    for name in ("problem.cbf",) if exponential else ("problem.cbf", "problem.dat-s"):
+        more = {"name": item.name, "about": item.sentence, "formulation": instance.formulation}
+        about = export_sdp(sdp, folder / name, interval, status=status, **more)
+        sums[name] = json.loads(about.read_text())["sha256"]
+    made = linear_objective(sdp.conic)
+    for name, content in (
+        ("problem.npz", _npz(made.problem)),
+        ("problem.mat", _mat(made.problem)),
+    ):
+        write_bytes(folder / name, content)
+        sums[name] = hashlib.sha256(content).hexdigest()
+    gap = _gap(instance, interval)
+    return {
+        "name": item.name,
+        "group": item.group,
+        "folder": item.folder,
+        "status": status,
+        "difficulty": _difficulty(status, gap),
+        "lower": interval[0] if interval else "",
+        "upper": interval[1] if interval else "",
+        "relative_gap": f"{gap:.1e}" if interval else "",
+        "parameters": len(instance.task.bound),
+        "variables": len(made.problem.q),
+        "rows": len(made.problem.b),
+        "nonzeros": int(made.problem.A.nnz),
+        "cones": " ".join(f"{k}:{v}" for k, v in _cones(made.problem).items()),
+        "sentence": item.sentence,
+        **{f"sha256 {name}": sums.get(name, "") for name in _FILES},
+    }
+
+
+_FILES = ("problem.cbf", "problem.dat-s", "problem.npz", "problem.mat")
+
+
+def proved(instance: Instance) -> tuple[str, Proof | None]:
+    """ "optimum proved", "proved infeasible" or "not proved", and the proof."""
+    try:
+        interior_point(instance.task, instance.constraints)
+        return "optimum proved", prove(instance.task, instance.objective, instance.constraints)
+    except Infeasible as error:
+        if error.proof is None:
+            return "not proved", None
+        return "proved infeasible", infeasibility_proof(*error.proof, instance.task.bound)
+    except (InputError, ValueError, TypeError, np.linalg.LinAlgError):
+        # Nothing in between: what the rational checker does not accept is not called proved.
+        return "not proved", None
+
+
+def _gap(instance: Instance, interval: tuple[str, str] | None) -> float:
+    """Of the interval, relative to the objective, which is never negative."""
+    if interval is None:
+        return np.inf
+    low, high = map(float, interval)
+    return (high - low) / max(high, 1e-12 * instance.data.tau_squared)
+
+
+def _difficulty(status: str, gap: float) -> str:
+    if status != "optimum proved":
+        return status
+    return "easy" if gap <= _EASY else "medium" if gap <= _MEDIUM else "hard"
+
+
+def _cones(problem: ConicProblem) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for cone in problem.cones:
+        counts[cone.kind] = counts.get(cone.kind, 0) + 1
+    return counts
+
+
+def _arrays(problem: ConicProblem) -> dict[str, Any]:
+    """minimise c^T x subject to b - A x in a product of cones, matrices as svec (README.md)."""
+    return {
+        "c": problem.q,
+        "A": problem.A,
+        "b": problem.b,
+        "cone_kinds": np.array([c.kind for c in problem.cones]),
+        "cone_sizes": np.array([c.size for c in problem.cones]),
+    }
+
+
+def _npz(problem: ConicProblem) -> bytes:
+    arrays = _arrays(problem)
+    A = arrays.pop("A").tocoo()
+    file = io.BytesIO()
+    np.savez_compressed(
+        file, A_row=A.row, A_column=A.col, A_value=A.data, A_shape=np.array(A.shape), **arrays
+    )
+    return file.getvalue()
+
+
+def _mat(problem: ConicProblem) -> bytes:
+    from scipy.io import savemat
+
+    file = io.BytesIO()
+    savemat(file, _arrays(problem), do_compression=True)
+    # The header's first 116 bytes are a text with the time of day, which is nobody's business here.
+    header = b"MATLAB 5.0 MAT-file, written by sdp-vs-penalty".ljust(116)
+    return header + file.getvalue()[116:]

@@ -1,0 +1,92 @@
+"""Which parameters the data determine: what they cannot show is the prior's, whatever the units."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of, scara
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.determined import data_share
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.export import export
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    return load_problem(scara(tmp_path_factory.mktemp("arm")))
+
+
+def task_of(problem: Problem, seconds: float = 8.0) -> Task:
+    run = run_of(problem, SCARA_FRICTION, SCARA_NOISE, seconds=seconds)
+    model = problem.model()
+    return make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
+
+
+def test_shares_are_shares_and_free_of_units(arm: Problem) -> None:
+    """What no torque shows has none, what is measured again and again has nearly all."""
+    task = task_of(arm)
+    names = [p.name for p in task.model.parameters]
+    share = data_share(task, np.eye(len(names)))
+    assert np.all((share >= -1e-12) & (share <= 1.0 + 1e-12))
+    # The first axis is vertical: neither weight nor tilting moments of link 1 make torque.
+    unseen = [names.index(name) for name in ("m1", "mz1", "Ixx1", "Iyz1")]
+    np.testing.assert_allclose(share[unseen], 0.0, atol=1e-9)
+    assert share[[names.index(f"f_v{j}") for j in (1, 2, 3)]].min() > 0.9
+    data = task.data
+    scaled = LeastSquares(
+        1e3 * data.R, 1e3 * data.rho, 1e3 * data.residual_norm, 1e6 * data.tau_squared, data.rows
+    )
+    assert data_share(replace(task, data=scaled), np.eye(len(names))) == pytest.approx(share, abs=1e-6)
+
+
+def test_more_data_determine_more(arm: Problem) -> None:
+    """Of each parameter, where the same rows come again: information adds up."""
+    task = task_of(arm)
+    data = task.data
+    eye = np.eye(len(task.bound))
+    twice = LeastSquares(
+        np.sqrt(2.0) * data.R,
+        np.sqrt(2.0) * data.rho,
+        np.sqrt(2.0) * data.residual_norm,
+        2.0 * data.tau_squared,
+        2 * data.rows,
+    )
+    once, more = data_share(task, eye), data_share(replace(task, data=twice), eye)
+    assert np.all(more >= once - 1e-9)
+    assert more.sum() > once.sum() + 0.1
+
+
+def test_a_model_says_who_decides_and_export_what_is_implausible(arm: Problem, tmp_path: Path) -> None:
+    run = run_of(arm, SCARA_FRICTION, SCARA_NOISE)
+    made = identify(arm, run)
+    made.save(tmp_path / "model.json")
+    names = [p.name for p in made.model.parameters]
+    sources = dict(zip(names, load_estimate(tmp_path / "model.json").sources, strict=True))
+    assert sources["m1"] == "prior"
+    assert sources["f_v1"] == "data"
+    base = made.details["base_parameters"]
+    assert sum(b["source"] == "data" for b in base) > len(base) / 2
+    entry = made.to_dict()["parameters"][0]
+    assert (entry["name"], entry["source"]) == ("m1", "prior")
+    assert entry["nominal"] == pytest.approx(8.0)
+    export(made, tmp_path / "arm.urdf")
+    # A mass of a milligram with the same moments: consistent, and nowhere near the arm.
+    theta = made.theta.copy()
+    theta[:4] *= 1e-6
+    wide = replace(made, theta=theta)
+    with pytest.raises(InputError, match=r"link 1.*implausible.*--force"):
+        export(wide, tmp_path / "wide.urdf")
+    assert not (tmp_path / "wide.urdf").exists()
+    export(wide, tmp_path / "wide.urdf", force=True)
+    loose = identify(arm, run, "lmi-sdp-plain")
+    assert "bounds" in loose.sources

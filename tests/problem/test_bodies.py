@@ -1,0 +1,171 @@
+"""Bodies of links: what they hold, where they come from, and files that make it hard to tell."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_arms import random_arm
+from random_robots import link_parameters, tree
+
+from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.problem.bodies import link_bodies
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.body import Body, around
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def fits(problem: Problem, links: np.ndarray) -> np.ndarray:
+    """(n,) tr(P Q) / m of each link: 1 for a point at the body's centre, below 0 for no fit."""
+    quadrics = np.array([body.quadric for body in problem.link_bodies])
+    return np.einsum("kab,kab->k", quadrics, inertia.pseudo_inertia(links)) / links[:, 0]
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(seeds)
+def test_a_body_holds_its_points_and_little_else(seed: int) -> None:
+    """Of a box the least ellipsoid is known: half axes sqrt(3) times its own; in any pose."""
+    rng = np.random.default_rng(seed)
+    half = rng.uniform(0.02, 0.5, 3)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    turn, shift = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
+    inner = rng.uniform(-1.0, 1.0, (200, 3)) * half
+    body = around(np.concatenate([corners, inner]) @ turn.T + shift, "geometry")
+    ends = np.column_stack([corners @ turn.T + shift, np.ones(8)])
+    assert np.all(np.einsum("ki,ij,kj->k", ends, body.quadric, ends) >= -1e-9)
+    np.testing.assert_allclose(np.sort(body.half_axes), np.sort(np.sqrt(3.0) * half), rtol=0.03)
+    back = Body.from_dict(body.to_dict())
+    np.testing.assert_array_equal(back.quadric, body.quadric)
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seeds)
+def test_truthful_arms_fit_whatever_their_file_says(seed: int) -> None:
+    """Solid links of half a metre; the file knows nothing, or inertials that are a third wrong."""
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, int(rng.integers(1, 6)))
+    truth = np.array([link_parameters(rng, 0.5) for _ in robot.joints])
+    wrong = truth.copy()
+    for k, scale in enumerate(rng.uniform(2.0 / 3.0, 1.5, (robot.n, 4))):
+        t = np.diag(scale)
+        wrong[k] = inertia.from_pseudo_inertia(t @ inertia.pseudo_inertia(truth[k]) @ t)
+    nowhere = np.tile([-np.inf, np.inf], (robot.n, 3, 1))
+    for said in (wrong, np.zeros_like(truth)):
+        for indices, body in zip(truth, link_bodies(robot, nowhere, said), strict=True):
+            row = build.density_in_ellipsoid("body", "link", np.arange(10), body.quadric)
+            assert row.margin(indices) > 0.0
+
+
+def test_the_published_truths_and_nominal_robots_fit() -> None:
+    for name, column in (("panda", "p_hat"), ("two_link", "p_real")):
+        problem = load_problem(name)
+        assert {body.source for body in problem.link_bodies} == {"bounds"}
+        assert np.all(fits(problem, published_links(problem, column)) > 0.0)
+    for name in ("panda", "two_link", "ur10e", "emps", "tx40"):
+        problem = load_problem(name)
+        assert np.all(fits(problem, problem.nominal_links) > 0.3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_files_own_inertials_fit_and_travel(seed: int, tmp_path: Path) -> None:
+    problem = load_problem(random_arm(tmp_path, seed))
+    assert np.all(fits(problem, problem.nominal_links) > 0.3)
+    again = problem_from_dict(problem_to_dict(problem), problem.robot)
+    for old, new in zip(problem.link_bodies, again.link_bodies, strict=True):
+        np.testing.assert_array_equal(old.quadric, new.quadric)
+        assert (old.source, old.volume) == (new.source, new.volume)
+    assert again.nominal_from == problem.nominal_from
+
+
+def stl(path: Path, size: tuple[float, float, float]) -> None:
+    """A box between the origin and ``size``, as a binary STL."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    triangles = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
+    body = b"".join(struct.pack("<12fH", 0, 0, 0, *corners[list(t)].ravel(), 0) for t in triangles)
+    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + body)
+
+
+def arm(folder: Path, shape: str, inertial: str = "", fixed: str = "") -> Problem:
+    """One moving link with a shape, another fixed to it 0.3 m out."""
+    (folder / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/>'
+        f'<link name="rod">{inertial}<collision><geometry>{shape}</geometry></collision></link>'
+        f'<link name="tool">{fixed}</link>'
+        '<joint name="a" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        '<joint name="b" type="fixed"><parent link="rod"/><child link="tool"/><origin xyz="0.3 0 0"/>'
+        "</joint></robot>"
+    )
+    return load_problem(folder / "arm.urdf")
+
+
+BOX = (0.4, 0.1, 0.08)
+SHAPES = {
+    "metres": ('<mesh filename="package://my_arm/box.stl"/>', 1.0),
+    "millimetres": ('<mesh filename="box.stl" scale="0.001 0.001 0.001"/>', 1000.0),
+    "primitive": ('<box size="0.4 0.1 0.08"/>', 1.0),
+}
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_geometry_is_read_in_any_unit(kind: str, tmp_path: Path) -> None:
+    """The same box; without inertials the nominal link fills it with the stated density."""
+    shape, unit = SHAPES[kind]
+    folder = tmp_path / "my_arm"
+    folder.mkdir()
+    stl(folder / "box.stl", tuple(unit * x for x in BOX))  # type: ignore[arg-type]
+    problem = arm(folder, shape)
+    (body,) = problem.link_bodies
+    assert body.source == "geometry"
+    assert body.volume == pytest.approx(np.prod(BOX), rel=1e-4)
+    np.testing.assert_allclose(
+        np.sort(body.half_axes), 1.2 * np.sqrt(3.0) / 2.0 * np.sort(BOX) + 0.03, rtol=0.03
+    )
+    assert problem.nominal_from == ("geometry",)
+    assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * np.prod(BOX), rel=1e-4)
+
+
+def visual(radius: float) -> str:
+    return f'<visual><geometry><sphere radius="{radius}"/></geometry></visual>'
+
+
+@pytest.mark.parametrize(
+    ("shape", "fixed", "source"),
+    [
+        ('<mesh filename="package://nowhere/box.stl"/>', "", "inertial"),
+        ('<mesh filename="arm.urdf"/>', "", "inertial"),  # no mesh
+        ('<mesh filename="noise.stl"/>', "", "inertial"),
+        ('<sphere radius="0.001"/>', "", "inertial"),  # a marker
+        ('<box size="400 100 80"/>', "", "inertial"),  # millimetres called metres
+        ('<box size="0.4 x 0.08"/>', "", "inertial"),
+        ('<cylinder radius="nan" length="1"/>', "", "inertial"),
+        ('<mesh filename="gone.stl"/>', visual(0.02), "inertial"),
+        ('<sphere radius="0.1"/>', visual(0.05), "geometry"),
+    ],
+)
+def test_geometry_that_says_nothing_is_left_out(
+    shape: str, fixed: str, source: str, tmp_path: Path
+) -> None:
+    """The body is then the inertial's, and what is fixed to a link is part of its body."""
+    (tmp_path / "noise.stl").write_bytes(np.random.default_rng(0).bytes(400))
+    inertial = (
+        '<inertial><origin xyz="0.2 0 0"/><mass value="2"/>'
+        '<inertia ixx="0.004" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial>'
+    )
+    problem = arm(tmp_path, shape, inertial, fixed)
+    (body,) = problem.link_bodies
+    assert body.source == source
+    assert np.all(fits(problem, problem.nominal_links) > 0.3)
+    if source == "geometry":
+        tip = np.array([0.35, 0.0, 0.0, 1.0])
+        assert tip @ body.quadric @ tip >= 0.0
