@@ -114,9 +114,9 @@ def headline() -> str:
         [
             "The authors' real run of the Panda repeats its motion after 13.3 s: fitted to its first "
             "14 s and judged on the rest, a model shows its repeatability. On motion that it has not "
-            "been trained on, in five folds by phase, the order of the methods is another one, and what "
-            "the model lacks weighs more than the method (from "
-            "[table_unseen](results/table_unseen.md), which has every fold):",
+            "been trained on, in five folds by phase, the methods are close to each other, and what the "
+            "model lacks weighs more than the method (from [table_unseen](results/table_unseen.md), "
+            "which has every fold):",
             markdown(list(UNSEEN_HEADINGS), generalisation()),
             "![Joint 7 on unseen motion, with and without pre-sliding hysteresis](results/joint_7.png)",
             "Every method on the same run. Loss, violations and thickness are of the fit to its first "

@@ -10,7 +10,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Study, sentence
+from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Study
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 
 NAME = "unseen"
@@ -37,14 +37,14 @@ def build(study: Study) -> Table:
             told[method, added] = found[FOLDS][3]
     usual, friction, all_of_it = (told[DEFAULT_METHOD, added] for added in _ADDED)
     joints = study.problem.robot.n
-    names = ["method", "added_effects", "judged_on", "relative_error_percent"]
+    names = ["data", "method", "added_effects", "judged_on", "relative_error_percent"]
     names += [f"rmse_joint_{j + 1}" for j in range(joints)]
     return Table(
         NAME,
         f"Errors on unseen motion of {study.problem.title}",
-        f"{sentence(study)} Measured only.",
+        f"Measured: the authors' real run ({len(study.run.t)} samples).",
         tuple(Column(name, digits=3) for name in names),
-        tuple(rows),
+        tuple(("measured", *row) for row in rows),
         (
             f"Folds by phase: each of the {FOLDS} leaves out a stretch of the motion, all its "
             "repetitions and what the filters reach around it, and is judged on that stretch, whose "
