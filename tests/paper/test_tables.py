@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
@@ -21,7 +22,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpEntropic
 from sdp_vs_penalty.estimators.ols import Ols, condition_number, standard_deviations
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, make_tables, written_tables
+from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables, written_tables
 from sdp_vs_penalty.paper.tables import study as study_module
 from sdp_vs_penalty.paper.tables.data import training_windows
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
@@ -413,3 +414,15 @@ def test_folds_of_the_real_run_are_unseen_motion(panda: Problem, data_folder: Pa
     repeated = study.repeated.errors(study.result("ols", study.repeated).theta)[1]
     assert unseen.relative > 1.5 * repeated
     assert max(unseen.folds) > unseen.relative > min(unseen.folds)
+
+
+def test_the_cart_of_the_benchmark_sticks_and_slides() -> None:
+    """Below Coulomb friction it stays; above, it slides at (F - F_c - offset) / F_v, and stops again."""
+    constants = (100.0, 200.0, 20.0, -3.0)
+    t = np.arange(0.0, 12.0, 1e-3)
+    force = np.where(t < 2.0, 16.0, np.where(t < 8.0, 57.0, 0.0))[:, None]
+    q = emps.simulated(Measurements(t, np.zeros((len(t), 1)), force), constants)
+    speed = np.gradient(q, t)
+    assert np.all(q[t < 2.0] == 0.0)
+    assert speed[7900] == pytest.approx((57.0 - 20.0 + 3.0) / 200.0, rel=1e-4)
+    assert np.all(speed[-1000:] == 0.0)
