@@ -31,7 +31,13 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.intervals import Interval
-from sdp_vs_penalty.estimation.uncertainty import Uncertainty, base_rows, beside_held, of_regression
+from sdp_vs_penalty.estimation.uncertainty import (
+    Uncertainty,
+    base_rows,
+    beside_held,
+    independent_gains,
+    of_regression,
+)
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.files import write_text
@@ -229,6 +235,7 @@ def payload(
     wide = Model(model.robot, (*model.effects, *own.effects))
     first = Prepared(bare.run(20.0, 3), model, problem)
     second = Prepared(loaded.run(20.0, 4), wide, problem)
+    errors = independent_gains(stated, model.robot.n)
     tally = Tally(name, "payload, mass", stated >= gains, [], [])
     for k in range(count):
         rng = np.random.default_rng([k, 12])
@@ -237,14 +244,14 @@ def payload(
         for run in (first.run, second.run):
             deviation = NOISE * run.tau.std(axis=0)
             taus.append(gain * run.tau + deviation * noise(run.tau.shape, rng))
-        before = of_regression(problem, model, first.with_torque(taus[0]), gain_uncertainty=stated)
+        before = of_regression(problem, model, first.with_torque(taus[0]), gain_errors=errors)
         theta = np.array([i.value for i in before.standard])
         data = second.with_torque(taus[1])
         left = data.beside(theta)
         part = np.linalg.lstsq(*_system(left, np.ones(left.joints)), rcond=1e-9)[0]
         part = np.linalg.lstsq(*_system(left, joint_weights(left, part)), rcond=1e-9)[0]
         known: Uncertainty = beside_held(
-            problem, own, data, (theta, before), part, constrained=False, gain_uncertainty=stated
+            problem, own, data, (model, theta, before), part, constrained=False, gain_errors=errors
         )
         tally.add(np.array([mass]), [known.standard[len(theta)]])
     yield tally

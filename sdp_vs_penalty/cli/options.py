@@ -42,6 +42,16 @@ Gravity = Annotated[
     str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, in m/s^2.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Random seed.")]
+GainUncertainty = Annotated[
+    float | None,
+    typer.Option(
+        "--gain-uncertainty",
+        min=0.0,
+        max=0.999,
+        metavar="0.01",
+        help="Relative standard deviation of the torque channels' gains; widens the intervals.",
+    ),
+]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Traceback of an error.")]
 

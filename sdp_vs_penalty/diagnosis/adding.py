@@ -27,7 +27,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.shape_constants import sensitivities
 from sdp_vs_penalty.estimation.sources import as_estimate
-from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held, independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
@@ -76,10 +76,11 @@ def add(
     progress("estimating shape constants")
     new = with_shapes(estimate, wanted, _given_shapes(texts), measurements, frozen, seed)
     Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
-    if gain_uncertainty is None:
-        gain_uncertainty = estimate.uncertainty.gain_uncertainty
+    gain_errors = estimate.uncertainty.gain_errors
+    if gain_uncertainty is not None:
+        gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     if frozen:
-        return _add_frozen(estimate, new, measurements, seed, progress, gain_uncertainty)
+        return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
     return identify(
         estimate.problem,
         measurements,
@@ -89,7 +90,7 @@ def add(
         weighting=str(estimate.settings.get("weighting", "noise")),
         seed=seed,
         progress=progress,
-        gain_uncertainty=gain_uncertainty,
+        gain_uncertainty=gain_errors,
     )
 
 
@@ -173,13 +174,13 @@ def _add_frozen(
     measurements: Measurements,
     seed: int,
     progress: Progress,
-    gain_uncertainty: float,
+    gain_errors: Array,
 ) -> Estimate:
     """Fit only the new effects, under their own constraints, to what the model leaves."""
     problem, old = estimate.problem, len(estimate.theta)
-    own = Model(estimate.robot, tuple(new))
+    own = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
     reference = np.concatenate([estimate.theta, np.zeros(len(own.parameters))])
-    model = Model(estimate.robot, (*estimate.model.effects, *new))
+    model = replace(estimate.model, effects=(*estimate.model.effects, *new), reference=None)
     if model.needs_reference:
         known = estimate.model.reference
         if known is not None:
@@ -215,7 +216,7 @@ def _add_frozen(
         estimate,
         model=model,
         theta=theta,
-        uncertainty=_beside(estimate, model, own, part, measurements, settings, gain_uncertainty),
+        uncertainty=_beside(estimate, model, own, part, measurements, settings, gain_errors),
         certificate=certify_beside(estimate, model, theta, certificate),
         details={
             **_determined(estimate, record(problem, task, part, estimator.rest)),
@@ -249,7 +250,7 @@ def _beside(
     part: Array,
     measurements: Measurements,
     settings: Preprocessing,
-    gain_uncertainty: float,
+    gain_errors: Array,
 ) -> Uncertainty:
     """Of the whole model: the new effects' intervals hold their shape constants' errors and those of the
     parameters that were kept."""
@@ -257,12 +258,12 @@ def _beside(
     reference = model.reference
     if reference is not None:
         reference = np.append(reference, np.zeros(sum(len(e.parameters) for e in constants)))
-    wide = Model(model.robot, (*model.effects, *constants), reference)
+    wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
     return beside_held(
         estimate.problem,
         own,
         compress(measurements, wide, settings),
-        (estimate.theta, estimate.uncertainty),
+        (estimate.model, estimate.theta, estimate.uncertainty),
         part,
-        gain_uncertainty=gain_uncertainty,
+        gain_errors=gain_errors,
     )

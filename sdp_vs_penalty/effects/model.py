@@ -31,11 +31,14 @@ class Model:
     reference : (p,) the current model that effects refer to whose columns depend on a torque or on
         the links (a gain, elasticity): only its entries of all other effects are read. None where
         no effect needs it.
+    gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
+        are then in true units, and the modelled torque is the channels'. None: they read true.
     """
 
     robot: Robot
     effects: tuple[Effect, ...]
     reference: Array | None = None
+    gains: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.parameters]
@@ -60,7 +63,8 @@ class Model:
     @cached_property
     def reference_free(self) -> Model:
         """The same model without the effects that depend on a current model."""
-        return Model(self.robot, tuple(e for e in self.effects if not _depends(e)))
+        free = tuple(e for e in self.effects if not _depends(e))
+        return Model(self.robot, free, gains=self.gains)
 
     @cached_property
     def reference_free_indices(self) -> NDArray[np.intp]:
@@ -108,11 +112,12 @@ class Model:
                 indices[block.joint].append(own[block.parameters])
                 columns[block.joint].append(block.columns)
         empty = np.zeros((len(motion.t), 0))
+        gains = self.gains or (1.0,) * self.robot.n
         return [
             JointColumns(
-                np.concatenate([np.zeros(0, np.intp), *i]).astype(np.intp), np.hstack([empty, *c])
+                np.concatenate([np.zeros(0, np.intp), *i]).astype(np.intp), g * np.hstack([empty, *c])
             )
-            for i, c in zip(indices, columns, strict=True)
+            for i, c, g in zip(indices, columns, gains, strict=True)
         ]
 
     def _with_current(self, motion: Motion, blocks: Mapping[int, list[Block]]) -> Motion:

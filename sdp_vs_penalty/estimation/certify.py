@@ -46,7 +46,7 @@ def build_estimate(
     preprocessing: Preprocessing,
     measurements: Measurements | BlackBox,
     weighting: str,
-    gain_uncertainty: float = 0.0,
+    gain_errors: Array | None = None,
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     theta, certificate = certify(task, fit)
@@ -61,7 +61,7 @@ def build_estimate(
         theta,
         weighting=weighting,
         constrained=certificate.worst == 0.0,
-        gain_uncertainty=gain_uncertainty,
+        gain_errors=gain_errors,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {

@@ -229,11 +229,13 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
             "identify again",
         )
     robot = Robot.from_dict(data["robot"])
+    problem = problem_from_dict(data["problem"], robot)
     reference = data.get("reference")
     model = Model(
         robot,
         tuple(effect_from_dict(e, robot) for e in data["effects"]),
         None if reference is None else np.array(reference, float),
+        problem.gains,
     )
     if reference is not None and len(reference) != len(model.parameters):
         raise ValueError("reference and parameters differ in length")
@@ -255,7 +257,7 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     if "uncertainty" in data:  # files from before intervals were kept have none
         uncertainty = Uncertainty.from_dict(data["uncertainty"], [entries[name] for name in names])
     return Estimate(
-        problem_from_dict(data["problem"], robot),
+        problem,
         model,
         theta,
         uncertainty,

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.plausibility import check_plausible
@@ -16,6 +17,8 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.known_load import GAIN_PRIOR, as_known_loads, gains_from_loads
+from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
@@ -25,6 +28,8 @@ from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress
 from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.proof import infeasibility_proof, write_proof
+
+Array = NDArray[np.float64]
 
 
 def identify(
@@ -38,7 +43,8 @@ def identify(
     seed: int = 0,
     progress: Progress = no_progress,
     proof: str | Path | None = None,
-    gain_uncertainty: float = 0.0,
+    gain_uncertainty: float | Array = 0.0,
+    known_loads: Sequence[tuple[Source, float]] = (),
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
@@ -52,7 +58,10 @@ def identify(
         random; progress : hears where the computation stands; proof : a file to write the proof of
         optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`);
         gain_uncertainty : relative standard deviation of the torque channels' gains (0.01: known to a
-        per cent), which widens the intervals.
+        per cent), or a factor (n, e) of their covariance, which widens the intervals; known_loads :
+        further runs, each with the mass [kg] that the last link carried in it, which determine the
+        gains (:mod:`~sdp_vs_penalty.estimation.known_load`): the parameters are
+        then in true units, and the problem of the estimate keeps the gains.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
@@ -85,6 +94,16 @@ def identify(
     check_plausible(problem.robot, measurements)
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
+    errors = independent_gains(gain_uncertainty, problem.robot.n)
+    found = None
+    if known_loads:
+        progress("determining the gains from the known loads")
+        names = problem.robot.joint_names
+        loads = as_known_loads(known_loads, problem.robot.n, names)
+        prior = float(np.max(gain_uncertainty)) or GAIN_PRIOR
+        found = gains_from_loads(model.reference_free, measurements, loads, settings, prior)
+        problem = replace(problem, gains=tuple(found.gain.tolist()))
+        model, errors = replace(model, gains=problem.gains), found.factor
     if model.needs_reference:
         model = with_reference(
             problem, model, lambda part: compress(measurements, part, settings), weighting, progress
@@ -100,8 +119,11 @@ def identify(
             write_proof(infeasibility_proof(*error.proof, task.bound), proof)
         raise
     estimate = build_estimate(
-        problem, task, estimator, fit, regression, settings, measurements, weighting, gain_uncertainty
+        problem, task, estimator, fit, regression, settings, measurements, weighting, errors
     )
+    if found is not None:
+        told = {"gain": found.gain.tolist(), "std": (found.gain * found.std).tolist()}
+        estimate = replace(estimate, details={**estimate.details, "gains": told})
     if proof is not None:
         progress("proving the optimum")
         write_proof(proved(task, fit, estimate), proof)

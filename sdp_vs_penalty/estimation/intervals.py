@@ -62,12 +62,13 @@ class Interval:
             data["name"], data["unit"], float(data["value"]), std, low, high, str(data["verdict"])
         )
 
-    def widened(self, extra: float, limits: tuple[float, float]) -> Interval:
-        """With an independent error of the standard deviation ``extra`` more, within the limits."""
+    def widened(self, extra: float) -> Interval:
+        """With an independent error of the standard deviation ``extra`` more; a lower end at zero is a
+        bound and stays."""
         std = float(np.hypot(self.std, extra))
         more = NORMAL_95 * (std - self.std)
-        low, high = max(self.low - more, limits[0]), min(self.high + more, limits[1])
-        return replace(self, std=std, low=min(low, self.low), high=max(high, self.high))
+        low = self.low if self.low == 0.0 else self.low - more
+        return replace(self, std=std, low=low, high=self.high + more)
 
 
 def intervals_of(

@@ -116,7 +116,7 @@ def with_sensitivities(model: Model, theta: Array) -> Model:
     reference = model.reference
     if reference is not None:
         reference = np.concatenate([reference, np.zeros(sum(len(e.parameters) for e in extra))])
-    return Model(model.robot, (*model.effects, *extra), reference)
+    return Model(model.robot, (*model.effects, *extra), reference, model.gains)
 
 
 def covariance_beside(columns: Array, constants: Array) -> Array:

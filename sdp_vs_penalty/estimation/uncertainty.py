@@ -45,8 +45,8 @@ class Uncertainty:
     """standard : all parameters of the model; base : the combinations that make torque.
 
     spread (p, r) : a factor of the covariance of everything that the data show; gains (p, n) : change of
-    the parameters for a unit relative error of each torque channel's gain, and gain_uncertainty, the
-    standard deviation of these errors, which the covariance holds as well; noise (n,) : standard
+    the parameters for a unit relative error of each torque channel's gain, and gain_errors (n, e), a
+    factor of the covariance of these errors, which the covariance holds as well; noise (n,) : standard
     deviation of the torque that the model leaves [N m, N].
     """
 
@@ -55,7 +55,7 @@ class Uncertainty:
     spread: Array
     gains: Array
     noise: Array
-    gain_uncertainty: float = 0.0
+    gain_errors: Array
 
     @classmethod
     def unknown(cls, model: Model, theta: Array) -> Uncertainty:
@@ -65,12 +65,12 @@ class Uncertainty:
             for p, x in zip(model.parameters, theta, strict=True)
         )
         p, n = len(theta), model.robot.n
-        return cls(standard, (), np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n))
+        return cls(standard, (), np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0)))
 
     @cached_property
     def factor(self) -> Array:
-        """(p, r + n) with the covariance factor factor'."""
-        return np.hstack([self.spread, self.gain_uncertainty * self.gains])
+        """(p, r + e) with the covariance factor factor'."""
+        return np.hstack([self.spread, self.gains @ self.gain_errors])
 
     @cached_property
     def std(self) -> Array:
@@ -84,6 +84,20 @@ class Uncertainty:
         unseen = np.isnan(self.std)
         out[unseen] = out[:, unseen] = np.nan
         return out
+
+    def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
+        """With gains known otherwise than they were; base (b, p) : the base parameters' rows."""
+
+        def widened(intervals: tuple[Interval, ...], rows: Array) -> tuple[Interval, ...]:
+            before, after = (
+                np.sum((rows @ self.gains @ e) ** 2, axis=1) for e in (self.gain_errors, errors)
+            )
+            more = np.sqrt(np.maximum(after - before, 0.0))
+            return tuple(i.widened(float(x)) for i, x in zip(intervals, more, strict=True))
+
+        standard = widened(self.standard, np.eye(len(self.gains)))
+        combined = widened(self.base, base) if self.base else ()
+        return replace(self, standard=standard, base=combined, gain_errors=errors)
 
     def band(self, theta: Array, columns: Sequence[JointColumns]) -> tuple[Array, Array]:
         """(N, n) modelled torque of columns and its standard deviation, without the noise."""
@@ -113,7 +127,7 @@ class Uncertainty:
             "base": [i.to_dict() for i in self.base],
             "spread": self.spread.tolist(),
             "gain_response": self.gains.tolist(),
-            "gain_uncertainty": self.gain_uncertainty,
+            "gain_errors": self.gain_errors.tolist(),
             "torque_noise": self.noise.tolist(),
         }
 
@@ -127,7 +141,7 @@ class Uncertainty:
             np.array(data["spread"], float).reshape(p, -1),
             np.array(data["gain_response"], float).reshape(p, -1),
             np.array(data["torque_noise"], float),
-            float(data["gain_uncertainty"]),
+            np.array(data["gain_errors"], float).reshape(len(data["torque_noise"]), -1),
         )
 
 
@@ -188,7 +202,7 @@ class _Evidence:
         return np.fmin(self.bound, np.sqrt(data.tau_squared) / seen)
 
     def uncertainty(
-        self, value: Array, constrained: bool, gain_uncertainty: float, gains: Array, extra: Array
+        self, value: Array, constrained: bool, gain_errors: Array, gains: Array, extra: Array
     ) -> Uncertainty:
         """extra (p, e) : a factor of the covariance of a further error, which is known."""
         base, names, leading = base_rows(self.problem, self.model)
@@ -203,7 +217,7 @@ class _Evidence:
         def told(
             rows: Array, names: list[str], units: list[str], largest: Array
         ) -> tuple[Interval, ...]:
-            std = np.hypot(deviations(rows), gain_uncertainty * np.linalg.norm(rows @ gains, axis=1))
+            std = np.hypot(deviations(rows), np.linalg.norm(rows @ gains @ gain_errors, axis=1))
             figures = np.stack([rows @ value, rows @ self.centre, std])
             return intervals_of(names, units, figures, combined_limits(rows, limits), largest)
 
@@ -218,7 +232,7 @@ class _Evidence:
             _stretched(spread, deviations(np.eye(self.p))),
             gains,
             np.sqrt(self.narrow.joint_losses(value) / rows),
-            gain_uncertainty,
+            gain_errors,
         )
 
 
@@ -240,41 +254,56 @@ def of_regression(
     *,
     weighting: str = "noise",
     constrained: bool = False,
-    gain_uncertainty: float = 0.0,
+    gain_errors: Array | None = None,
     white: bool = False,
 ) -> Uncertainty:
     """Intervals from compressed data.
 
     regression : of the model, or of the model with :func:`with_sensitivities`. theta (p,) : the
     estimate; default: least squares next to the nominal robot. constrained : whether it satisfies the
-    problem's constraints, and intervals are to; gain_uncertainty : relative standard deviation of the
-    gains of the torque channels, independent of each other. white : take the residual for white noise:
-    what the motion alone would show.
+    problem's constraints, and intervals are to; gain_errors (n, e) : a factor of the covariance of the
+    relative errors of the torque channels' gains; white : take the residual for white noise: what the
+    motion alone would show.
     """
     evidence = _Evidence(problem, model, regression, weighting, white)
     value = evidence.centre if theta is None else np.asarray(theta, float)
     gains = evidence.known.gain_response(evidence.padded(value[None])[0])[: evidence.p]
     nothing = np.zeros((evidence.p, 0))
-    return evidence.uncertainty(value, constrained, gain_uncertainty, gains, nothing)
+    errors = np.zeros((regression.joints, 0)) if gain_errors is None else gain_errors
+    return evidence.uncertainty(value, constrained, errors, gains, nothing)
+
+
+def independent_gains(uncertainty: float | Array, joints: int) -> Array:
+    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of each other; a
+    factor (n, e) as it is. Raises InputError for a standard deviation that is none.
+    """
+    if isinstance(uncertainty, np.ndarray):
+        return uncertainty
+    if not 0.0 <= uncertainty < 1.0:
+        raise InputError(
+            f"gain_uncertainty {uncertainty:g}", "give a relative standard deviation, such as 0.01"
+        )
+    return uncertainty * np.eye(joints)
 
 
 def beside_held(
     problem: Problem,
     model: Model,
     regression: Regression,
-    held: tuple[Array, Uncertainty],
+    held: tuple[Model, Array, Uncertainty],
     theta: Array,
     *,
     constrained: bool = True,
-    gain_uncertainty: float = 0.0,
+    gain_errors: Array | None = None,
 ) -> Uncertainty:
     """Of a model that is held fixed and effects that were fitted to what it leaves.
 
     model, theta (k,) : the new effects alone; regression : of the held model's columns, theirs, and
-    their shape constants'; held : the held parameters and what is known of them. An error of these is
-    an error of the torque that the new effects explain.
+    their shape constants'; held : the held model, its parameters and what is known of them, whose error
+    is an error of the torque that the new effects explain; gain_errors : as of :func:`of_regression`, by
+    default those of the held model.
     """
-    fixed, old = held
+    held_model, fixed, old = held
     evidence = _Evidence(problem, model, regression.beside(fixed), "noise")
     everything = np.concatenate([fixed, evidence.padded(theta[None])[0]])
     through, through_gains = [], []
@@ -287,8 +316,10 @@ def beside_held(
     known, k = evidence.known, len(theta)
     extra = known.response(through)[:k]
     gains = known.response(through_gains)[:k]
-    new = evidence.uncertainty(theta, constrained, gain_uncertainty, gains, extra)
-    return _joined(old, new, extra.shape[1])
+    errors = old.gain_errors if gain_errors is None else gain_errors
+    new = evidence.uncertainty(theta, constrained, errors, gains, extra)
+    base, _, _ = base_rows(problem, held_model)
+    return _joined(old.with_gain_errors(errors, base), new, extra.shape[1])
 
 
 def _joined(old: Uncertainty, new: Uncertainty, shared: int) -> Uncertainty:

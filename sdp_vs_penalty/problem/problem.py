@@ -76,6 +76,7 @@ class Problem(Shown):
     bodies : where each link's mass can be; None: from the bounds and the kinematics. nominal_from :
         where each nominal link comes from ("inertial", "bounds", "geometry", "kinematics"): a mass of
         the last two is a guess, and the data choose its scale.
+    gains : (n,) what each torque channel reads over the true torque, where known loads have shown it.
     Raises InputError where bounds contradict themselves or do not belong to the robot.
     """
 
@@ -94,6 +95,7 @@ class Problem(Shown):
     defaults: Array | None = None
     bodies: tuple[Body, ...] | None = None
     nominal_from: tuple[str, ...] | None = None
+    gains: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         n, (low, high) = self.robot.n, self.total_mass
@@ -104,7 +106,11 @@ class Problem(Shown):
         ):
             if value is not None and value.shape != shape:
                 raise InputError(f"the {name} are of another robot than {self.robot.name} ({n} links).")
-        for what, items in (("bodies", self.bodies), ("nominal_from", self.nominal_from)):
+        for what, items in (
+            ("bodies", self.bodies),
+            ("nominal_from", self.nominal_from),
+            ("gains", self.gains),
+        ):
             if items is not None and len(items) != n:
                 raise InputError(f"the {what} are of another robot than {self.robot.name} ({n} links).")
         if not np.all(self.box[..., 0] <= self.box[..., 1]):
@@ -177,7 +183,7 @@ class Problem(Shown):
         chosen: Any = self.default_effects if effects is None else effects
         if isinstance(chosen, str) or any(isinstance(e, str) for e in chosen):
             chosen = parse_effects(chosen, self.robot)
-        return Model(self.robot, tuple(chosen))
+        return Model(self.robot, tuple(chosen), gains=self.gains)
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
         """Same robot, other mounting; drops the named base parameters if gravity's direction changed."""

@@ -30,7 +30,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     bounds : [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx [kg m^2]);
     link_defaults : a link's largest mass [kg] and radius [m] where these bounds leave it open;
     bodies : the ellipsoid in which a link's mass lies, in its frame [m], and what it is known from;
-    nominal_from : the same of the nominal links.
+    nominal_from : the same of the nominal links; gains : of the torque channels, where they are known.
     """
     bounds = {name: _pair(problem.box[place]) for name, place in entries(problem.robot.n).items()}
     return {
@@ -47,6 +47,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "bodies": [body.to_dict() for body in problem.link_bodies],
         "nominal_links": problem.nominal_links.tolist(),
         "nominal_from": None if problem.nominal_from is None else list(problem.nominal_from),
+        "gains": None if problem.gains is None else list(problem.gains),
         "preprocessing": dataclasses.asdict(problem.preprocessing),
         "base_parameters": None if problem.independent is None else list(problem.independent),
     }
@@ -87,6 +88,7 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
         # Files of earlier versions have neither: bodies are then those of the bounds and kinematics.
         bodies=tuple(map(Body.from_dict, data["bodies"])) if "bodies" in data else None,
         nominal_from=_texts(data["nominal_from"]) if data.get("nominal_from") else None,
+        gains=tuple(_finite("gains", data["gains"]).tolist()) if data.get("gains") else None,
     )
 
 

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Data, Debug, Frozen, Model, Seed, Test, TestWindow, Window
+from sdp_vs_penalty.cli.options import (
+    Data,
+    Debug,
+    Frozen,
+    GainUncertainty,
+    Model,
+    Seed,
+    Test,
+    TestWindow,
+    Window,
+)
 from sdp_vs_penalty.cli.runs import runs_for
 from sdp_vs_penalty.errors import InputError
 
@@ -36,6 +46,7 @@ def verb(
     window: Window = None,
     test_window: TestWindow = None,
     seed: Seed = 0,
+    gain_uncertainty: GainUncertainty = None,
     debug: Debug = False,
 ) -> None:
     """Add effects to a model and identify it again, under all constraints.
@@ -52,7 +63,15 @@ def verb(
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
         given = runs_for(estimate, data, window, test, test_window)
-        bigger = run(estimate, effects, given.train, frozen=frozen, seed=seed, progress=progress)
+        bigger = run(
+            estimate,
+            effects,
+            given.train,
+            frozen=frozen,
+            seed=seed,
+            progress=progress,
+            gain_uncertainty=gain_uncertainty,
+        )
         models = {"before": estimate, "after": bigger}
         before, after = compare(models, given.judge, noise_from=given.whole)
         bigger.save(out)

@@ -10,7 +10,7 @@ import typer
 
 from sdp_vs_penalty.cli.arguments import numbers, time_windows
 from sdp_vs_penalty.cli.checking import refuse_meaningless
-from sdp_vs_penalty.cli.options import Data, Debug, Gravity, Problem, Seed, Window
+from sdp_vs_penalty.cli.options import Data, Debug, GainUncertainty, Gravity, Problem, Seed, Window
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,6 +44,15 @@ def verb(
         Path | None,
         typer.Option(metavar="proof.json", help="File for the proof of optimality; `verify` checks it."),
     ] = None,
+    gain_uncertainty: GainUncertainty = None,
+    known_load: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--known-load",
+            metavar="LOAD.csv:KG",
+            help="Run with a load of this mass on the last link; determines the torque channels' gains.",
+        ),
+    ] = None,
     debug: Debug = False,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
@@ -56,6 +65,7 @@ def verb(
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
     from sdp_vs_penalty.estimation.identify import identify as run_identification
+    from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.regression.black_box import load_answers
 
@@ -72,7 +82,15 @@ def verb(
             refuse_meaningless(robot, given)
         begin = time.perf_counter()
         estimate = run_identification(
-            robot, given, estimator, effects=effects, seed=seed, progress=progress, proof=proof
+            robot,
+            given,
+            estimator,
+            effects=effects,
+            seed=seed,
+            progress=progress,
+            proof=proof,
+            gain_uncertainty=gain_uncertainty or 0.0,
+            known_loads=[parsed_known_load(text) for text in known_load or []],
         )
         seconds = time.perf_counter() - begin
         estimate.save(out)

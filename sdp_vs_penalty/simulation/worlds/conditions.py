@@ -109,7 +109,8 @@ NUISANCES: Mapping[str, Nuisance] = {
             True,
         ),
         Nuisance("smoothed", lambda c, _: _channel(c, smooth=0.04), ("torque_filter",), True),
-        Nuisance("causal", lambda c, rng: _channel(c, lag=_log(rng, 0.003, 0.02)), _LATE),
+        # A delay is only the first order of a low-pass: what it leaves has no exact name.
+        Nuisance("causal", lambda c, rng: _channel(c, lag=_log(rng, 0.003, 0.02)), _LATE, True),
         Nuisance("delay", lambda c, rng: _channel(c, delay=_log(rng, 0.002, 0.02)), _LATE),
         Nuisance("geometry", lambda c, _: replace(c, misplacement=(1e-3, 0.1)), _GEOMETRY, True),
         Nuisance("encoder", _encoder),

@@ -1,0 +1,129 @@
+"""A weighed load gives the torque channels' gains, and gains that are known badly widen intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.data.datasets import _ur10e_runs
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis import add
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.known_load import parsed_known_load
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.trajectory import random_trajectory
+
+ARM = Path(__file__).parents[2] / "docs" / "my_arm.urdf"
+GAIN = np.array([0.92, 1.07, 0.9])
+LOAD = inertia.standard_from_barycentric([1.5, 0.05, -0.02, 0.1, 0.004, 0, 0.003, 0, 0, 0.005])
+
+
+@pytest.fixture(scope="module")
+def arm() -> Problem:
+    return load_problem(str(ARM))
+
+
+def measured(arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN) -> Measurements:
+    """Torque channels that read ``gain`` times the truth, with ``load`` times LOAD on the flange."""
+    t = np.arange(0.0, 20.0, 0.01)
+    q, dq, ddq = random_trajectory(arm.robot, seed=seed, duration=20.0).states(t)
+    links = arm.nominal_links.copy()
+    links[-1] += load * LOAD
+    tau = arm.robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * dq + 0.8 * np.tanh(dq / 0.01) + 0.2
+    noise = np.random.default_rng(seed).normal(size=tau.shape)
+    return Measurements(t, q, gain * (tau + 0.02 * tau.std(axis=0) * noise), names=(f"run {seed}",))
+
+
+def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(
+    arm: Problem, tmp_path: Path
+) -> None:
+    bare, loaded = measured(arm, 1, 0.0), measured(arm, 2, 1.0)
+    other = measured(arm, 3, 0.6)  # 0.9 kg
+    estimate = identify(arm, bare, "ols", known_loads=[(loaded, 1.5)])
+    gain, std = (np.array(estimate.details["gains"][key]) for key in ("gain", "std"))
+    assert np.all(np.abs(gain - GAIN) < 4.0 * std)
+    assert np.all(std < 0.1 * GAIN)
+    truth = arm.nominal_links.ravel()
+    for interval, true in zip(estimate.uncertainty.standard, truth, strict=False):
+        if np.isfinite(interval.std):
+            assert abs(interval.value - true) < 4.0 * interval.std, interval
+    estimate.save(tmp_path / "model.json")
+    kept = load_estimate(tmp_path / "model.json")
+    np.testing.assert_array_equal(kept.predict(bare.q, 0 * bare.q, 0 * bare.q),
+                                  estimate.predict(bare.q, 0 * bare.q, 0 * bare.q))  # fmt: skip
+    with_load = add(kept, "payload", other)
+    mass = with_load.uncertainty.standard[len(kept.theta)]
+    assert mass.name == "payload_m"
+    assert mass.low < 0.9 < mass.high
+    assert mass.std < 0.05
+    # As the channels stand, the same load weighs something else, and its interval does not know.
+    naive = add(identify(arm, bare, "ols"), "payload", other).uncertainty.standard[len(kept.theta)]
+    assert not naive.low < 0.9 < naive.high
+
+
+def test_gains_known_to_a_per_cent_widen_the_intervals(arm: Problem, tmp_path: Path) -> None:
+    """All gains 1 % too high make a load 1 % heavier; the stated spread is that of independent ones."""
+    loaded = measured(arm, 3, 1.0, np.ones(3))
+    estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols")
+    plain, wide = (add(estimate, "payload", loaded, gain_uncertainty=u) for u in (0.0, 0.01))
+    k = len(estimate.theta)
+    added = np.sqrt(wide.uncertainty.standard[k].std ** 2 - plain.uncertainty.standard[k].std ** 2)  # kg
+    assert 0.003 < added < 0.05
+    # The response to all gains together is the parameters themselves.
+    together = wide.uncertainty.gains.sum(axis=1)
+    assert together[k] == pytest.approx(wide.theta[k], rel=0.05)
+    friction = slice(k - 9, k)
+    np.testing.assert_allclose(together[friction], estimate.theta[friction], rtol=1e-6)
+    # The parameters that are kept know it as well, and so does whoever reads the file.
+    assert np.all(wide.standard_deviations[friction] > plain.standard_deviations[friction])
+    wide.save(tmp_path / "wide.json")
+    again = load_estimate(tmp_path / "wide.json")
+    np.testing.assert_array_equal(again.covariance, wide.covariance)
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(wide.covariance)), wide.standard_deviations, rtol=1e-9
+    )
+
+
+def test_what_was_kept_is_part_of_what_is_added(arm: Problem) -> None:
+    """A model from a noisy run makes the load's mass uncertain, however clean the new run is."""
+    clean = measured(arm, 3, 1.0, np.ones(3))
+    first = measured(arm, 1, 0.0, np.ones(3))
+    rough = replace(first, tau=first.tau + np.random.default_rng(9).normal(size=first.tau.shape))
+    spread = []
+    for run in (first, rough):
+        estimate = identify(arm, run, "ols")
+        spread.append(add(estimate, "payload", clean).uncertainty.standard[len(estimate.theta)].std)
+    assert spread[1] > 1.5 * spread[0]
+
+
+def test_refusals(arm: Problem) -> None:
+    assert parsed_known_load("runs/load.csv:2.805") == (Path("runs/load.csv"), 2.805)
+    for text in ("load.csv", "load.csv:heavy", ":2.0"):
+        with pytest.raises(InputError, match="known-load"):
+            parsed_known_load(text)
+    run = measured(arm, 1, 0.0)
+    with pytest.raises(InputError, match="known load"):
+        identify(arm, run, known_loads=[(run, -1.0)])
+    with pytest.raises(InputError, match="gain_uncertainty"):
+        identify(arm, run, gain_uncertainty=-0.1)
+
+
+@pytest.mark.real_data
+def test_the_load_of_the_real_ur10e(data_folder: Path) -> None:
+    """Gains from one loaded run weigh the same load in another run: 2.805 kg, where the authors' drive
+    gains make it 2.34 and 2.48."""
+    runs = {r.names[0][9:]: r for r in _ur10e_runs(data_folder / "ur10e", lambda _: None).values()}
+    for first, second in (("14", "15"), ("15", "14")):
+        loads = [(runs[f"19_{first}harm50secLoad"], 2.805)]
+        estimate = identify("ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads)
+        found = add(estimate, "payload", runs[f"19_{second}harm50secLoad"])
+        mass = found.uncertainty.standard[len(estimate.theta)]
+        assert mass.low < 2.805 < mass.high
+        assert mass.std < 0.1
