@@ -48,6 +48,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.signals.preprocessing import RunFilter
 from sdp_vs_penalty.signals.runs import stretches
+from sdp_vs_penalty.simulation.challenge.judge import wilson
 
 Array = NDArray[np.float64]
 ARMS = {"two_link": "two_link", "my_arm": str(Path(__file__).parents[1] / "docs" / "my_arm.urdf")}
@@ -184,11 +185,10 @@ class Tally:
         self.shares.append(float(np.mean([i.low <= x <= i.high for x, i in pairs])))
         self.widths.append(float(np.median([i.high - i.low for _, i in pairs])))
 
-    def wilson(self) -> tuple[float, float]:
-        """95 % interval of the coverage; intervals of one replication count as one."""
-        n, p, z = len(self.shares), float(np.mean(self.shares)), 1.96
-        middle, half = p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-        return (middle - half) / (1 + z**2 / n), (middle + half) / (1 + z**2 / n)
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the coverage; intervals of one replication count as one."""
+        n = len(self.shares)
+        return wilson(float(np.sum(self.shares)), n)
 
 
 def parameters(
@@ -313,7 +313,7 @@ HEAD = ("situation", "quantity", "model", "coverage_percent", "wilson_low", "wil
 def table(tallies: list[Tally]) -> list[tuple[str, ...]]:
     out = []
     for t in tallies:
-        low, high = t.wilson()
+        low, high = t.interval()
         out.append(
             (
                 t.row,

@@ -15,16 +15,19 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check import clock, dynamics, events, excitation, scale, signals
+from sdp_vs_penalty.check import clock, dynamics, events, excitation, residual, samples, scale, signals
+from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.check.rows import physics_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.show import Shown, Summary, Table
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import moving_joints
 
 __all__ = ["Issue", "Report", "check"]
@@ -162,10 +165,7 @@ class _Work:
         """The test's data of the run as it is now; made again only after something was mended."""
         key = (id(self.run), settings, id(self.problem))
         if key not in self._physics:
-            motion, tau, rate = low_passed(self.run, settings, rows)
-            model = self.problem.model()
-            made = Physics(model, motion, tau, rate, self.problem.nominal(model))
-            self._physics = {key: made}
+            self._physics = {key: physics_of(self.problem, self.run, settings, rows)}
         return self._physics[key]
 
     def check_content(self, thorough: bool) -> float | None:
@@ -176,21 +176,33 @@ class _Work:
         if not moving.any():
             self.mend(signals.no_motion())
             return None
+        self.mend(samples.find(self.run, self.problem.robot, self.settings.standstill))
         settings = self.settings.resolve(self.run)
+        stuck = list(signals.frozen(self.run, self.physics(settings)))
+        if stuck:  # of a motion that is not the arm's nothing else can be asked
+            self.mend(stuck)
+            return None
         before = len(self.found)
-        self.mend(dynamics.find(self.physics(settings), moving))
+        assert settings.torque_cutoff is not None
+        self.mend(dynamics.find(self.physics(settings), moving, settings.torque_cutoff))
         for issue in self.found[before:]:
             if issue.gravity is not None:
                 self.problem = self.problem.with_gravity(issue.gravity)
         self.mend(signals.find(self.run, self.problem.robot, settings))
+        self.mend(signals.implausible(self.run, self.problem.robot))
         # Each on the data as the one before it has mended them.
         self.mend(scale.find(self.run, self.physics(settings), self.problem))
         self.mend(events.delay(self.run, self.physics(settings)))
         physics = self.physics(settings)
+        regression = compress(self.run, physics.model, settings)
+        evidence = Evidence.of_regression(regression)
+        named = any(f.kind == "torque not explained" for f in self.found)
+        if not named and physics.determined(settings.torque_cutoff):
+            self.mend(residual.find(evidence, self.problem, moving, tried=True))
         if not thorough:
-            return physics.unexplained
+            return residual.overall(evidence)
         # A knock is faster than the motion: looked for in a wider band.
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
         self.mend(excitation.find(self.problem, physics))
         self.mend(events.knock(self.physics(wider, _EVENT_ROWS)))
-        return physics.unexplained
+        return residual.overall(evidence)

@@ -9,15 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.check import stamps
 from sdp_vs_penalty.check.issue import Array, Issue
+from sdp_vs_penalty.check.stamps import LONG
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.signals.runs import moving_joints
-
-#: A time step above this many medians is no jitter any more.
-_LONG = 5.0
-#: Stamps jitter for no reason if q is this many times rougher over them than over the row number.
-_ROUGHER = 3.0
-_ENOUGH = 50  # samples
 
 
 def find(run: Measurements) -> Iterator[Issue]:
@@ -28,7 +24,7 @@ def find(run: Measurements) -> Iterator[Issue]:
         run = _rows(run, _finite(run))
     if len(run.t) < 3:
         return
-    for step in (_time_unit, _backwards, _repeats, _clock_step, _gap, _jitter):
+    for step in (_time_unit, _backwards, _repeats, stamps.bursts, _clock_step, _gap, stamps.jitter):
         issue = step(run)
         if issue is not None:
             yield issue
@@ -228,7 +224,7 @@ def _continues(run: Measurements, k: int) -> bool:
 def _long_steps(run: Measurements) -> tuple[NDArray[np.intp], float]:
     steps = np.diff(run.t)
     typical = float(np.median(steps))
-    return np.flatnonzero(steps > max(_LONG * typical, 0.02)), typical
+    return np.flatnonzero(steps > max(LONG * typical, 0.02)), typical
 
 
 def _speed(run: Measurements, k: int, width: int = 20) -> Array:
@@ -298,44 +294,3 @@ def _gap(run: Measurements) -> Issue | None:
         None,
         {"rows": [_row(k + 1) for k in long[:100]], "seconds": steps[:100].tolist()},
     )
-
-
-def _jitter(run: Measurements) -> Issue | None:
-    """Stamps that jitter although the samples were taken evenly: q is smoother over the row number."""
-    steps = np.diff(run.t)
-    typical = float(np.median(steps))
-    even = np.all(np.stack([steps[1:], steps[:-1]]) < _LONG * typical, axis=0)
-    spread = float(np.std(steps[steps < _LONG * typical])) / typical
-    moving = np.ptp(run.q, axis=0) > 0.0
-    if spread < 0.02 or not moving.any() or np.count_nonzero(even) < _ENOUGH:
-        return None
-    share = (steps[:-1] / (run.t[2:] - run.t[:-2]))[:, None]
-    over_time = run.q[1:-1] - (run.q[:-2] * (1.0 - share) + run.q[2:] * share)
-    over_rows = run.q[1:-1] - 0.5 * (run.q[:-2] + run.q[2:])
-    rough_time, rough_rows = (np.sqrt(np.mean(x[even] ** 2, axis=0)) for x in (over_time, over_rows))
-    ratio = float(np.median((rough_time / np.maximum(rough_rows, 1e-300))[moving]))
-    if ratio < _ROUGHER:
-        return None
-    return Issue(
-        "jittered time stamps",
-        "warning",
-        "column t",
-        f"the time steps vary by {100.0 * spread:.0f} %, but the positions are {ratio:.0f} times "
-        "smoother over the row number than over these times: the samples are evenly spaced, the "
-        "time stamps are not.",
-        "likely: if the sampling itself jittered, the motion would be smoother over the recorded times",
-        f"space the time stamps evenly, {typical:.6g} s apart",
-        _even_times,
-        {"jitter_percent": 100.0 * spread, "roughness_ratio": ratio},
-    )
-
-
-def _even_times(run: Measurements) -> Measurements:
-    """Evenly spread stamps between the long steps."""
-    t = run.t.copy()
-    steps = np.diff(t)
-    ends = np.flatnonzero(steps > _LONG * np.median(steps)) + 1
-    for part in np.split(np.arange(len(t)), ends):
-        if len(part) > 1:
-            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
-    return replace(run, t=t)

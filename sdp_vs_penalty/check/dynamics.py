@@ -1,4 +1,4 @@
-"""The search for gross mistakes: hypotheses compete for what the arm's dynamics cannot explain."""
+"""The search for gross mistakes: hypotheses compete for what one arm cannot explain of its channels."""
 
 from __future__ import annotations
 
@@ -7,55 +7,50 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check import gravity, motion, order, signs
-from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, BETTER, Hypothesis
+from sdp_vs_penalty.check import channels, gravity, motion, order, signs, steps
+from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, HALF, Hypothesis, few_rows
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 
-#: A hypothesis has to help at least so much in each half of the run.
-_HELPS = 0.75
-#: From this share unexplained on something is badly wrong, though nothing says what.
-_BAD = 0.1
-#: An arm whose torques are explained up to this share of their energy has nothing gross wrong.
-_ENOUGH = 0.01
 #: Above this share of the energy, half of the torque, the arm's dynamics do not make these torques.
 _UNRELATED = 0.25
 #: At most so many things wrong at once are looked for.
 _ROUNDS = 4
+#: Those that leave the motion as it is cost little; the others need new columns each.
+_FAMILIES = (
+    motion.degrees, motion.delay, signs.signs, gravity.direction, order.exchanged, channels.gain,
+    channels.late, channels.filtered, channels.weight, steps.drift, motion.clock, motion.turned,
+    motion.exchanged, motion.offsets,
+)  # fmt: skip
+#: Families with many members, for data that nothing else explains.
+_LAST = (motion.two_quarters,)
 
 
-def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Issue]:
+def find(physics: Physics, moving: NDArray[np.bool_], cutoff: float) -> Iterator[Issue]:
     """Issues in the order in which to mend them, if together they explain the torque.
 
-    Where nothing does, the one issue is that: a cause that leaves most in the dark is no cause.
+    cutoff : of the torque [Hz]. Where nothing does, the one issue is that: a cause that leaves most in
+    the dark is no cause.
     """
-    first = physics.unexplained_of(moving)
-    recorded, found = physics, []
+    first, found = unexplained(physics, moving), []
     for _ in range(_ROUNDS):
         hypothesis = best_hypothesis(physics, moving)
         if hypothesis is None:
             break
-        found.append(hypothesis.issue)
+        found.append(hypothesis.stated(physics))
         physics = hypothesis.apply(physics)
-    if len(found) > 1:
-        # One position turned may look like two other mistakes: a mirrored arm is an arm too.
-        for hypothesis in motion.turned_or_exchanged(recorded, moving):
-            mended = hypothesis.apply(recorded)
-            enough = ABOUT_SAME * physics.unexplained
-            if mended.unexplained < enough and best_hypothesis(mended, moving) is None:
-                found, physics = [hypothesis.issue], mended
-    left = physics.unexplained_of(moving)
-    if left < _BAD:
+    left = unexplained(physics, moving)
+    if left < _UNRELATED:
         yield from found
+        yield from steps.two_parts(physics, cutoff)
         return
-    unrelated = left > _UNRELATED
     yield Issue(
-        "torque not explained" if unrelated else "torque badly explained",
-        "error" if unrelated else "warning",
+        "torque not explained",
+        "error",
         "all torque channels",
         f"{100.0 * first:.0f} % of the energy of the moving joints' torques has nothing to do with how "
         "this arm should move under them, whatever its inertias and friction.",
-        "certain: none of the tried signs, orders, units and directions of gravity helps",
+        "certain: none of the tried signs, orders, units, zeros, delays and directions of gravity helps",
         "check that this is the right robot, that the columns are joint torques, and that positions "
         "and torques come from the same recording",
         None,
@@ -63,34 +58,45 @@ def find(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Issue]:
     )
 
 
+def unexplained(physics: Physics, joints: NDArray[np.bool_]) -> float:
+    """Mean share of these joints' energy that one arm leaves over."""
+    return float(np.mean(physics.evidence.shares[joints])) if joints.any() else 0.0
+
+
 def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis | None:
     """The simplest of the hypotheses that explain the torque best, or None where none does."""
-    base = physics.unexplained
-    found: list[tuple[float, Hypothesis]] = []
-    cheap = (motion.degrees, motion.delay, signs.signs, gravity.direction)
-    dear = (order.exchanged, motion.turned_or_exchanged)
-    # Where next to nothing is unexplained, only what acts on it weakly can be wrong.
-    for make in (*cheap, *dear) if base > _ENOUGH else (signs.signs, gravity.direction):
-        # An explanation that leaves next to nothing makes the dearer ones unnecessary. The cheap ones
-        # compete: with gravity turned round, one sign turned may leave little as well.
-        if make in dear and found and min(found, key=lambda f: f[0])[0] < _ENOUGH:
-            break
-        for hypothesis in make(physics, moving):
-            after = hypothesis.apply(physics).unexplained
-            if after < BETTER * base:
-                found.append((after, hypothesis))
-    best = min((after for after, _ in found), default=np.inf)
-    near = [f for f in found if f[0] <= ABOUT_SAME * best]
-    for _, hypothesis in sorted(near, key=lambda f: f[1].simplicity):
-        if _holds_in_both_halves(physics, hypothesis):
+    reversed_ = signs.time_reversed(physics, moving)
+    if reversed_ is not None:
+        return reversed_
+    few = physics.part(few_rows(physics))
+    found = _worth_a_look(few, moving, _FAMILIES)
+    if not found and unexplained(few, moving) > 0.05:
+        found = _worth_a_look(few, moving, _LAST)
+    # On all rows, the most promising ones only.
+    judged = [(h.gain(physics), h) for _, h in sorted(found, key=lambda f: -f[0])[:6]]
+    best = max((gain for gain, _ in judged), default=0.0)
+    near = [(g, h) for g, h in judged if g >= best - max(ABOUT_SAME[0], ABOUT_SAME[1] * best)]
+    for gain, hypothesis in sorted(near, key=lambda f: f[1].simplicity):
+        if gain >= hypothesis.needed and _holds_in_both_halves(physics, hypothesis, gain):
             return hypothesis
     return signs.weak_signs(physics) or gravity.hanging(physics)
 
 
-def _holds_in_both_halves(physics: Physics, hypothesis: Hypothesis) -> bool:
+def _worth_a_look(
+    few: Physics, moving: NDArray[np.bool_], families: tuple[motion.Family, ...]
+) -> list[tuple[float, Hypothesis]]:
+    found = []
+    for family in families:
+        for hypothesis in family(few, moving):
+            gain = hypothesis.gain(few)
+            if gain > 0.6 * hypothesis.needed:
+                found.append((gain, hypothesis))
+    return found
+
+
+def _holds_in_both_halves(physics: Physics, hypothesis: Hypothesis, gain: float) -> bool:
+    if hypothesis.once:
+        return True
     half = len(physics.motion.t) // 2
-    for rows in (slice(0, half), slice(half, None)):
-        part = physics.part(rows)
-        if hypothesis.apply(part).unexplained > _HELPS * part.unexplained:
-            return False
-    return True
+    parts = [physics.part(rows) for rows in (slice(0, half), slice(half, None))]
+    return all(hypothesis.gain(part) > HALF * min(gain, 3.0) for part in parts)

@@ -21,6 +21,8 @@ _TRIED = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
 #: An event is a peak of the error this many times higher than every other one. Two peaks of one
 #: cause (a reversal of friction) differ far less.
 _ALONE = 3.0
+#: ... and this many standard deviations of the error elsewhere.
+_FAR = 12.0
 #: Errors this close to a peak belong to it [s].
 _WIDTH = 1.0
 
@@ -126,8 +128,10 @@ def knock(physics: Physics) -> Iterator[Issue]:
         y = physics.channels[:, j]
         error = np.abs(y - columns @ solve(columns.T @ columns, (columns.T @ y)[:, None])[:, 0])
         k = int(np.argmax(error))
+        if min(t[k] - t[0], t[-1] - t[k]) < 0.5 * _WIDTH:
+            continue  # the arm starts or comes to rest there: stiction
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
-        if len(elsewhere) and error[k] > _ALONE * elsewhere.max():
+        if len(elsewhere) and error[k] > max(_ALONE * elsewhere.max(), _FAR * np.std(elsewhere)):
             near = next((at for at in found if abs(t[at] - t[k]) < _WIDTH), k)
             found.setdefault(near, []).append((j, float(error[k])))
     for k, joints in found.items():

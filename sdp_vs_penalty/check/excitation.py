@@ -70,7 +70,7 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
 def regression_of(physics: Physics) -> Regression:
     """The rows of the test, compressed."""
     t = physics.motion.t
-    edges = np.linspace(0, len(t), min(_BLOCKS, max(len(t) // 10, 1)) + 1).astype(int).tolist()
+    edges = np.linspace(0, len(t), min(_BLOCKS, max(len(t) // 4, 2)) + 1).astype(int).tolist()
     blocks, factors = [], []
     for b, (start, stop) in enumerate(pairwise(edges)):
         rows = slice(start, stop)

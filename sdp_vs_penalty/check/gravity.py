@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
-from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, SIGNIFICANT, Hypothesis, few_rows, propose
-from sdp_vs_penalty.check.physics import FreeGravity, Physics
+from sdp_vs_penalty.check.evidence import solve
+from sdp_vs_penalty.check.hypothesis import NEAR, SIGNIFICANT, Hypothesis, few_rows, propose
+from sdp_vs_penalty.check.physics import Array, Physics, turned_gravity
 
 #: Gravity is said to point elsewhere from this angle on; smaller ones are the effect base_tilt.
 _SMALLEST_ANGLE = 5.0
@@ -54,12 +58,11 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
             f"torques points along {_vector((x, y, z))} m/s^2."
         )
     yield propose(
-        physics,
         apply,
         2,
         (kind, "the base", what, mend),
         None,
-        (x, y, z),
+        gravity=(x, y, z),
         angle_degrees=angle,
         vector=[x, y, z],
     )
@@ -82,7 +85,7 @@ def hanging(physics: Physics) -> Hypothesis | None:
     before, after = physics.unexplained, apply(physics).unexplained
     agreement = physics.agreement_with_weight()
     negative = float(apply(physics).inertia.sum()) < -SIGNIFICANT
-    if after > ABOUT_SAME * before or agreement > -_OPPOSED or negative:
+    if after > NEAR * before or agreement > -_OPPOSED or negative:
         return None
     half = len(physics.motion.t) // 2
     if any(physics.part(k).agreement_with_weight() > 0.0 for k in (slice(0, half), slice(half, None))):
@@ -93,9 +96,10 @@ def hanging(physics: Physics) -> Hypothesis | None:
         f"gravity points the other way, along {_vector((x, y, z))} m/s^2: {_mounting(180.0)}.",
         f"identify with --gravity {x:g},{y:g},{z:g}",
     )
-    made = propose(physics, apply, 1, texts, None, (x, y, z), angle_degrees=180.0, vector=[x, y, z])
     sure = f"likely: as recorded, link masses would be negative (correlation {agreement:.2f})"
-    return replace(made, issue=replace(made.issue, certainty=sure))
+    return propose(
+        apply, 1, texts, None, gravity=(x, y, z), certainty=sure, angle_degrees=180.0, vector=[x, y, z]
+    )
 
 
 def _vector(values: tuple[float, ...]) -> str:
@@ -108,3 +112,55 @@ def _mounting(angle: float) -> str:
     if 70.0 < angle < 110.0:
         return "the base is mounted sideways, on a wall"
     return "the base is tilted"
+
+
+@dataclass(frozen=True)
+class FreeGravity:
+    """The same test with the direction of gravity free: columns are linear in the vector g."""
+
+    physics: Physics
+
+    @cached_property
+    def _gram(self) -> tuple[Array, Array]:
+        """Gram matrix and cross products of [Y at g = 0, dY/dgx, dY/dgy, dY/dgz], joints weighted."""
+        physics = self.physics
+        robot = physics.model.robot
+        fixed = physics.columns_of(turned_gravity(physics.model, (0.0, 0.0, 0.0)))
+        parts = [fixed]
+        for axis in range(3):
+            unit = np.eye(3)[axis]
+            pulled = physics.columns_of(turned_gravity(physics.model, tuple(unit)))
+            parts.append([a - b for a, b in zip(pulled, fixed, strict=True)])
+        p = fixed[0].shape[1]
+        gram, cross = np.zeros((4 * p, 4 * p)), np.zeros(4 * p)
+        weights = 1.0 / (len(physics.channels) * physics.energy * robot.n)
+        for j in range(robot.n):
+            stack = np.hstack([part[j] for part in parts])
+            gram += weights[j] * stack.T @ stack
+            cross += weights[j] * stack.T @ physics.channels[:, j]
+        return gram, cross
+
+    def unexplained(self, gravity: Array) -> float:
+        """E with this gravity vector [m/s^2]."""
+        gram, cross = self._gram
+        p = len(cross) // 4
+        mix = np.vstack([np.eye(p), *(g * np.eye(p) for g in gravity)])
+        b = mix.T @ cross
+        return max(1.0 - float(b @ solve(mix.T @ gram @ mix, b[:, None])[:, 0]), 1e-12)
+
+    def best(self, size: float) -> tuple[Array, float]:
+        """The direction (unit vector) of gravity of this size that explains the torque best; its E."""
+        grid = [np.array(d, float) for d in product((-1, 0, 1), repeat=3) if any(d)]
+        grid = [d / np.linalg.norm(d) for d in grid]
+        start = min(grid, key=lambda d: self.unexplained(size * d))
+        across = np.linalg.svd(start[None, :])[2][1:]
+
+        def direction(x: Array) -> Array:
+            d = start + x @ across
+            return np.asarray(d / np.linalg.norm(d), float)
+
+        found = minimize(
+            lambda x: np.log(self.unexplained(size * direction(x))), np.zeros(2), method="Nelder-Mead",
+            options={"xatol": 1e-3, "fatol": 1e-4, "initial_simplex": [[0, 0], [0.2, 0], [0, 0.2]]},
+        )  # fmt: skip
+        return direction(found.x), float(np.exp(found.fun))

@@ -1,49 +1,74 @@
-"""Positions in degrees, with the wrong sign, or of other joints; torques logged long after them."""
+"""Positions in degrees, with another sign or zero, or of other joints; a clock at another rate."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.hypothesis import BETTER, Hypothesis, few_rows, propose
-from sdp_vs_penalty.check.issue import Array, joints_text
+from sdp_vs_penalty.check.hypothesis import Hypothesis, best_number, propose
+from sdp_vs_penalty.check.issue import Array, Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signals import angle_scale
 from sdp_vs_penalty.data.measurements import Measurements
 
+#: What makes hypotheses of one kind: from the test's data and which joints move.
+Family = Callable[[Physics, NDArray[np.bool_]], Iterator[Hypothesis]]
+#: Offsets of an encoder that are tried [degrees], the best one then refined.
+_OFFSETS = (-90.0, -25.0, -6.0, 6.0, 25.0, 90.0, 180.0)
+#: Offsets this near to a quarter turn are one: two conventions of the same arm [rad].
+_QUARTER = 0.04
+#: Factors between the file's clock and the true one that are tried; nearer to 1 is no other clock.
+_RATES = (0.3, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.3)
+_SMALLEST_RATE = 0.07
+#: The weight against inertia tells the clock's rate, and slow motion has little inertia.
+_RATE_NEEDED = 2.0
+
 
 def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """All positions in degrees, or a single one."""
     robot = physics.model.robot
     scale = angle_scale(robot)
     if np.all(scale == 1.0):
         return
     same = np.arange(robot.n)
-    largest = float(np.abs(physics.motion.q[:, scale != 1.0]).max(initial=0.0))
+    reach = np.abs(physics.motion.q).max(axis=0)
+    largest = float(reach[scale != 1.0].max(initial=0.0))
     if largest < np.pi:
         return
+    single = [k for k in np.flatnonzero(moving) if scale[k] != 1.0 and reach[k] > np.pi]
+    groups = [(list(range(robot.n)), scale)]
+    groups += [([int(k)], np.where(same == k, scale, 1.0)) for k in single if robot.n > 1]
+    for joints, factor in groups:
+        every = len(joints) == robot.n
+        named = ("q1" if robot.n == 1 else f"q1 to q{robot.n}") if every else f"q{joints[0] + 1}"
+        what = "the positions are" if every else f"the position of {joints_text(joints)} is"
+        yield propose(
+            partial(Physics.with_motion, scale=factor, order=same),
+            0 if every else 1,
+            (
+                "positions in degrees" if every else "position unit",
+                named,
+                f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
+                f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180",
+            ),
+            motion_repair(factor, same),
+            largest=largest,
+            joints=[j + 1 for j in joints],
+        )
 
+
+def motion_repair(scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Repair:
     def repair(run: Measurements) -> Measurements:
-        dq = None if run.dq is None else run.dq * scale
-        return replace(run, q=run.q * scale, dq=dq)
+        dq = None if run.dq is None else scale * run.dq[:, order]
+        return replace(run, q=scale * run.q[:, order] + offset, dq=dq)
 
-    yield propose(
-        physics,
-        lambda p: p.with_motion(scale, same),
-        0,
-        (
-            "positions in degrees",
-            "q1" if robot.n == 1 else f"q1 to q{robot.n}",
-            f"the positions are in degrees, not in radians (they reach {largest:.4g}).",
-            "multiply q (and dq) of revolute joints by pi / 180",
-        ),
-        repair,
-        largest=largest,
-    )
+    return repair
 
 
 def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -51,57 +76,152 @@ def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     seconds = events.long_delay(physics)
     if seconds == 0.0:
         return
-    made = propose(
-        physics,
+    yield propose(
         lambda p: p.with_delay(seconds),
         1,
         events.delay_texts(seconds),
         lambda run: events.shifted(run, seconds),
+        severity="warning",
         seconds=seconds,
     )
-    yield replace(made, issue=replace(made.issue, severity="warning"))
 
 
-def turned_or_exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """A position channel with the wrong sign, or two exchanged: tried on few rows first."""
-    n = physics.n
-    few = physics.part(few_rows(physics))
-    base = few.unexplained
-    movers = np.flatnonzero(moving)
-    tried: list[tuple[float, Array, NDArray[np.intp], tuple[str, str, str, str], dict[str, object]]] = []
-    for j in movers:
-        scale = np.ones(n)
-        scale[j] = -1.0
+def _both(physics: Physics, scale: Array, order: NDArray[np.intp]) -> Physics:
+    """Positions and torques turned or exchanged alike."""
+    return physics.with_motion(scale, order).with_channels(scale, order)
+
+
+def turned(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """A joint that counts the other way: its position alone, or position and torque together."""
+    same = np.arange(physics.n)
+    for j in np.flatnonzero(moving):
+        sign = np.ones(physics.n)
+        sign[j] = -1.0
         name = joints_text([j])
-        texts = (
-            "position sign",
-            name,
-            f"the position of {name} has the wrong sign.",
-            f"flip the sign of q{j + 1} (and dq{j + 1})",
-        )
-        same = np.arange(n)
-        left = few.with_motion(scale, same).unexplained
-        tried.append((left, scale, same, texts, {"joints": [int(j) + 1]}))
-    for a, b in combinations(movers, 2):
-        order: NDArray[np.intp] = np.arange(n, dtype=np.intp)
+        yield propose(
+            partial(Physics.with_motion, scale=sign, order=same), 3,
+            (
+                "position sign", name, f"the position of {name} has the wrong sign.",
+                f"flip the sign of q{j + 1} (and dq{j + 1})",
+            ),
+            motion_repair(sign, same), joints=[int(j) + 1],
+        )  # fmt: skip
+
+        def both(run: Measurements, s: Array = sign) -> Measurements:
+            return replace(motion_repair(s, same)(run), tau=run.tau * s)
+
+        yield propose(
+            partial(_both, scale=sign, order=same), 2,
+            (
+                "joint sign", name, f"{name} counts the other way, position and torque alike.",
+                f"flip the signs of q{j + 1}, dq{j + 1} and tau{j + 1}",
+            ),
+            both, joints=[int(j) + 1],
+        )  # fmt: skip
+
+
+def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """The positions of two joints exchanged, or all channels of two joints."""
+    one = np.ones(physics.n)
+    for a, b in combinations(np.flatnonzero(moving), 2):
+        order: NDArray[np.intp] = np.arange(physics.n, dtype=np.intp)
         order[[a, b]] = order[[b, a]]
-        name = joints_text([a, b])
-        texts = (
-            "position order",
-            name,
-            f"the positions of {name} are swapped.",
-            f"swap q{a + 1} and q{b + 1} (and dq)",
-        )
-        left = few.with_motion(np.ones(n), order).unexplained
-        tried.append((left, np.ones(n), order, texts, {"joints": [int(a) + 1, int(b) + 1]}))
-    if not tried:
-        return
-    left, scale, order, texts, figures = min(tried, key=lambda item: item[0])
-    if left > BETTER * base:
+        name, joints = joints_text([a, b]), [int(a) + 1, int(b) + 1]
+        yield propose(
+            partial(Physics.with_motion, scale=one, order=order), 3,
+            (
+                "position order", name, f"the positions of {name} are swapped.",
+                f"swap q{a + 1} and q{b + 1} (and dq)",
+            ),
+            motion_repair(one, order), joints=joints,
+        )  # fmt: skip
+
+        def both(run: Measurements, o: NDArray[np.intp] = order) -> Measurements:
+            return replace(motion_repair(one, o)(run), tau=run.tau[:, o])
+
+        yield propose(
+            partial(_both, scale=one, order=order), 2,
+            (
+                "joint order", name, f"{name} are swapped, positions and torques alike.",
+                f"swap q{a + 1} and q{b + 1}, dq and tau",
+            ),
+            both, joints=joints,
+        )  # fmt: skip
+
+
+def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Encoders that count from another zero than the robot's kinematics."""
+    robot = physics.model.robot
+    one, same = np.ones(physics.n), np.arange(physics.n)
+
+    def left(j: int, radians: float) -> float:
+        return physics.with_motion(one, same, radians * (same == j)).evidence.score
+
+    revolute = [int(j) for j in np.flatnonzero(moving) if robot.joints[j].kind == "revolute"]
+    tried = {(j, d): left(j, float(np.radians(d))) for j in revolute for d in _OFFSETS}
+    base = physics.evidence.score
+    best = sorted(tried, key=lambda key: tried[key])[:3]
+    for j in dict.fromkeys(j for j, _ in best):
+        coarse = min(_OFFSETS, key=lambda d: tried[j, d])
+        if tried[j, coarse] > base - 0.3:
+            continue
+        near = np.radians([0.3 * coarse, coarse, 1.7 * coarse] if abs(coarse) < 60.0 else
+                          [coarse - 40.0, coarse, coarse + 40.0])  # fmt: skip
+        found = best_number(partial(left, j), near.tolist(), 4)
+        quarter = 0.5 * np.pi * round(found / (0.5 * np.pi))
+        found = quarter if quarter and abs(found - quarter) < _QUARTER else found
+        if abs(found) < np.radians(1.5):
+            continue
+        yield zero_offset(physics, (j,), (found,))
+
+
+def two_quarters(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Two joints a quarter turn off at once: another convention of the same arm (DH against URDF)."""
+    robot = physics.model.robot
+    revolute = [int(j) for j in np.flatnonzero(moving) if robot.joints[j].kind == "revolute"]
+    for pair in combinations(revolute, 2):
+        for turns in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            yield zero_offset(physics, pair, tuple(0.5 * np.pi * k for k in turns))
+
+
+def zero_offset(physics: Physics, joints: tuple[int, ...], radians: tuple[float, ...]) -> Hypothesis:
+    offset = np.zeros(physics.n)
+    offset[list(joints)] = radians
+    one, same = np.ones(physics.n), np.arange(physics.n)
+    sizes = " and ".join(f"{np.degrees(-r):.4g}" for r in radians)
+    change = " and ".join(f"{r:+.5g} rad to q{j + 1}" for j, r in zip(joints, radians, strict=True))
+    return propose(
+        partial(Physics.with_motion, scale=one, order=same, offset=offset), 2 + len(joints),
+        (
+            "encoder offset", joints_text(joints),
+            f"the zero of {joints_text(joints)} is {sizes} degrees away from the robot's kinematics.",
+            f"add {change}",
+        ),
+        motion_repair(one, same, offset), joints=[j + 1 for j in joints], radians=list(radians),
+    )  # fmt: skip
+
+
+def clock(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Time stamps that run too fast or too slow: inertia and weight then belong to different arms."""
+    if not any(physics.model.robot.gravity):
         return
 
-    def repair(run: Measurements) -> Measurements:
-        dq = None if run.dq is None else scale * run.dq[:, order]
-        return replace(run, q=scale * run.q[:, order], dq=dq)
+    def left(log: float) -> float:
+        return physics.with_clock(float(np.exp(log))).evidence.score
 
-    yield propose(physics, lambda p: p.with_motion(scale, order), 3, texts, repair, None, **figures)
+    factor = float(np.exp(best_number(left, np.log(_RATES).tolist())))
+    if abs(np.log(factor)) < np.log1p(_SMALLEST_RATE):
+        return
+    word = "fast" if factor < 1.0 else "slow"
+    yield propose(
+        partial(Physics.with_clock, factor=factor), 3,
+        (
+            "clock rate", "column t",
+            f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
+            "torques does not fit the weight.",
+            f"multiply t by {factor:.3g} (find out the log's true rate)",
+        ),
+        lambda run: replace(run, t=run.t[0] + factor * (run.t - run.t[0]),
+                            dq=None if run.dq is None else run.dq / factor),
+        needed=_RATE_NEEDED, factor=factor,
+    )  # fmt: skip

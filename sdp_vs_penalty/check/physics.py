@@ -19,32 +19,55 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment, minimize
+from scipy.optimize import linear_sum_assignment
 
+from sdp_vs_penalty.check.evidence import Evidence, solve
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-#: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
-_RIDGE = 1e-9
+#: Independent samples for each parameter, below which a good fit says nothing.
+_SPARE = 1.5
 #: Filtered rows that repeat each other count once: rows per independent sample.
 OVERSAMPLING = 4.0
+
+
+@dataclass(frozen=True)
+class Own:
+    """Columns that each joint's own motion makes (friction, offset, rotor), low-passed as the torque is.
+
+    Friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
+    their parameters sit in theta. To exchange joints or turn them round exchanges or turns columns.
+    """
+
+    columns: Array
+    indices: NDArray[np.intp]
+
+    def part(self, rows: slice | NDArray[np.intp]) -> Own:
+        return replace(self, columns=self.columns[:, rows])
+
+    def moved(self, scale: Array, order: NDArray[np.intp]) -> Own:
+        return replace(self, columns=np.sign(scale)[:, None, None] * self.columns[order])
 
 
 @dataclass(frozen=True)
 class Physics:
     """One run's low-passed motion and torque channels (M, n), and the model that should explain them.
 
-    rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm.
+    rate, curvature : (M, n) time derivatives of the channels; nominal : (p,) parameters of a plausible
+        arm; weight : (n,) share of the gravity torque that each channel holds; own : see there.
     """
 
     model: Model
     motion: Motion
     channels: Array
     rate: Array
+    curvature: Array
     nominal: Array
+    weight: tuple[float, ...] | None = None
+    own: Own | None = None
 
     @property
     def n(self) -> int:
@@ -59,28 +82,96 @@ class Physics:
     @cached_property
     def columns(self) -> list[Array]:
         """Per joint the columns (M, p) of all parameters, zero where they do not act on it."""
-        return wide_columns(self.model, self.motion)
+        full = self.columns_of(self.model)
+        if self.weight is None:
+            return full
+        still = self.columns_of(turned_gravity(self.model, (0.0, 0.0, 0.0)))
+        return [s + w * (f - s) for s, f, w in zip(still, full, self.weight, strict=True)]
+
+    def columns_of(self, model: Model) -> list[Array]:
+        if self.own is None:
+            return wide_columns(model, self.motion)
+        rigid = tuple(e for e in model.effects if e.name == "rigid_body")
+        out = [np.zeros((len(self.motion.t), len(model.parameters))) for _ in range(self.n)]
+        for j, block in enumerate(Model(model.robot, rigid).columns(self.motion) if rigid else []):
+            out[j][:, model.rigid_indices[block.indices]] = block.columns
+        for j, columns in enumerate(self.own.columns):
+            out[j][:, self.own.indices[j]] = columns
+        return out
+
+    @cached_property
+    def grams(self) -> Array:
+        """(n, p, p) normal equations of each joint's columns."""
+        return np.array([c.T @ c for c in self.columns])
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What one arm explains of the channels."""
+        return Evidence.of(self.grams, self.columns, self.channels)
+
+    def _other_channels(self, channels: Array, rate: Array, curvature: Array) -> Physics:
+        """Other channels on the same motion: the columns, which are dear, are kept."""
+        made = replace(self, channels=channels, rate=rate, curvature=curvature)
+        for name in ("columns", "grams"):
+            if name in self.__dict__:
+                made.__dict__[name] = self.__dict__[name]
+        return made
 
     def part(self, rows: slice | NDArray[np.intp]) -> Physics:
         """The same on some of the rows."""
         m = self.motion
         motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
-        return replace(self, motion=motion, channels=self.channels[rows], rate=self.rate[rows])
+        channels, rate, curvature = (x[rows] for x in (self.channels, self.rate, self.curvature))
+        own = None if self.own is None else self.own.part(rows)
+        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own)
 
-    def with_motion(self, scale: Array, order: NDArray[np.intp]) -> Physics:
-        """The hypothesis that joint j's position is scale_j times the file's channel order_j."""
+    def with_motion(self, scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Physics:
+        """The hypothesis that joint j's position is scale_j times the channel order_j + offset_j."""
         m = self.motion
         q, dq, ddq = (scale * x[:, order] for x in (m.q, m.dq, m.ddq))
-        return replace(self, motion=Motion(m.t, q, dq, ddq))
+        own = None if self.own is None else self.own.moved(scale, order)
+        return replace(self, motion=Motion(m.t, q + offset, dq, ddq), own=own)
 
     def with_channels(self, scale: Array, order: NDArray[np.intp]) -> Physics:
         """The hypothesis that joint j's torque is scale_j times the file's channel order_j."""
-        channels, rate = (scale * x[:, order] for x in (self.channels, self.rate))
-        return replace(self, channels=channels, rate=rate)
+        parts = (self.channels, self.rate, self.curvature)
+        channels, rate, curvature = (scale * x[:, order] for x in parts)
+        return self._other_channels(channels, rate, curvature)
+
+    def with_lead(self, seconds: Array, order: int = 2) -> Physics:
+        """Each channel ``seconds`` (n,) earlier: delays (order 2) or first-order lags (order 1)."""
+        channels = self.channels + seconds * self.rate
+        if order > 1:
+            channels = channels + 0.5 * seconds**2 * self.curvature
+        return self._other_channels(channels, self.rate, self.curvature)
+
+    def without(self, torque: Array) -> Physics:
+        """The channels less a torque (M, n)."""
+        return self._other_channels(self.channels - torque, self.rate, self.curvature)
+
+    def with_clock(self, factor: float) -> Physics:
+        """The hypothesis that the true time is ``factor`` times the file's."""
+        m = self.motion
+        motion = Motion(m.t[0] + factor * (m.t - m.t[0]), m.q, m.dq / factor, m.ddq / factor**2)
+        rate, curvature = self.rate / factor, self.curvature / factor**2
+        return replace(self, motion=motion, rate=rate, curvature=curvature)
+
+    def reversed(self) -> Physics:
+        """The hypothesis that time runs from the last row to the first."""
+        m = self.motion
+        motion = Motion(m.t[0] + (m.t[-1] - m.t[::-1]), m.q[::-1], -m.dq[::-1], m.ddq[::-1])
+        channels, rate, curvature = self.channels[::-1], -self.rate[::-1], self.curvature[::-1]
+        turned = self.part(slice(None, None, -1)).own
+        own = None if turned is None else replace(turned, columns=-turned.columns)
+        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own)
+
+    def with_weight(self, share: Array) -> Physics:
+        """The hypothesis that of the gravity torque only this share (n,) is in the channels."""
+        return replace(self, weight=tuple(share.tolist()))
 
     def with_gravity(self, gravity: Sequence[float]) -> Physics:
         """The hypothesis that gravity is this vector in the base frame."""
-        return replace(self, model=_with_gravity(self.model, gravity))
+        return replace(self, model=turned_gravity(self.model, gravity))
 
     def agreement_with_weight(self) -> float:
         """Correlation, over all joints, of the torque with that of the nominal arm at rest."""
@@ -95,11 +186,11 @@ class Physics:
         t = self.motion.t
         keep = (t + seconds >= t[0]) & (t + seconds <= t[-1])
         rows = np.flatnonzero(keep)
-        channels, rate = (
+        channels, rate, curvature = (
             np.column_stack([np.interp(t[rows] + seconds, t, x) for x in values.T])
-            for values in (self.channels, self.rate)
+            for values in (self.channels, self.rate, self.curvature)
         )
-        return replace(self.part(rows), channels=channels, rate=rate)
+        return replace(self.part(rows), channels=channels, rate=rate, curvature=curvature)
 
     @cached_property
     def alone(self) -> Array:
@@ -169,7 +260,7 @@ class Physics:
         """
         weights = 1.0 / (len(self.channels) * self.energy * self.n)
         rest = np.zeros_like(self.motion.q)
-        weightless = _with_gravity(self.model, (0.0, 0.0, 0.0))
+        weightless = turned_gravity(self.model, (0.0, 0.0, 0.0))
         m = self.motion
         pushed = wide_columns(weightless, Motion(m.t, m.q, rest, m.ddq))
         rigid = np.zeros(len(self.model.parameters))
@@ -186,6 +277,21 @@ class Physics:
         variance = self.unexplained / (len(self.channels) * self.n) * OVERSAMPLING
         deviation = np.sqrt(max(variance * float(slope @ influence), 1e-300))
         return np.asarray(power / deviation, float)
+
+    def determined(self, cutoff: float, share: float = 1.0) -> bool:
+        """Whether a share of the run, low-passed at ``cutoff`` [Hz], has samples to spare for theta."""
+        seconds = float(self.motion.t[-1] - self.motion.t[0])
+        return bool(2.0 * cutoff * seconds * share * self.n > _SPARE * len(self.model.parameters))
+
+    def own_share(self, j: int) -> float:
+        """Share of a channel's energy that joint j's own motion explains: friction, offset, rotor."""
+        if self.own is None or not self.own.columns.shape[2]:
+            return 0.0
+        columns, y = self.own.columns[j], self.channels[:, j]
+        cross = columns.T @ y
+        return float(cross @ solve(columns.T @ columns, cross[:, None])[:, 0]) / max(
+            float(y @ y), 1e-300
+        )
 
     def best_signs(self) -> tuple[Array, float]:
         """The signs (n,) of the channels that the coupling between joints prefers, and their E.
@@ -207,58 +313,6 @@ class Physics:
         return np.asarray(order, np.intp)
 
 
-@dataclass(frozen=True)
-class FreeGravity:
-    """The same test with the direction of gravity free: columns are linear in the vector g."""
-
-    physics: Physics
-
-    @cached_property
-    def _gram(self) -> tuple[Array, Array]:
-        """Gram matrix and cross products of [Y at g = 0, dY/dgx, dY/dgy, dY/dgz], joints weighted."""
-        physics = self.physics
-        robot = physics.model.robot
-        fixed = wide_columns(_with_gravity(physics.model, (0.0, 0.0, 0.0)), physics.motion)
-        parts = [fixed]
-        for axis in range(3):
-            unit = np.eye(3)[axis]
-            pulled = wide_columns(_with_gravity(physics.model, tuple(unit)), physics.motion)
-            parts.append([a - b for a, b in zip(pulled, fixed, strict=True)])
-        p = fixed[0].shape[1]
-        gram, cross = np.zeros((4 * p, 4 * p)), np.zeros(4 * p)
-        weights = 1.0 / (len(physics.channels) * physics.energy * robot.n)
-        for j in range(robot.n):
-            stack = np.hstack([part[j] for part in parts])
-            gram += weights[j] * stack.T @ stack
-            cross += weights[j] * stack.T @ physics.channels[:, j]
-        return gram, cross
-
-    def unexplained(self, gravity: Array) -> float:
-        """E with this gravity vector [m/s^2]."""
-        gram, cross = self._gram
-        p = len(cross) // 4
-        mix = np.vstack([np.eye(p), *(g * np.eye(p) for g in gravity)])
-        b = mix.T @ cross
-        return max(1.0 - float(b @ solve(mix.T @ gram @ mix, b[:, None])[:, 0]), 1e-12)
-
-    def best(self, size: float) -> tuple[Array, float]:
-        """The direction (unit vector) of gravity of this size that explains the torque best; its E."""
-        grid = [np.array(d, float) for d in product((-1, 0, 1), repeat=3) if any(d)]
-        grid = [d / np.linalg.norm(d) for d in grid]
-        start = min(grid, key=lambda d: self.unexplained(size * d))
-        across = np.linalg.svd(start[None, :])[2][1:]
-
-        def direction(x: Array) -> Array:
-            d = start + x @ across
-            return np.asarray(d / np.linalg.norm(d), float)
-
-        found = minimize(
-            lambda x: np.log(self.unexplained(size * direction(x))), np.zeros(2), method="Nelder-Mead",
-            options={"xatol": 1e-3, "fatol": 1e-4, "initial_simplex": [[0, 0], [0.2, 0], [0, 0.2]]},
-        )  # fmt: skip
-        return direction(found.x), float(np.exp(found.fun))
-
-
 def wide_columns(model: Model, motion: Motion) -> list[Array]:
     """Per joint (M, p) the columns of all parameters."""
     out = []
@@ -269,20 +323,7 @@ def wide_columns(model: Model, motion: Motion) -> list[Array]:
     return out
 
 
-def _with_gravity(model: Model, gravity: Sequence[float]) -> Model:
+def turned_gravity(model: Model, gravity: Sequence[float]) -> Model:
     x, y, z = (float(g) for g in gravity)
     robot: Robot = replace(model.robot, gravity=(x, y, z))
     return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
-
-
-def solve(gram: Array, right: Array) -> Array:
-    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there."""
-    norms = np.sqrt(np.diagonal(gram))
-    seen = norms > 1e-9 * norms.max(initial=0.0)
-    out = np.zeros_like(right)
-    if seen.any():
-        scale = norms[seen]
-        unit = gram[np.ix_(seen, seen)] / np.outer(scale, scale)
-        unit[np.diag_indices_from(unit)] += _RIDGE
-        out[seen] = np.linalg.solve(unit, right[seen] / scale[:, None]) / scale[:, None]
-    return out

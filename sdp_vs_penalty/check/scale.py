@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.check.issue import Issue
+from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
@@ -37,6 +37,10 @@ def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Issu
     Two witnesses: the joints' effort limits, and what an arm of the problem's masses needs on the same
     motion. Where the limits say that the size is right, the problem's masses are not.
     """
+    single = list(_single_channels(run, physics))
+    if single:
+        yield from single
+        return
     over = _times_limit(run, physics)
     scale = possible_scale(problem)
     if scale is None:
@@ -71,6 +75,36 @@ _FAR_OVER = 3.0
 #: Torques that use at least this share of the effort limits have the right unit: a current of the same
 #: joint, in A, is an order of magnitude smaller.
 _USED = 0.2
+
+
+#: A channel so many times larger against the nominal arm than the others are has another unit.
+_ALONE = 40.0
+
+
+def _single_channels(run: Measurements, physics: Physics) -> Iterator[Issue]:
+    """Channels in another unit than the others, where no other joint's torque tells their gain."""
+    effort = np.array([joint.effort for joint in physics.model.robot.joints])
+    over = np.abs(run.tau).max(axis=0) / np.where(effort > 0.0, effort, np.inf)
+    modelled = np.column_stack([columns @ physics.nominal for columns in physics.columns])
+    ratio = np.linalg.norm(physics.channels, axis=0) / np.maximum(
+        np.linalg.norm(modelled, axis=0), 1e-3 * np.linalg.norm(modelled) + 1e-300
+    )
+    middle = float(np.median(ratio))
+    unlimited = ~np.isfinite(effort) | (effort <= 0.0)
+    odd = (over > _FAR_OVER) | ((ratio > _ALONE * middle) & (unlimited | (over > _USED)))
+    if not odd.any() or odd.sum() > 0.3 * len(odd):
+        return
+    for j in np.flatnonzero(odd):
+        size = f"{ratio[j] / middle:.0f} times what the other joints' torques let expect"
+        if over[j] > _FAR_OVER:
+            size = f"{over[j]:.3g} times what the joint is made for"
+        yield Issue(
+            "torque unit", "error", joints_text([j]),
+            f"the torque of joint {j + 1} is too large, {size}: its unit is not that of the others.",
+            "likely: judged by size alone",
+            "convert it to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001",
+            None, {"joints": [int(j) + 1], "times_effort_limit": float(over[j])},
+        )  # fmt: skip
 
 
 def _times_limit(run: Measurements, physics: Physics) -> float | None:

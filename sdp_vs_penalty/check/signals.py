@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.issue import Array, Issue, Repair, joints_text
+from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
@@ -31,6 +34,46 @@ def find(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[I
     yield from _saturation(run, robot)
     yield from _quantisation(run, robot, settings)
     yield from _sample_rate(run)
+
+
+def frozen(run: Measurements, physics: Physics) -> Iterator[Issue]:
+    """Positions that are the same number in every row, of joints whose torque says that they move."""
+    constant = np.ptp(run.q, axis=0) == 0.0
+    for j in np.flatnonzero(constant):
+        left = float(np.sqrt(physics.evidence.alone[j]))
+        if left < _HELD:
+            continue
+        yield Issue(
+            "frozen position",
+            "error",
+            f"q{j + 1}",
+            f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that joint's torque "
+            "is not that of a joint at rest: the position channel is frozen.",
+            "likely: the torque of a joint that is held follows from the motion of the others",
+            "record again with that channel; leave the run out until then",
+            None,
+            {"joints": [int(j) + 1], "unexplained": left},
+        )
+
+
+#: A joint at rest leaves less than this share of its torque unexplained by the others' motion.
+_HELD = 0.15
+
+
+def implausible(run: Measurements, robot: Robot) -> Iterator[Issue]:
+    """What an identification would refuse, whatever the fit says of it."""
+    try:
+        check_plausible(robot, run)
+    except InputError as error:
+        yield Issue(
+            "position range",
+            "error",
+            "positions",
+            f"{error.what.rstrip('.')}.",
+            "certain: outside what the joint can reach",
+            error.remedy
+            or "convert degrees to radians, or choose the problem that belongs to this file",
+        )
 
 
 def no_motion() -> Iterator[Issue]:
@@ -127,7 +170,7 @@ def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> I
     """Noise from rounding, in the band that identification uses, beside the signal itself."""
     assert settings.state_cutoff is not None
     cutoff, dt = settings.state_cutoff, float(np.median(np.diff(run.t)))
-    motion, tau, _ = low_passed(run, settings, 500)
+    motion, tau = low_passed(run, settings, 500)
     for name, values, signal in (("q", run.q, motion.ddq), ("tau", run.tau, tau)):
         for j in np.flatnonzero(moving_joints(run)):
             step = lattice_step(values[:, j])
@@ -199,7 +242,7 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
     """Measured velocities beside the derivative of the positions; identification uses the latter."""
     if run.dq is None:
         return
-    motion, measured, _ = low_passed(replace(run, tau=run.dq), settings, 500)
+    motion, measured = low_passed(replace(run, tau=run.dq), settings, 500)
     moves = moving_joints(run)
     wrong: dict[str, list[int]] = {}
     factors = np.ones(run.n)

@@ -9,17 +9,51 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, SIGNIFICANT, Hypothesis, propose
+from sdp_vs_penalty.check.hypothesis import NEAR, SIGNIFICANT, Hypothesis, propose
 from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.data.measurements import Measurements
 
 
 def signs(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """The signs that the coupling between the joints prefers; friction decides where that is silent."""
-    signs = choose_signs(physics)
-    flipped = np.flatnonzero(signs < 0.0)
-    if len(flipped):
-        yield _flip(physics, flipped.tolist())
+    flipped = np.flatnonzero(choose_signs(physics) < 0.0).tolist()
+    if flipped:
+        yield _flip(physics, flipped)
+    for j in np.flatnonzero(moving).tolist():
+        if [j] != flipped:
+            yield _flip(physics, [j])
+
+
+def time_reversed(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis | None:
+    """Rows in reverse order: friction drives every joint, yet inertia and weight have the right sign."""
+    power, deviation = physics.dissipation
+    z = power / deviation
+    known = moving & (np.abs(z) > SIGNIFICANT)
+    driven = known & (z < 0.0)
+    if driven.sum() < max(0.6 * known.sum(), 1.0) or driven.sum() < 0.4 * moving.sum():
+        return None
+    if float(physics.inertia.sum()) < SIGNIFICANT or physics.agreement_with_weight() < 0.0:
+        return None
+
+    def repair(run: Measurements) -> Measurements:
+        dq = None if run.dq is None else -run.dq[::-1]
+        t = run.t[0] + (run.t[-1] - run.t[::-1])
+        return replace(run, t=t, q=run.q[::-1].copy(), tau=run.tau[::-1].copy(), dq=dq)
+
+    return propose(
+        lambda p: p.reversed(),
+        1,
+        (
+            "time reversed",
+            "all rows",
+            "the rows are in reverse order: friction would drive the motion.",
+            "reverse q and tau in time",
+        ),
+        repair,
+        certainty=f"likely: friction would drive {joints_text(np.flatnonzero(driven))}, while inertia "
+        "and weight have the right sign",
+    )
 
 
 def choose_signs(physics: Physics) -> Array:
@@ -39,7 +73,7 @@ def choose_signs(physics: Physics) -> Array:
     else:
         candidates = np.vstack([np.ones(n), -np.ones(n), best, -best])
     losses = np.einsum("ka,ab,kb->k", candidates, physics.form, candidates)
-    near = candidates[losses <= ABOUT_SAME * loss]
+    near = candidates[losses <= NEAR * loss]
     inertia = near @ physics.inertia
     inertia = np.where(np.abs(inertia) > SIGNIFICANT, np.clip(inertia, -20.0, 20.0), 0.0)
     score = near @ knows + inertia - 1e-3 * np.sum(near < 0.0, axis=1)
@@ -69,13 +103,12 @@ def weak_signs(physics: Physics) -> Hypothesis | None:
     return None
 
 
-def _flip(physics: Physics, joints: list[int], certainty: str | None = None) -> Hypothesis:
+def _flip(physics: Physics, joints: list[int], certainty: str = "") -> Hypothesis:
     signs = np.ones(physics.n)
     signs[joints] = -1.0
     same = np.arange(physics.n)
     every = len(joints) == physics.n
-    made = propose(
-        physics,
+    return propose(
         lambda p: p.with_channels(signs, same),
         len(joints),
         (
@@ -85,8 +118,6 @@ def _flip(physics: Physics, joints: list[int], certainty: str | None = None) -> 
             "flip the sign of " + ", ".join(f"tau{j + 1}" for j in joints),
         ),
         lambda run: replace(run, tau=run.tau * signs),
+        certainty=certainty,
         joints=[j + 1 for j in joints],
     )
-    if certainty is None:
-        return made
-    return replace(made, issue=replace(made.issue, certainty=certainty))

@@ -52,6 +52,9 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         style="bold",
     )
     certificate(result)
+    if gains := result.details.get("gains"):
+        told = (f"{g:.3f} ± {s:.2g}" for g, s in zip(gains["gain"], gains["std"], strict=True))
+        say(f"gains of the torque channels, from the known load: {', '.join(told)}")
     if len(result.links):
         links(result)
     if fit is not None:

@@ -24,10 +24,12 @@ from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, search_through
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.scoring import score_library
+from sdp_vs_penalty.diagnosis.sizes import coefficients, torque_errors
 from sdp_vs_penalty.diagnosis.stage import prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
@@ -47,6 +49,7 @@ def diagnose(
     seed: int = 0,
     progress: Callable[[str], None] = quiet,
     noise_from: Source = None,
+    gain_uncertainty: float | None = None,
 ) -> Diagnosis:
     """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
 
@@ -81,8 +84,11 @@ def diagnose(
     progress("searching for what is missing")
     state = search_through(stage)
     progress("held-out errors")
+    gain_errors = estimate.uncertainty.gain_errors
+    if gain_uncertainty is not None:
+        gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    return conclude(estimate, state, test, settings, share)
+    return conclude(estimate, state, test, settings, gain_errors, share)
 
 
 def _new_motion(
@@ -104,13 +110,15 @@ def conclude(
     state: SearchState,
     test: Measurements | None,
     settings: Preprocessing,
+    gain_errors: Array,
     new_share: float | None = None,
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
     stage = state.stage
     left, events = remaining(state)
     held_out = held_out_errors(estimate, state, test, settings)
-    findings = tuple(_finding(state, k, held_out) for k in range(len(state.picks)))
+    errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
+    findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
     if left.remains or doubted:
@@ -133,14 +141,10 @@ def conclude(
     )
 
 
-def _finding(state: SearchState, k: int, held_out: HeldOut) -> Finding:
+def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Finding:
     pick = state.picks[k]
     h = pick.candidate
-    fit = state.without(k).fit
-    fresh = fit.partialled(fit.scaled(h.columns))
-    gram = fresh.T @ fresh
-    beta = np.asarray(np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0], float)
-    covariance = np.asarray(np.linalg.pinv(gram, rcond=1e-12), float)
+    beta, covariance = coefficients(state, k, errors)
     parameters = h.effect.parameters
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)

@@ -134,6 +134,7 @@ class Estimate(Shown):
             ("effects", ", ".join(e.name for e in self.model.effects)),
             ("data", f"{self.provenance['samples']} samples of {', '.join(self.provenance['runs'])}"),
             *self.certificate.summary()[::2][:2],
+            ("from the data", f"{self.sources.count('data')} of {len(self.theta)} parameters"),
         ]
 
     def _table(self) -> Table:

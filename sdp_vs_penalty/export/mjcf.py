@@ -81,7 +81,7 @@ def _require_solid(body: Inertial, i: int, joint: str) -> None:
         what = "mass" if body.mass <= _SMALLEST else "moment of inertia about some axis"
         raise InputError(
             f"link {i + 1} (on joint {joint!r}): it has no {what}, which MuJoCo refuses",
-            "identify with the method lmi-sdp, whose links have a minimum thickness",
+            "identify with the method lmi-sdp-thickness, whose links have a minimum thickness",
         )
 
 

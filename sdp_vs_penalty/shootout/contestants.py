@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.estimators.penalty import fit_penalty
 from sdp_vs_penalty.shootout import log_cholesky
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.shootout.judge import Answer
+from sdp_vs_penalty.shootout.judge import Answer, dimacs_error
 from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
@@ -59,7 +59,8 @@ class Contestant:
 def contestants() -> dict[str, Contestant]:
     """All of them by name, absent ones included."""
     found = {name: _conic(name, module) for name, module in solver_modules().items()}
-    for other in (_default_path(), _cvxpy_default(), _penalty(), _log_cholesky()):
+    loops = [_certified(name, module) for name, module in solver_modules().items()]
+    for other in (*loops, _cvxpy_default(), _penalty(), _log_cholesky()):
         found[other.name] = other
     return dict(sorted(found.items()))
 
@@ -94,6 +95,7 @@ def _conic(name: str, module: ModuleType) -> Contestant:
             solution.solve_seconds,
             multipliers,
             sdp.entropy_slopes(solution),
+            dimacs_error(sdp.conic, solution),
         )
 
     def applies(instance: Instance) -> str | None:
@@ -113,12 +115,15 @@ def _conic(name: str, module: ModuleType) -> Contestant:
     )
 
 
-def _default_path() -> Contestant:
+def _certified(name: str, module: ModuleType) -> Contestant:
+    """A solver inside our loop: certified, and solved again where the gap is loose; with Clarabel it is
+    the default path, ``lmi-sdp``."""
+
     def solve(instance: Instance, accuracy: float) -> Answer:
         start = time.perf_counter()
         nothing = np.full(len(instance.task.bound), np.nan)
         try:
-            fit = solve_sdp(instance.task, instance.objective, instance.constraints, "clarabel", 1e-10)
+            fit = solve_sdp(instance.task, instance.objective, instance.constraints, name, 1e-10)
         except InputError as error:
             claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
             return Answer(nothing, claims, str(error), 0, 0.0, time.perf_counter() - start)
@@ -145,8 +150,22 @@ def _default_path() -> Contestant:
             fit.entropy_slopes,
         )
 
-    words = "our default path: scaled, certified, solved again where the gap is loose"
-    return Contestant("lmi-sdp", words, solve, lambda _: None, lambda: __version__, tunable=False)
+    def applies(instance: Instance) -> str | None:
+        if "exp" not in module.CONES and instance.objective.entropy is not None:
+            return "no cone for log det"
+        return None
+
+    ours = name == "clarabel"
+    return Contestant(
+        "lmi-sdp" if ours else f"{name} certified",
+        f"{name} inside our loop: scaled, certified, solved again where the gap is loose",
+        solve,
+        applies,
+        (lambda: __version__) if ours else lambda: version(module),
+        absent(module),
+        tunable=False,
+        warm_up=lambda: warm_up(module),
+    )
 
 
 def _cvxpy_default() -> Contestant:

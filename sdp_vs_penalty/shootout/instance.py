@@ -14,6 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.unscaled import gram_sdp, rows_sdp
@@ -55,6 +56,21 @@ class Instance:
             return interior_point(self.task, self.constraints)
         except InputError:
             return None
+
+    @cached_property
+    def near(self) -> Array:
+        """A point well inside the constraints whose objective is near the optimum: a solver stopped
+        early. Repair towards it costs what a violation is worth, not what a nominal robot is."""
+        inside = self.task.nominal if self.interior is None else self.interior
+        sent = list(self.constraints.convex)
+        least = 1e-6 * self.data.tau_squared
+        sdp = least_squares_sdp(self.objective, sent, inside, self.task.bound, inside, least_loss=least)
+        theta = sdp.theta(clarabel.solve(sdp.conic, 1e-2))
+        if not np.all(np.isfinite(theta)):
+            return inside
+        # Not onto the boundary, where repair would find no room.
+        middle = theta + 1e-2 * (inside - theta)
+        return middle if self.constraints.depth(middle) > 1e-9 else inside
 
     @cached_property
     def sent(self) -> list[Constraint]:

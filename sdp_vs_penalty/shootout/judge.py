@@ -1,9 +1,16 @@
 """What an answer is worth, whatever its author says of it.
 
-right            claims success, and gap and violation are within 10 times what was asked;
+Three figures, each relative, none mixed with another: ``objective_error``, how far its objective as
+it was returned lies from the proved interval; ``violation`` of the constraints, as returned; the dual
+gap that follows from the contestant's own multipliers. Beside them ``dimacs``, the largest of the
+DIMACS errors of the conic problem that the solver saw: the measure of its own promise.
+
+right            claims success, and error and violation are within 10 times what was asked;
                  or claims infeasibility of what is proved infeasible
-inaccurate       admits reduced accuracy; or our own interval is too wide to decide
-silently_wrong   claims success (or a verdict) that our proofs contradict
+inaccurate       admits reduced accuracy; or kept its promise, in its own scaling, and is off all the
+                 same; or our own interval is too wide to decide
+silently_wrong   claims success and misses its own promise too, its DIMACS errors 10 times or more
+                 above what was asked; or a verdict that our proofs contradict
 failed           says so
 timeout, crash   ended by the clock, or by a signal
 """
@@ -15,24 +22,31 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from sdp_vs_penalty.constraints.cones import cone_margin
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.certificate import lower_bound
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, unsvec
 
 Array = NDArray[np.float64]
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
 
-#: How far beyond what was asked an answer may be and still count as right.
+#: How far beyond what was asked an answer may be and still count as right; how far beyond it a solver's
+#: own errors may be and its claim of success still count as kept.
 SLACK = 10.0
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a contestant returned. multipliers : of all convex constraints, or None without a dual."""
+    """What a contestant returned. multipliers : of all convex constraints, or None without a dual.
+
+    dimacs : the largest DIMACS error of the conic problem that was sent; None where none was.
+    """
 
     theta: Array
     claims: str
@@ -42,37 +56,41 @@ class Answer:
     solve_seconds: float
     multipliers: Sequence[Array] | None = None
     entropy_slopes: Array | None = None
+    dimacs: float | None = None
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """class of a run; gap : certified, relative, after feasible repair; violation : relative, before.
+    """class of a run; objective_error, violation : of the answer as returned, relative; gap : certified,
+    after repair towards a point near the optimum.
 
     lower, upper : the interval that contains the optimum after this run; own_lower : the bound that
     follows from the contestant's own multipliers.
     """
 
     kind: str
-    gap: float
+    objective_error: float
     violation: float
+    gap: float
     lower: float
     upper: float
     own_lower: float
+    dimacs: float | None = None
     remark: str = ""
 
 
 def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Verdict:
     """Classify one answer; ``asked`` is the accuracy that was asked for."""
-    gap, violation, upper = _primal(instance, reference, answer.theta)
+    error, violation, upper = _primal(instance, reference, answer.theta)
     own = _dual(instance, answer)
     lower = max(reference.lower, own)
-    if reference.verdict == "feasible":
-        gap = (upper - lower) / reference.scale
-    numbers = (gap, violation, lower, min(upper, reference.upper), own)
-    if answer.claims == "failed":
-        return Verdict("failed", *numbers)
-    if answer.claims == "inaccurate":
-        return Verdict("inaccurate", *numbers)
+    feasible = reference.verdict == "feasible"
+    gap = (upper - lower) / reference.scale if feasible else np.inf
+    numbers = (error, violation, gap, lower, min(upper, reference.upper), own, answer.dimacs)
+    if answer.claims in ("failed", "inaccurate"):
+        return Verdict(answer.claims, *numbers)
+    allowed = SLACK * asked
+    kept = answer.dimacs is not None and answer.dimacs <= allowed
     if answer.claims in ("infeasible", "unbounded"):
         # A sum of squares over a set that is not empty is never unbounded.
         if reference.verdict == "infeasible" and answer.claims == "infeasible":
@@ -81,19 +99,22 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
             return Verdict("inaccurate", *numbers, "whether anything is feasible is not proved")
         return Verdict("silently_wrong", *numbers, f"claims {answer.claims}, which is proved wrong")
     if reference.verdict == "infeasible":
-        return Verdict("silently_wrong", *numbers, "claims a solution of what is proved infeasible")
-    allowed = SLACK * asked
-    if violation > allowed:
-        return Verdict("silently_wrong", *numbers, "violates the constraints")
-    if gap <= allowed:
+        wrong = "solves what is proved infeasible"
+    elif violation > allowed:
+        wrong = "violates the constraints"
+    elif not error <= allowed:
+        wrong = "the objective lies outside of the proved interval"
+    elif reference.gap > allowed and feasible:
+        return Verdict("inaccurate", *numbers, "our interval is wider than what was asked")
+    else:
         return Verdict("right", *numbers)
-    if (upper - reference.upper) / reference.scale > allowed or not np.isfinite(upper):
-        return Verdict("silently_wrong", *numbers, "a better feasible point is proved")
-    return Verdict("inaccurate", *numbers, "our interval is wider than what was asked")
+    if kept:
+        return Verdict("inaccurate", *numbers, f"{wrong}, within the solver's own tolerance")
+    return Verdict("silently_wrong", *numbers, wrong)
 
 
 def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float, float]:
-    """Gap (infinite here), relative violation, and the upper bound after feasible repair."""
+    """Relative distance of the objective from the interval, relative violation, repaired upper bound."""
     if not np.all(np.isfinite(theta)):
         return np.inf, np.inf, np.inf
     interior = instance.interior
@@ -101,10 +122,66 @@ def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[flo
     violation = relative_violation(instance.constraints.convex, theta, inside, instance.task.bound)
     if interior is None or reference.verdict != "feasible":
         return np.inf, violation, np.inf
-    point = verified.feasible_point(instance.constraints.convex, theta, interior)
-    if point is None:
-        return np.inf, violation, np.inf
-    return np.inf, violation, verified.upper_bound(instance.objective, point)
+    value = _value(instance, theta)
+    error = max(value - reference.upper, reference.lower - value, 0.0) / reference.scale
+    point = verified.feasible_point(instance.constraints.convex, theta, instance.near)
+    upper = np.inf if point is None else verified.upper_bound(instance.objective, point)
+    return error, violation, upper
+
+
+def _value(instance: Instance, theta: Array) -> float:
+    """The objective as returned; where the entropy is not defined, that of the least squares alone."""
+    value = instance.objective.value(theta)
+    return value if np.isfinite(value) else instance.data.loss(theta)
+
+
+def dimacs_error(problem: ConicProblem, solution: Solution) -> float:
+    """The largest DIMACS error of a conic solution, infinite for numbers that are none.
+
+    With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
+    gap, relative to 1 + the largest entries of b and q, and to 1 + both objectives (Mittelmann, 2003).
+    """
+    x, z = solution.x, solution.z
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
+        return np.inf
+    s = problem.b - problem.A @ x
+    quadratic = problem.P + sparse.triu(problem.P, 1).T
+    force = quadratic @ x
+    size_b, size_q = 1.0 + np.abs(problem.b).max(initial=0.0), 1.0 + np.abs(problem.q).max(initial=0.0)
+    half = 0.5 * float(x @ force)
+    primal, dual = half + float(problem.q @ x), -half - float(problem.b @ z)
+    stationary = float(np.linalg.norm(force + problem.q + problem.A.T @ z)) / size_q
+    gap = abs(primal - dual) / (1.0 + abs(primal) + abs(dual))
+    outside = max(_outside(problem, s) / size_b, _outside(problem, z, dual=True) / size_q)
+    return max(stationary, gap, outside)
+
+
+def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
+    """How far rows lie outside of their cones (or of the dual ones), in the rows' own unit."""
+    worst, start = 0.0, 0
+    for cone in problem.cones:
+        part = values[start : start + cone.rows]
+        start += cone.rows
+        if cone.kind == "zero":
+            worst = max(worst, 0.0 if dual else float(np.abs(part).max(initial=0.0)))
+        elif cone.kind == "exp":
+            worst = max(worst, _outside_exponential(part, dual))
+        elif len(part):
+            shaped = unsvec(part, cone.size) if cone.kind == "psd" else part
+            worst = max(worst, -cone_margin(cone.kind, shaped))
+    return worst
+
+
+def _outside_exponential(v: Array, dual: bool) -> float:
+    """y exp(x / y) <= z with y > 0; dual: -u exp(v / u) <= e w with u < 0; of either as z is missed."""
+    x, y, z = v
+    if dual:
+        if x >= 0.0:
+            return max(float(x), -float(y), -float(z), 0.0)
+        return max(float(-x * np.exp(min(y / x - 1.0, 700.0)) - z), 0.0)
+    if y <= 0.0:
+        return max(float(x), -float(y), -float(z), 0.0)
+    return max(float(y * np.exp(min(x / y, 700.0)) - z), 0.0)
 
 
 def _dual(instance: Instance, answer: Answer) -> float:

@@ -107,7 +107,7 @@ def _reference(request: dict[str, Any]) -> dict[str, Any]:
 
 def _prepare(made: Instance) -> None:
     """Work that belongs to no contestant: done before the fork, so that children have it."""
-    _ = made.interior, made.constraints.stacks, made.task.ols
+    _ = made.interior, made.near, made.constraints.stacks, made.task.ols
 
 
 def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
@@ -133,7 +133,7 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
             "seconds": taken,
             **_verdict(verdict, known),
         }
-    none = Verdict(kind, np.inf, np.inf, known.lower, known.upper, -np.inf)
+    none = Verdict(kind, np.inf, np.inf, np.inf, known.lower, known.upper, -np.inf)
     return {
         "claimed": "",
         "status": payload.decode(errors="replace"),
@@ -150,6 +150,7 @@ def _verdict(verdict: Verdict, known: Reference) -> dict[str, Any]:
     own = (verdict.upper - row.pop("own_lower")) / known.scale
     row["class"] = row.pop("kind")
     row["own_gap"] = own if np.isfinite(own) else np.inf
+    row["dimacs"] = np.inf if verdict.dimacs is None else verdict.dimacs
     return row
 
 
@@ -259,6 +260,7 @@ def _pack(answer: Answer) -> bytes:
         "setup_seconds": answer.setup_seconds,
         "solve_seconds": answer.solve_seconds,
         "dual": answer.multipliers is not None,
+        "dimacs": answer.dimacs,
     }
     arrays = {"theta": np.asarray(answer.theta, float)}
     for k, multiplier in enumerate(answer.multipliers or ()):
@@ -283,6 +285,7 @@ def _unpack(payload: bytes) -> Answer:
             float(head["solve_seconds"]),
             [file[f"m{k}"] for k in range(count)] if head["dual"] else None,
             file["slopes"] if "slopes" in file.files else None,
+            head["dimacs"],
         )
 
 

@@ -16,13 +16,13 @@ from sdp_vs_penalty.files import write_text
 Row = dict[str, Any]
 
 COLUMNS = (
-    "problem", "group", "hash", "solver", "settings", "accuracy", "claimed", "status", "class", "gap",
-    "violation", "own_gap", "lower", "upper", "seconds", "setup_seconds", "solve_seconds", "iterations",
-    "version", "machine", "seed", "remark",
+    "problem", "group", "hash", "solver", "settings", "accuracy", "claimed", "status", "class",
+    "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
+    "setup_seconds", "solve_seconds", "iterations", "version", "machine", "seed", "remark",
 )  # fmt: skip
 _NUMBERS = (
-    "accuracy", "gap", "violation", "own_gap", "lower", "upper", "seconds", "setup_seconds",
-    "solve_seconds",
+    "accuracy", "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
+    "setup_seconds", "solve_seconds",
 )  # fmt: skip
 
 #: Bounds of an interval lose digits outward only: what was proved stays true of what is written.

@@ -48,6 +48,8 @@ _OVERSAMPLING = 4.0
 #: Columns are computed at this multiple of the cut-off: what they hold above half of it (reversals of
 #: friction, products of states) must not fold back below the cut-off.
 _COLUMN_RATE = 30.0
+#: Filters that need more than so many lengths of the run are not made at all.
+_LONGER = 1.5
 #: Raw samples worked on at a time: bounds the memory for the columns whatever a run's length.
 _CHUNK = 4096
 
@@ -100,6 +102,10 @@ class RunFilter:
         assert settings.state_cutoff is not None
         assert settings.torque_cutoff is not None
         self.run, self.dt = run, 1.0 / sample_rate(run)
+        # Before any kernel is made: its length is that of the cut-off, not of the run.
+        reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
+        if not 2.0 * reach < _LONGER * (float(run.t[-1] - run.t[0]) + self.dt):
+            raise no_rows(run, 2.0 * reach)
         self.state = Kernel(settings.state_cutoff, self.dt)
         self.column = Kernel(settings.torque_cutoff, self.dt)
         self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
@@ -173,7 +179,7 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
                 [JointColumns(c.indices, low_pass @ c.columns) for c in model.columns(motion)],
             )
     if not found:
-        raise _no_rows(run, 2 * margin * filters.dt)
+        raise no_rows(run, 2 * margin * filters.dt)
 
 
 def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
@@ -203,8 +209,8 @@ def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) ->
     return Rows(motion, np.concatenate([p.torque for p in pieces]), columns)
 
 
-def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[Motion, Array, Array]:
-    """At most so many evenly spread instants of one run: states, torque and its rate, low-passed.
+def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[Motion, Array]:
+    """At most so many evenly spread instants of one run: states and torque, low-passed.
 
     The torque passes the kernel that the position passes, and columns are computed from the states
     as they are: cheaper than :func:`filtered_rows`, and equal to it for slow motion. Enough to
@@ -219,7 +225,7 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
         places.append((part, k[moving.at(part.clock(k))]))
     count = sum(len(k) for _, k in places)
     if count == 0:
-        raise _no_rows(run, (width - 1) * filters.dt)
+        raise no_rows(run, (width - 1) * filters.dt)
     chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
     pieces, start = [], 0
     for part, k in places:
@@ -230,13 +236,13 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
             if len(at):
                 begin, end = at[0] - kernel.half, at[-1] + kernel.half + 1
                 states = kernel.states(part.resampled(part.q, begin, end))
-                smooth, slope, _ = kernel.states(part.resampled(part.tau, begin, end))
-                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, smooth, slope))))
-    t, q, dq, ddq, tau, rate = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    return Motion(t, q, dq, ddq), tau, rate
+                smooth, *_ = kernel.states(part.resampled(part.tau, begin, end))
+                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, smooth))))
+    t, q, dq, ddq, tau = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    return Motion(t, q, dq, ddq), tau
 
 
-def _no_rows(run: Measurements, seconds: float) -> InputError:
+def no_rows(run: Measurements, seconds: float) -> InputError:
     """For a run of which nothing is left; ``seconds`` are what the filters need."""
     if not moving_joints(run).any():
         return no_motion(run)

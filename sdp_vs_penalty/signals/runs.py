@@ -20,9 +20,21 @@ _LARGEST_NOISE = 0.01
 _PART = 1 << 14
 
 
+#: A step this long is no sampling but a pause [s]; and the grid has at most so many points a sample.
+_PAUSE, _FINEST = 0.05, 10.0
+
+
 def sample_rate(run: Measurements) -> float:
-    """Samples a second: one over the median time step [Hz]."""
-    return 1.0 / float(np.median(np.diff(run.t)))
+    """Samples a second: one over the median time step [Hz].
+
+    Stamps that come in bursts have a median step of nothing: the grid on which a run is resampled never
+    has more than ten points a sample, pauses apart.
+    """
+    steps = np.diff(run.t)
+    middle = float(np.median(steps))
+    longest = max(_PAUSE, 20.0 * middle)
+    mean = float(np.mean(np.minimum(steps, longest)))
+    return 1.0 / max(middle, mean / _FINEST)
 
 
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:
@@ -33,7 +45,10 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     """
     spread = np.array([q.std() for q in run.q.T])
     step = np.array([np.sqrt(np.mean(np.diff(q) ** 2)) for q in run.q.T])
-    return np.asarray((spread > 4.0 * step) | (spread > _LARGEST_NOISE))
+    # A constant has the standard deviation of its rounding, and no motion.
+    return np.asarray(
+        ((spread > 4.0 * step) | (spread > _LARGEST_NOISE)) & (np.ptp(run.q, axis=0) > 0.0)
+    )
 
 
 class Movement:

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.check import Report, check
-from sdp_vs_penalty.check.physics import FreeGravity, Physics
+from sdp_vs_penalty.check.gravity import FreeGravity
+from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.check.rows import physics_of as rows_of
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements, read_run, save
@@ -23,7 +25,6 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.signals.preprocessing import low_passed
 from sdp_vs_penalty.simulation.experiment import experiment
 
 Spoil = Callable[[Measurements], Measurements]
@@ -369,9 +370,7 @@ def test_the_force_of_the_real_emps_turned(data_folder: Path) -> None:
 
 
 def physics_of(problem: Problem, run: Measurements, effects: str | None = None) -> Physics:
-    model = problem.model(effects)
-    motion, tau, rate = low_passed(run, problem.preprocessing.resolve(run), 300)
-    return Physics(model, motion, tau, rate, problem.nominal(model))
+    return rows_of(problem, run, problem.preprocessing.resolve(run), 300, problem.model(effects))
 
 
 def test_the_form_is_least_squares(two_link: Problem) -> None:

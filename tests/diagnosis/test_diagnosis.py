@@ -166,6 +166,9 @@ def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
     assert result.effects[0].effect == "payload"
     assert result.effects[0].joints == ()
     assert result.effects[0].size == pytest.approx(mass, rel=0.05)
+    assert abs(result.effects[0].size - mass) < 3.0 * result.effects[0].std
+    doubted = diagnose(estimate, data, loaded.runs[3], frozen=True, gain_uncertainty=0.1)
+    assert doubted.effects[0].std > 1.5 * result.effects[0].std
 
     bigger = add(estimate, "payload", data)
     names = [p.name for p in bigger.model.parameters]

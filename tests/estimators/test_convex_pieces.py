@@ -91,7 +91,7 @@ def test_published_bounds_close_and_agree_with_the_penalty_method(task: Task) ->
     assert best.closed
     assert best.gap <= 1e-6
     assert max(task.constraints.worst(best.theta).values()) == 0.0
-    penalty = Penalty(thickness=0.0).fit(task)
+    penalty = Penalty(body=False, thickness=0.0).fit(task)
     assert task.data.loss(penalty.theta) == pytest.approx(best.upper, rel=1e-6)
 
 
@@ -104,7 +104,7 @@ def test_no_penalty_run_falls_below_the_certified_bound(
     best = solve_pieces(tight, max_pieces=60)
     assert max(tight.constraints.worst(best.theta).values()) == 0.0
     assert best.lower <= best.upper
-    penalty = Penalty(thickness=0.0, starts=3).fit(tight)
+    penalty = Penalty(body=False, thickness=0.0, starts=3).fit(tight)
     if max(tight.constraints.worst(penalty.theta).values()) < 1e-9:
         assert task.data.loss(penalty.theta) >= best.lower * (1.0 - 1e-9)
     # The convex problem without these bounds is a lower bound as well, and a weaker one.
@@ -121,7 +121,7 @@ def test_cutting_closes_a_gap_that_convex_constraints_leave(task: Task, real: np
     assert best.closed
     # What these bounds cost is a hundred times what is left open, so that the proof means something.
     assert best.lower - convex.upper > 100.0 * (best.upper - best.lower)
-    penalty = Penalty(thickness=0.0, starts=5).fit(tight)
+    penalty = Penalty(body=False, thickness=0.0, starts=5).fit(tight)
     assert task.data.loss(penalty.theta) == pytest.approx(best.upper, rel=1e-5)
 
 

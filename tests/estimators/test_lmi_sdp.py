@@ -240,6 +240,13 @@ def test_a_random_feasible_robot_round_trips(seed: int) -> None:
     assert np.all(inertia.gyration(estimate.links) <= reach)
 
 
+def test_a_solver_without_the_cone_of_the_prior_is_named(toy_task: Task) -> None:
+    pytest.importorskip("cvxopt")
+    with pytest.raises(InputError, match=r"cvxopt.*no exp cone.*clarabel.*lmi-sdp-thickness"):
+        LmiSdp(solver="cvxopt").fit(toy_task)
+    assert certify(toy_task, LmiSdpThickness(solver="cvxopt").fit(toy_task))[1].worst == 0.0
+
+
 # --- laws -------------------------------------------------------------------------------------------
 
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_arms import random_arm
+from random_arms import random_arm, run_of
 from random_robots import link_parameters, tree
 
 from sdp_vs_penalty.constraints import constraint as build
+from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -133,6 +137,42 @@ def test_geometry_is_read_in_any_unit(kind: str, tmp_path: Path) -> None:
     )
     assert problem.nominal_from == ("geometry",)
     assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * np.prod(BOX), rel=1e-4)
+
+
+def test_a_model_keeps_its_bodies_and_its_certificate_measures_them(tmp_path: Path) -> None:
+    """Saved, loaded and grown by an effect, under bodies that its file no longer tells."""
+    inertial = (
+        '<inertial><origin xyz="0.2 0 0"/><mass value="6.4"/>'
+        '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.09" iyz="0" izz="0.09"/></inertial>'
+    )
+    problem = arm(tmp_path, '<box size="0.4 0.1 0.08"/>', inertial)
+    one = np.ones(1)
+    made = identify(problem, run_of(problem, (one, one, one), 0.01 * one))
+    assert made.certificate.violations["body"] == 0.0
+    assert made.certificate.body_share is not None
+    assert 0.0 < made.certificate.body_share < 1.0
+    mass = float(made.links[0, 0])
+    assert made.certificate.density == pytest.approx([mass / 0.0032] * 2)
+    assert "mean density" in str(made.certificate)
+    made.save(tmp_path / "model.json")
+    (tmp_path / "arm.urdf").unlink()
+    run = run_of(problem, (one, one, one), 0.01 * one, seed=1)
+    grown = add(load_estimate(tmp_path / "model.json"), "joint_spring:1", run)
+    np.testing.assert_array_equal(grown.problem.link_bodies[0].quadric, problem.link_bodies[0].quadric)
+    assert grown.certificate.violations["body"] == 0.0
+
+
+def test_guessed_masses_take_the_scale_of_the_torque(tmp_path: Path) -> None:
+    """EMPS: nobody states the carriage's mass; a guess of 1 kg would make 95 kg a pinhead."""
+    problem = load_problem("emps")
+    assert problem.guessed_links.all()
+    truth = 95.0 * problem.nominal_links / problem.nominal_links[0, 0]
+    one = np.ones(1)
+    heavy = replace(problem, nominal_links=truth)
+    run = run_of(heavy, (200.0 * one, 20.0 * one, one), 0.5 * one)
+    made = identify(problem, run)
+    assert made.links[0, 0] == pytest.approx(95.0, rel=0.02)
+    assert inertia.gyration(made.links)[0] == pytest.approx(inertia.gyration(truth)[0], rel=0.1)
 
 
 def visual(radius: float) -> str:

@@ -15,11 +15,18 @@ from sdp_vs_penalty.shootout import hostile, log_cholesky, regular, summary
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
-from sdp_vs_penalty.shootout.judge import CLASSES, Answer, Verdict, judge, relative_violation
+from sdp_vs_penalty.shootout.judge import (
+    CLASSES,
+    Answer,
+    Verdict,
+    dimacs_error,
+    judge,
+    relative_violation,
+)
 from sdp_vs_penalty.shootout.nursery import _pack, _unpack, in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import cells
-from sdp_vs_penalty.solvers import verified
+from sdp_vs_penalty.solvers import clarabel, verified
 
 CONTESTANTS = contestants()
 SMALL = ("two_link one-step gyration", "two_link two-step gyration", "chain of 2 links")
@@ -135,6 +142,12 @@ def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, 
         verdict = judge(two_link, proved, wrong, 1e-8)
         assert verdict.kind == "silently_wrong"
         assert verdict.remark
+        # Where the conic problem's own errors are as small as was asked, it is no lie of the solver's.
+        kept = judge(two_link, proved, replace(wrong, dimacs=1e-8), 1e-8)
+        claims = wrong.claims == "optimal"
+        assert kept.kind == ("inaccurate" if claims else "silently_wrong")
+    assert judge(two_link, proved, suboptimal, 1e-8).violation == 0.0
+    assert judge(two_link, proved, suboptimal, 1e-8).objective_error > 1e-7
     # The same points are no lie where the solver admits them, or was asked for less.
     assert judge(two_link, proved, replace(suboptimal, claims="inaccurate"), 1e-8).kind == "inaccurate"
     assert judge(two_link, proved, replace(suboptimal, claims="failed"), 1e-8).kind == "failed"
@@ -222,6 +235,26 @@ def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None
     assert difference > 0.0
 
 
+def test_dimacs_errors_are_those_of_the_definition(two_link: Instance) -> None:
+    """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
+    for made in (two_link, instance("two_link one-step regulariser")):
+        conic = made.sdp.conic
+        answer = clarabel.solve(conic, 1e-10)
+        assert dimacs_error(conic, answer) < 1e-7
+        assert dimacs_error(conic, replace(answer, x=np.full_like(answer.x, np.nan))) == np.inf
+        assert dimacs_error(conic, replace(answer, z=answer.z + 1e-2)) > 1e-4
+        assert dimacs_error(conic, replace(answer, z=answer.z - 1e-2)) > 1e-4
+        shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
+        assert dimacs_error(conic, replace(answer, x=shifted)) > 1e-4
+
+
+def test_repair_goes_towards_a_point_near_the_optimum(two_link: Instance, proved: Reference) -> None:
+    assert verified.certainly_feasible(two_link.constraints.convex, two_link.near)
+    assert two_link.interior is not None
+    far = two_link.objective.value(two_link.interior) - proved.upper
+    assert two_link.objective.value(two_link.near) - proved.upper < 0.1 * far
+
+
 def test_answers_survive_the_pipe(best: Answer) -> None:
     again = _unpack(_pack(best))
     np.testing.assert_array_equal(again.theta, best.theta)
@@ -290,8 +323,9 @@ def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def
         claimed = "failed" if kind == "failed" else "optimal"
         return {
             "problem": problem, "group": "g", "hash": "h", "solver": solver, "settings": "1e-06",
-            "accuracy": 1e-6, "claimed": claimed, "class": kind, "gap": gap, "seconds": seconds,
-            "version": "1", "machine": "m",
+            "accuracy": 1e-6, "claimed": claimed, "class": kind, "objective_error": gap,
+            "violation": 0.0, "own_gap": np.inf, "dimacs": 1e-7, "seconds": seconds, "version": "1",
+            "machine": "m",
         }  # fmt: skip
 
     rows = [
@@ -303,7 +337,8 @@ def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def
     assert table["good"]["success_percent"] == 100.0
     assert table["fast"]["success_percent"] == 50.0
     assert table["liar"]["silently_wrong"] == 2
-    assert table["liar"]["worst_certified_gap"] == 0.3
+    assert table["liar"]["median_objective_error"] == pytest.approx(0.25)
+    assert np.isnan(table["liar"]["median_own_gap"])
     expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
     assert table["good"]["mean_seconds"] == pytest.approx(expected)
     first, second, third = summary.sentences(rows, 10.0)

@@ -273,14 +273,14 @@ def test_a_long_run_is_judged_by_what_lies_around_the_chosen_instants() -> None:
     """The same states and torques as from the whole run, and next to no memory beside the data."""
     run = model_and_run(seconds=400.0)[2]
     settings = Preprocessing(state_cutoff=5.0, torque_cutoff=8.0)
-    motion, tau, rate = low_passed(run, settings, 200)
+    motion, tau = low_passed(run, settings, 200)
     dt = float(np.median(np.diff(run.t)))
     kernel = Kernel(5.0, dt)
     q, dq, ddq = kernel.states(run.q)
-    smooth, slope, _ = kernel.states(run.tau)
+    smooth, *_ = kernel.states(run.tau)
     at = np.round((motion.t - run.t[0]) / dt).astype(int) - kernel.half
     for got, whole in (
-        (motion.q, q), (motion.dq, dq), (motion.ddq, ddq), (tau, smooth), (rate, slope)
+        (motion.q, q), (motion.dq, dq), (motion.ddq, ddq), (tau, smooth)
     ):  # fmt: skip
         assert np.abs(got - whole[at]).max() <= 1e-7 * np.abs(whole).max()
     assert len(motion.t) == 200

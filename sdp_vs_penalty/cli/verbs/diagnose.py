@@ -10,6 +10,7 @@ from sdp_vs_penalty.cli.options import (
     Data,
     Debug,
     Frozen,
+    GainUncertainty,
     Model,
     Seed,
     Test,
@@ -30,6 +31,7 @@ def verb(
     window: Window = None,
     test_window: TestWindow = None,
     seed: Seed = 0,
+    gain_uncertainty: GainUncertainty = None,
     verbose: Verbose = False,
     debug: Debug = False,
 ) -> None:
@@ -53,12 +55,14 @@ def verb(
             seed=seed,
             progress=progress,
             noise_from=given.whole,
+            gain_uncertainty=gain_uncertainty,
         )
     options = ["--data", *map(str, data)]
     options += [] if window is None else ["--window", window]
     options += [] if test is None else ["--test", str(test)]
     options += [] if test_window is None else ["--test-window", test_window]
     options += ["--frozen"] if frozen else []
+    options += [] if gain_uncertainty is None else ["--gain-uncertainty", f"{gain_uncertainty:g}"]
     add: list[str] = []
     if result.effects:
         shown = printing.worth_showing(result.effects)

@@ -61,8 +61,8 @@ def build(study: Study) -> Table:
             "excess_loss_percent: loss over the certified lower bound of the constrained optimum (that "
             "of lmi-sdp-plain); negative only for what is not feasible. penalty-two-step and "
             "penalty-paper-two-step minimise the distance to the OLS base parameters; the last step of "
-            "lmi-sdp-two-step is the SDP of lmi-sdp-plain. Minimum thickness and entropy cost some loss "
-            "by design. Measured rows are fitted to the first 14 s of the run.",
+            "lmi-sdp-two-step is the SDP of lmi-sdp-plain. Bodies, minimum thickness and entropy cost "
+            "some loss by design. Measured rows are fitted to the first 14 s of the run.",
             "worst_violation: over every constraint family of the problem, in that family's units, "
             "those included that the method did not receive; smallest_eigenvalue: of the links' "
             "pseudo-inertias.",

@@ -119,7 +119,7 @@ def _pieces_row(case: _Case, best: GlobalFit, seconds: float) -> tuple[Cell, ...
 
 def _penalty_rows(case: _Case) -> list[tuple[Cell, ...]]:
     if not case.parts:
-        return [_penalty_row(case, case.task, "penalty", Penalty(thickness=0.0).starts)]
+        return [_penalty_row(case, case.task, "penalty", Penalty(body=False, thickness=0.0).starts)]
     chosen = [nearest_part(case.task, case.parts, seed) for seed in range(_STARTS)]
     rows = []
     for k, part in enumerate(case.parts):
@@ -132,7 +132,7 @@ def _penalty_rows(case: _Case) -> list[tuple[Cell, ...]]:
 
 def _penalty_row(case: _Case, task: Task, label: str, count: int | None) -> tuple[Cell, ...]:
     begin = time.perf_counter()
-    theta = Penalty(thickness=0.0).fit(task).theta
+    theta = Penalty(body=False, thickness=0.0).fit(task).theta
     seconds = time.perf_counter() - begin
     worst = max(task.constraints.worst(theta).values())
     return (case.name, label, task.data.loss(theta), None, None, worst, count, seconds)

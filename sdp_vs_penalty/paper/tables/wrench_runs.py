@@ -97,7 +97,7 @@ def penalty_links(study: Study) -> list[Array]:
     interior = interior_point(task, task.constraints)
     everywhere = Slice.of(task.constraints, np.zeros((0, p)), interior, task.bound)
     rng = np.random.default_rng(study.seed)
-    estimator = Penalty(thickness=0.0, starts=1)
+    estimator = Penalty(body=False, thickness=0.0, starts=1)
     for k in range(PENALTY_RUNS):
         study.progress(f"penalty run {k + 1} of {PENALTY_RUNS}")
         edge = everywhere.minimum(rng.normal(size=p) / task.bound).theta

@@ -16,7 +16,7 @@ Item = Mapping[str, Any]
 OUTCOMES = ("false", "named", "abstained", "silent")
 
 
-def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
+def wilson(hits: float, count: int, z: float = 1.96) -> tuple[float, float]:
     """Wilson's score interval of a share (JASA 1927); (0, 1) without cases."""
     if count == 0:
         return 0.0, 1.0

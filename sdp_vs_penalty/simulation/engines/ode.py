@@ -126,7 +126,7 @@ class Ode(Engine):
                         f"link {k + 1} (on joint {self.robot.joints[k].name!r}): ODE refuses its "
                         "inertia, which is not positive definite"
                     ),
-                    "identify with a minimum thickness (lmi-sdp)",
+                    "identify with a minimum thickness (lmi-sdp-thickness)",
                 )
             self.masses.append(mass)
             self.centres[k] = p[1:4]

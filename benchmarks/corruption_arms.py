@@ -1,0 +1,231 @@
+"""The arms whose logs are corrupted: three real ones, and two that are simulated by Pinocchio alone.
+
+The simulated torque is pinocchio.rnea on links that the library never sees, plus viscous and sign(dq)
+Coulomb friction and white noise: nothing of it shares code with the library.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from corruption_kinds import Corruption, corruptions, rows
+from numpy.typing import NDArray
+
+from sdp_vs_penalty import compare, identify, load_measurements, load_problem
+from sdp_vs_penalty.data.datasets import clean_stretch
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+_UR_GAINS = np.array([10.0, 10.70, 8.46, 9.00, 9.48, 10.12])  # N m/A
+_TX_GEARS = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A problem, the run that is spoiled, and a clean run that what is identified is judged on.
+
+    others : clean runs that the check must be silent about, beside the one that is spoiled.
+    """
+
+    name: str
+    problem: Problem
+    train: Measurements
+    test: Measurements
+    others: tuple[Measurements, ...] = ()
+
+    @cached_property
+    def clean(self) -> Estimate:
+        return identify(self.problem, self.train)
+
+    @cached_property
+    def clean_errors(self) -> Array:
+        return _squared_errors(self.clean, self.test)
+
+    def harm(self, estimate: Estimate) -> float:
+        """Held-out error over the clean model's: root mean square of the joints' ratios."""
+        return float(np.sqrt(np.mean(_squared_errors(estimate, self.test) / self.clean_errors)))
+
+    def corruptions(self) -> list[Corruption]:
+        """The general ones, and those that need to know what the arm weighs."""
+        n = self.train.n
+        return [*corruptions(n), *self._of_the_weight(sorted({1 % n, n // 2}))]
+
+    def _of_the_weight(self, joints: list[int]) -> Iterator[Corruption]:
+        weight = self._torque(self.clean.theta, still=True)
+        loaded = self.clean.theta.copy()
+        last = self.clean.model.rigid_indices[-10:]
+        x, y, z, mass = 0.05, 0.02, 0.08, 2.0
+        loaded[last] += mass * np.array(
+            [1, x, y, z, y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y]
+        )
+        load = self._torque(loaded) - self._torque(self.clean.theta)
+        other = self.clean.theta.copy()
+        rigid = self.clean.model.rigid_indices
+        other[rigid] = self.problem.nominal(self.clean.model)[rigid] * 0.7
+        exchange = self._torque(other) - self._torque(self.clean.theta)
+        late = (np.arange(len(weight)) > 0.55 * len(weight))[:, None]
+        for share in (1.0, 0.9):
+            for j in joints:
+                mask = np.eye(self.train.n)[j]
+                yield Corruption(
+                    "gravity removed", (j,), f"{100 * share:g} %", ("gravity removed",),
+                    lambda r, s=share, m=mask: replace(r, tau=r.tau - s * weight * m),
+                )  # fmt: skip
+            yield Corruption(
+                "gravity removed", (), f"{100 * share:g} %", ("gravity removed",),
+                lambda r, s=share: replace(r, tau=r.tau - s * weight),
+            )  # fmt: skip
+        yield Corruption(
+            "load picked up", (), "2 kg", ("load step", "two arms"),
+            lambda r: replace(r, tau=r.tau + late * load),
+        )  # fmt: skip
+        yield Corruption(
+            "two arms in one file", (), "", ("two arms", "load step"),
+            lambda r: replace(r, tau=r.tau + late * exchange),
+        )  # fmt: skip
+
+    def _torque(self, theta: Array, still: bool = False) -> Array:
+        """A model's torque (N, n) at the training run's samples."""
+        t, q = self.train.t, self.train.q
+        smooth = _smoothed(q, 9)
+        dq = np.zeros_like(q) if still else np.gradient(smooth, t, axis=0)
+        ddq = np.zeros_like(q) if still else np.gradient(_smoothed(dq, 9), t, axis=0)
+        model = self.clean.model
+        rigid = np.zeros_like(theta)
+        rigid[model.rigid_indices] = theta[model.rigid_indices]
+        return model.torque(rigid, Motion(t, q, dq, ddq))
+
+
+def _smoothed(x: Array, width: int) -> Array:
+    window = np.hanning(width + 2)[1:-1]
+    padded = np.pad(x, ((width // 2, width // 2), (0, 0)), "edge")
+    return np.column_stack([np.convolve(c, window / window.sum(), "valid") for c in padded.T])
+
+
+def _squared_errors(estimate: Estimate, test: Measurements) -> Array:
+    """(n,) mean square of the model's error on a run."""
+    (found,) = compare(estimate, test)
+    return found.mse
+
+
+def arms(data: Path) -> list[Arm]:
+    return [panda(data), simulated("sim6", SIX, 1), ur10e(data), tx40(data), simulated("sim5", FIVE, 2)]
+
+
+def panda(data: Path) -> Arm:
+    run = load_measurements(data / "panda", joints=7)
+    run = replace(rows(run, np.arange(0, len(run.t), 5)), dq=None)
+    train, test = (run.window(*span).runs()[0] for span in ((0.0, 14.0), (14.0, 30.0)))
+    return Arm("panda", load_problem("panda"), train, test, (run,))
+
+
+def ur10e(data: Path) -> Arm:
+    def read(name: str) -> Measurements:
+        found, _ = clean_stretch((data / "ur10e" / f"{name}.csv").read_text(errors="replace"), 31)
+        return Measurements(found[:, 0], found[:, 1:7], found[:, 13:19] * _UR_GAINS, None, None, (name,))
+
+    train, test = read("ur-20_02_12-50sec_12harm"), read("ur-20_02_19_14harm50sec")
+    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test,))
+
+
+def tx40(data: Path) -> Arm:
+    """Motor to joint side as the authors do it; every tenth of 5 kHz, trained on the first 6 of 9 s."""
+    q, tau = (
+        np.loadtxt(data / "tx40" / f"{name}.csv", delimiter=",", skiprows=1)
+        for name in ("pos_read_data", "curr_data")
+    )
+    q, tau = q / _TX_GEARS, tau * _TX_GEARS
+    q[:, 5] -= q[:, 4]
+    q[:, 1] -= np.pi / 2
+    q[:, 2] += np.pi / 2
+    tau[:, 4] += tau[:, 5]
+    run = Measurements(np.arange(len(q)) / 5000.0, q, tau, None, None, ("tx40",))
+    problem = replace(load_problem(data / "tx40" / "tx40.urdf"), torque_side="motor")
+    train, test = (rows(run, np.arange(a, b, 10)) for a, b in ((0, 30_000), (30_000, 45_000)))
+    return Arm("tx40", problem, train, test, (rows(run, np.arange(0, 45_000, 10)),))
+
+
+# mass, centre of mass, axis, origin and kind of each joint's link; metres and kilograms.
+SIX = (
+    ("revolute", "0 0 1", "0 0 0.35", 9.0, "0.03 0.01 0.05"),
+    ("revolute", "0 1 0", "0.08 0 0.1", 8.0, "0.22 0.02 0.01"),
+    ("revolute", "0 1 0", "0.45 0 0", 5.0, "0.12 -0.02 0.05"),
+    ("revolute", "1 0 0", "0.15 0 0.06", 2.5, "0.12 0.01 0.01"),
+    ("revolute", "0 1 0", "0.3 0 0", 1.6, "0.05 0.01 0.02"),
+    ("revolute", "1 0 0", "0.1 0 0", 0.9, "0.05 0.03 0.02"),
+)
+FIVE = (
+    ("revolute", "0 0 1", "0 0 0.2", 12.0, "0.1 0.02 0.1"),
+    ("revolute", "0 1 0", "0.2 0 0.2", 7.0, "0.18 -0.03 0.02"),
+    ("prismatic", "1 0 0", "0.3 0 0", 4.0, "0.05 0.02 0.03"),
+    ("revolute", "0 0 1", "0.25 0 0", 2.2, "0.1 0.02 0.03"),
+    ("revolute", "0 1 0", "0.2 0 0", 1.4, "0.09 0.02 -0.02"),
+)
+Axis = tuple[str, str, str, float, str]
+
+
+def urdf(name: str, axes: tuple[Axis, ...]) -> str:
+    """The arm as a URDF file, its links solid balls of 7 cm about their centres of mass."""
+    links, joints = ['<link name="l0"/>'], []
+    for k, (kind, axis, origin, mass, com) in enumerate(axes, start=1):
+        i = 0.4 * mass * 0.07**2
+        links.append(
+            f'<link name="l{k}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{i}" iyy="{1.3 * i}" izz="{0.8 * i}" ixy="{0.1 * i}" ixz="0" iyz="0"/>'
+            "</inertial></link>"
+        )
+        limit = 0.4 if kind == "prismatic" else 3.0
+        joints.append(
+            f'<joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+            f'<limit lower="{-limit}" upper="{limit}" velocity="3" effort="400"/></joint>'
+        )
+    return f'<robot name="{name}">{"".join(links + joints)}</robot>'
+
+
+def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
+    """Links differ from the URDF's inertials by up to 30 %; 200 Hz, 20 s, position steps of 1e-5."""
+    text = urdf(name, axes)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.urdf"
+        path.write_text(text)
+        problem = load_problem(path)
+    runs = [_simulate(text, axes, np.random.default_rng([seed, k]), seed) for k in (0, 1)]
+    return Arm(name, problem, *runs, (runs[1],))
+
+
+def _simulate(text: str, axes: tuple[Axis, ...], rng: np.random.Generator, seed: int) -> Measurements:
+    import pinocchio as pin
+
+    model = pin.buildModelFromXML(text)
+    data = model.createData()
+    links = np.random.default_rng(seed)
+    for inertia in list(model.inertias)[1:]:
+        inertia.mass *= links.uniform(0.7, 1.3)
+        inertia.lever = inertia.lever + links.normal(size=3) * 0.02
+    n = len(axes)
+    size = np.array([30.0 * 0.7**k for k in range(n)])
+    viscous, coulomb = links.uniform(0.05, 0.12, n) * size, links.uniform(0.05, 0.12, n) * size
+    t = np.arange(0.0, 20.0, 0.005)
+    q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
+    reach = np.array([0.12 if a[0] == "prismatic" else 0.7 for a in axes])
+    for harmonic in range(1, 6):
+        w = 2.0 * np.pi * 0.1 * harmonic
+        a, phase = reach / np.sqrt(harmonic) * rng.uniform(0.3, 1.0, n), rng.uniform(-np.pi, np.pi, n)
+        q += a * np.sin(w * t[:, None] + phase)
+        dq += a * w * np.cos(w * t[:, None] + phase)
+        ddq -= a * w**2 * np.sin(w * t[:, None] + phase)
+    q += np.where(reach > 0.5, rng.uniform(-0.4, 0.4, n), 0.0)
+    tau = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    tau += viscous * dq + coulomb * np.sign(dq)
+    tau += 0.01 * tau.std(axis=0) * rng.normal(size=tau.shape)
+    return Measurements(t, np.round(q / 1e-5) * 1e-5, tau, None, None, ("simulated",))

@@ -1,0 +1,173 @@
+"""One torque channel unlike the others: its gain or unit, a delay, a filter, gravity taken out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check import events
+from sdp_vs_penalty.check.hypothesis import ENOUGH, Hypothesis, best_number, propose
+from sdp_vs_penalty.check.issue import Array, joints_text
+from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.data.measurements import Measurements
+
+#: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
+_GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
+_SMALLEST_GAIN = 0.06
+#: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
+_UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.1129848: "lbf in"}
+#: Delays and time constants [s] that are tried.
+_LATE = (-0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12)
+_SLOW = (0.0, 0.05, 0.12, 0.25)
+#: Where friction makes more than this share of a channel, its lag behind reversals (presliding) looks
+#: like a small delay: so much gain of the score is needed then.
+_FRICTION, _FRICTION_NEEDED = 0.5, 3.0
+#: Shares of the weight that may be left in a channel.
+_WEIGHTS = (-0.05, 0.0, 0.1, 0.3, 1.0)
+
+
+def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """A torque channel too large or too small beside its neighbours'."""
+    n, same = physics.n, np.arange(physics.n)
+    alive = np.std(physics.channels, axis=0) > 1e-9 * np.abs(physics.channels).max(axis=0)
+    for j in np.flatnonzero(moving & alive):
+
+        def scaled(log: float, j: int = int(j)) -> Array:
+            scale = np.ones(n)
+            scale[j] = np.exp(log)
+            return scale
+
+        def score(log: float, scaled: Callable[[float], Array] = scaled) -> float:
+            return physics.with_channels(scaled(log), same).evidence.score
+
+        found = best_number(score, np.log(_GAINS).tolist())
+        unit = next((u for u in _UNITS if abs(found - np.log(u)) < 0.1), None)
+        if abs(found) < np.log1p(_SMALLEST_GAIN):
+            continue
+        factor = float(np.exp(found)) if unit is None else unit
+        size = f"{1.0 / factor:.3g} times too large" if factor < 1.0 else f"{factor:.3g} times too small"
+        what = f"the torque of joint {j + 1} is {size} beside those of the joints that it moves with"
+        texts = ("torque gain", joints_text([j]), what + ".", f"multiply tau{j + 1} by {factor:.3g}")
+        if unit is not None and (unit < 0.05 or unit > 5.0):
+            texts = ("torque unit", joints_text([j]), f"{what}: it is in {_UNITS[unit]}.", texts[3])
+        scale = scaled(float(np.log(factor)))
+        yield propose(
+            partial(Physics.with_channels, scale=scale, order=same), 2, texts,
+            partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
+        )  # fmt: skip
+
+
+def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """One torque channel later than the others, or passed through a causal filter."""
+    for j in np.flatnonzero(moving):
+        one = np.eye(physics.n)[j]
+        needed = _FRICTION_NEEDED if physics.own_share(int(j)) > _FRICTION else ENOUGH
+
+        def score(seconds: float, order: int, one: Array = one) -> float:
+            return physics.with_lead(seconds * one, order).evidence.score
+
+        delay = best_number(partial(score, order=2), _LATE)
+        slow = best_number(partial(score, order=1), _SLOW)
+        if abs(delay) > 0.005:
+            word = "later" if delay > 0.0 else "earlier"
+            yield propose(
+                partial(Physics.with_lead, seconds=delay * one), 2,
+                (
+                    "channel delay", joints_text([j]),
+                    f"the torque of joint {j + 1} comes {1e3 * abs(delay):.0f} ms {word} than the "
+                    "motion; the other torques do not.",
+                    f"shift tau{j + 1} in time (and log all channels from one source)",
+                ),
+                partial(shifted_channel, j=int(j), seconds=delay),
+                severity="warning", needed=needed, joints=[int(j) + 1], seconds=delay,
+            )  # fmt: skip
+        if slow > 0.01:
+            yield propose(
+                partial(Physics.with_lead, seconds=slow * one, order=1), 3,
+                (
+                    "channel filter", joints_text([j]),
+                    f"the torque of joint {j + 1} has passed a causal low-pass of "
+                    f"{_hertz(slow)}; the other torques have not.",
+                    f"log tau{j + 1} unfiltered, or filter every channel alike and without lag",
+                ),
+                None, severity="warning", needed=needed, joints=[int(j) + 1], seconds=slow,
+            )  # fmt: skip
+
+
+def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """All torques passed through the same causal filter."""
+    one = np.ones(physics.n)
+    slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.score, _SLOW)
+    if slow > 0.005:
+        yield propose(
+            partial(Physics.with_lead, seconds=slow * one, order=1), 2,
+            (
+                "torque filter", "all torque channels",
+                f"the torques have passed a causal low-pass of {_hertz(slow)}, the positions have not.",
+                "log the torques unfiltered, or filter positions and torques alike",
+            ),
+            None, severity="warning", seconds=slow,
+        )  # fmt: skip
+
+
+def _scaled(run: Measurements, scale: Array) -> Measurements:
+    return replace(run, tau=run.tau * scale)
+
+
+def _score_of_weight(physics: Physics, shares: Callable[[float], Array], share: float) -> float:
+    return physics.with_weight(shares(share)).evidence.score
+
+
+def _hertz(seconds: float) -> str:
+    return f"{1.0 / (2.0 * np.pi * seconds):.2g} Hz ({1e3 * seconds:.0f} ms)"
+
+
+def shifted_channel(run: Measurements, j: int, seconds: float) -> Measurements:
+    """One torque ``seconds`` earlier; the rows at the end that lose theirs are left out."""
+    moved = events.shifted(run, seconds)
+    keep = np.isin(run.t, moved.t)
+    tau = run.tau[keep].copy()
+    tau[:, j] = moved.tau[:, j]
+    return replace(moved, tau=tau)
+
+
+def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """The weight of the arm taken out of one channel, or of all, by the controller."""
+    robot = physics.model.robot
+    if not any(robot.gravity):
+        return
+    n = physics.n
+    groups = [*([j] for j in range(n)), list(range(n))]
+    for joints in groups:
+        share = np.ones(n)
+
+        def left(x: float, joints: list[int] = joints) -> Array:
+            share = np.ones(n)
+            share[joints] = x
+            return share
+
+        score = {x: physics.with_weight(left(x)).evidence.score for x in _WEIGHTS[:-1]}
+        best = min(score, key=lambda x: score[x])
+        if score[best] > physics.evidence.score - 0.5:
+            continue
+        x = best_number(partial(_score_of_weight, physics, left), _WEIGHTS)
+        x = 0.0 if abs(x) < 0.03 else x
+        if x > 0.7 or x < -0.2:
+            continue
+        share = left(x)
+        every = len(joints) == n
+        gone = f"{100.0 * (1.0 - x):.0f} % of the weight is"
+        of = "the torques" if every else f"the torque of {joints_text(joints)}"
+        gx, gy, gz = (float(round(x * v, 3)) + 0.0 for v in robot.gravity)
+        how = "log the torques before gravity compensation"
+        if every:
+            how += f", or identify with --gravity {gx:g},{gy:g},{gz:g}"
+        texts = ("gravity removed", joints_text(joints), f"{gone} missing from {of}.", how)
+        yield propose(
+            partial(Physics.with_weight, share=share), 2 if every else 3, texts, None,
+            gravity=(gx, gy, gz) if every else None, joints=[j + 1 for j in joints], share_left=x,
+        )  # fmt: skip

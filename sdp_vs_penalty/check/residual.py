@@ -1,0 +1,80 @@
+"""What the best fit of this arm leaves over, overall and joint by joint: is it what such arms leave?
+
+Judged on the rows that an identification is made of, so that both quote the same share. Two witnesses
+for each joint: how much one arm leaves of its torque, and how much more that is than a model of this
+joint alone would leave. Data of one arm make the second ratio small, whatever its friction: a joint that
+only fits by itself contradicts its neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check.evidence import Evidence
+from sdp_vs_penalty.check.issue import Issue, joints_text
+from sdp_vs_penalty.problem.problem import Problem
+
+#: What an ordinary arm leaves of its torques (root mean square, all joints together): with joint torque
+#: sensors, and with torques from motor currents, whose friction is part of them.
+_TYPICAL = {"link": 0.05, "motor": 0.1}
+#: So many times as much is a warning.
+_TIMES = 3.0
+#: A joint contradicts its neighbours where one arm leaves this many times the energy that the joint's
+#: own model leaves, and at least this share (root mean square).
+_CONTRADICTS, _AT_LEAST = 8.0, 0.02
+#: Above this share of its energy a joint's own torque is as good as unexplained by its own motion.
+_OWN = 0.5
+
+
+def overall(evidence: Evidence) -> float:
+    """|tau - tau_hat|^2 / |tau|^2 over all joints: what `identify` quotes the root of."""
+    return float(evidence.shares @ evidence.energy / evidence.energy.sum())
+
+
+def find(
+    evidence: Evidence, problem: Problem, moving: NDArray[np.bool_], tried: bool
+) -> Iterator[Issue]:
+    """A warning where what is left over is more than such an arm leaves. tried : whether causes were."""
+    shares, alone = evidence.shares, evidence.alone
+    total = overall(evidence) ** 0.5
+    usual = _TYPICAL[problem.torque_side]
+    ratio = shares / np.maximum(alone, 1e-5)
+    against = moving & (ratio > _CONTRADICTS) & (np.sqrt(shares) > _AT_LEAST)
+    poor = moving & (alone > _OWN)
+    figures = {"percent": (100.0 * np.sqrt(shares)).round(2).tolist(), "overall_percent": 100.0 * total}
+    listed = ", ".join(f"{100.0 * x:.2g}" for x in np.sqrt(shares))
+    rest = (
+        "signs, orders, gains, zeros, delays, units and gravity were tried, and none of them explains it"
+        if tried
+        else "no cause was tried"
+    )
+    for joints, what in (
+        (against, "cannot belong to the same arm as the other joints' torques"),
+        (poor & ~against, "has little to do with that joint's motion"),
+    ):
+        if joints.any():
+            where = np.flatnonzero(joints)
+            left = ", ".join(f"{100.0 * np.sqrt(shares[j]):.2g} %" for j in where)
+            yield Issue(
+                "unexplained torque", "warning", joints_text(where),
+                f"the torque of {joints_text(where)} {what}: {left} of it stays unexplained"
+                + (f", {ratio[where].max():.0f} times the energy that the joint's own model leaves."
+                   if joints is against else "."),
+                f"certain: by the best fit of this arm; {rest}",
+                "look at that channel: `diagnose` draws what is left; check its source, gain and zero",
+                None, {**figures, "joints": (where + 1).tolist()},
+            )  # fmt: skip
+    if total > _TIMES * usual and not against.any() and not poor.any():
+        worst = int(np.argmax(np.where(moving, shares * evidence.energy, 0.0)))
+        yield Issue(
+            "unexplained torque", "warning", joints_text([worst]),
+            f"{100.0 * total:.2g} % of the torque stays unexplained, {total / usual:.1f} times what "
+            f"arms with torque on the {problem.torque_side} side usually leave (by joint: {listed} %).",
+            f"certain: by the best fit of this arm; {rest}",
+            "check that robot, mounting and torque side are those of the problem; `diagnose` looks for "
+            "effects that the model is missing",
+            None, {**figures, "joints": [worst + 1]},
+        )  # fmt: skip

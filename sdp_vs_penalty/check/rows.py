@@ -1,0 +1,101 @@
+"""The test's data of a run: evenly spread rows, filtered as an identification filters them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from sdp_vs_penalty.check.physics import Own, Physics
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import JointEffect, Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.kernels import LowPass
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
+from sdp_vs_penalty.signals.runs import Stretch, stretches
+
+Array = NDArray[np.float64]
+
+
+def physics_of(
+    problem: Problem,
+    run: Measurements,
+    settings: Preprocessing,
+    rows: int,
+    model: Model | None = None,
+) -> Physics:
+    """At most so many instants of one run at which the robot moves; ``settings`` resolved.
+
+    States are those of the filter, the rigid body's columns follow from them as they are (its torque is
+    as slow as the motion); what a joint's own motion makes passes the torque's low-pass, as the torque
+    does. model : other than the problem's. Raises InputError for runs shorter than the filters need.
+    """
+    filters = RunFilter(run, settings)
+    margin = filters.state.half + filters.column.half
+    places = []
+    for part in stretches(run):
+        k = np.arange(margin, part.count - margin)
+        places.append((part, k[filters.movement.at(part.clock(k))]))
+    count = sum(len(k) for _, k in places)
+    if count == 0:
+        raise no_rows(run, 2 * margin * filters.dt)
+    model = model or problem.model()
+    chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
+    pieces, start = [], 0
+    for part, k in places:
+        at = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
+        start += len(k)
+        if len(at):
+            pieces.append(_piece(filters, part, at, model))
+    t, q, dq, ddq, tau, rate, curvature, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
+    indices = _own_indices(model)
+    nominal = problem.nominal(model)
+    kept = None if indices is None else Own(np.moveaxis(own, 1, 0), indices)
+    return Physics(model, Motion(t, q, dq, ddq), tau, rate, curvature, nominal, own=kept)
+
+
+def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
+    """t, q, dq, ddq, torque and its derivatives, own columns (M, n, k) of one stretch."""
+    coarse = filters.coarse
+    reach = filters.stride * coarse.half
+    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
+    # Off the column grid by at most half a step: both sides of the relation alike would cost more.
+    local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
+    local = np.clip(local, coarse.half, len(dense.t) - 1 - coarse.half)
+    exact = at[0] - reach + local * filters.stride
+    low_pass = coarse.decimator(len(dense.t), local)
+    own = _own_columns(model, dense, low_pass)
+    kernel, half = filters.column, filters.column.half
+    around = part.resampled(part.tau, int(exact[0]) - half, int(exact[-1]) + half + 1)
+    places = exact - exact[0] + half
+    torque = [
+        LowPass(x).decimator(len(around), places) @ around
+        for x in (kernel.value, kernel.first, kernel.second)
+    ]
+    states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
+    return (part.clock(exact), *states, *torque, own)
+
+
+def _own_indices(model: Model) -> NDArray[np.intp] | None:
+    """(n, k) parameters of the effects with a column on every joint; None where others are modelled."""
+    indices = []
+    for effect, where in zip(model.effects, model.indices, strict=True):
+        if effect.name == "rigid_body":
+            continue
+        if not isinstance(effect, JointEffect) or list(effect.joints) != list(range(model.robot.n)):
+            return None
+        indices.append(where)
+    return np.array(indices, dtype=np.intp).reshape(-1, model.robot.n).T
+
+
+def _own_columns(model: Model, motion: Motion, low_pass: sparse.csr_array) -> Array:
+    """(M, n, k) their columns behind the low-pass; no k where others are modelled."""
+    n = model.robot.n
+    if _own_indices(model) is None:
+        return np.zeros((low_pass.shape[0], n, 0))
+    effects = [e for e in model.effects if isinstance(e, JointEffect)]
+    wide = [np.column_stack([e.column(motion, j) for j in range(n)]) for e in effects]
+    if not wide:
+        return np.zeros((low_pass.shape[0], n, 0))
+    return np.stack([low_pass @ x for x in wide], axis=2)

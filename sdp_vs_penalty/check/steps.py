@@ -1,0 +1,143 @@
+"""Torque that changes its zero or its arm during a run: drift, a step, another load, another arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.check.evidence import Evidence, solve
+from sdp_vs_penalty.check.hypothesis import Hypothesis, propose
+from sdp_vs_penalty.check.issue import Array, Issue, joints_text
+from sdp_vs_penalty.check.physics import Physics
+
+#: Instants, as shares of the run, at which a step is tried; and at which the run is cut in two.
+_STEPS, _CUTS = np.linspace(0.05, 0.95, 37), np.linspace(0.15, 0.85, 15)
+#: Gain of the score by which two arms, one after the other, must explain a run better than two that take
+#: turns in so many stripes of it.
+_TWO = 3.0
+_STRIPES = 20
+
+
+def drift(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """A torque channel that drifts with time, or that steps once (a contact, a load, a re-zeroing).
+
+    By a score test: of each joint's column the part that the arm's columns do not explain, against the
+    residual; the best one is then applied and judged like any other hypothesis.
+    """
+    t = physics.motion.t
+    u = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300)
+    shapes: dict[float | None, Array] = {None: u - 0.5}
+    shapes |= {float(s): (u > s) - 0.5 for s in _STEPS}
+    evidence = physics.evidence
+    weights = 1.0 / (evidence.shares * evidence.energy)
+    gram = np.tensordot(weights, evidence.gram, 1)
+    best: dict[bool, tuple[float, int, float | None]] = {}
+    x = np.column_stack(list(shapes.values()))
+    for j in np.flatnonzero(moving).tolist():
+        columns = physics.columns[j]
+        residual = physics.channels[:, j] - columns @ evidence.theta
+        shared = columns.T @ x
+        own = np.sum(x**2, axis=0) - weights[j] * np.sum(shared * solve(gram, shared), axis=0)
+        found = weights[j] * (residual @ x) ** 2 / np.maximum(own, 1e-6 * np.sum(x**2, axis=0))
+        for k, at in enumerate(shapes):
+            best[at is None] = max(best.get(at is None, (0.0, 0, None)), (float(found[k]), j, at),
+                                   key=lambda b: b[0])  # fmt: skip
+    for _, j, at in best.values():
+        yield _stepped(physics, j, at)
+
+
+def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
+    """The drift (at None) or the step after that share of the run, of a size that is fitted anew."""
+    t0, length = float(physics.motion.t[0]), float(physics.motion.t[-1] - physics.motion.t[0])
+
+    def shape(t: Array) -> Array:
+        u = (t - t0) / max(length, 1e-300)
+        return np.asarray(u if at is None else (u > at).astype(float))
+
+    def apply(p: Physics) -> Physics:
+        columns, y, x = p.columns[j], p.channels[:, j], shape(p.motion.t)
+        # Together with the arm's own columns on that joint, at the parameters that all joints share.
+        e = p.evidence
+        others = (np.arange(p.n) != j) / (e.shares * e.energy)
+        gram = np.tensordot(others, e.gram, 1)
+        wide = np.column_stack([columns, x])
+        weight = 1.0 / (e.alone[j] * e.energy[j])
+        full = np.zeros((gram.shape[0] + 1,) * 2)
+        full[:-1, :-1] = gram
+        full += weight * wide.T @ wide
+        right = np.append(others @ e.cross, 0.0) + weight * wide.T @ y
+        size = float(solve(full, right[:, None])[-1, 0])
+        out = np.zeros_like(p.channels)
+        out[:, j] = size * x
+        return p.without(out)
+
+    moved = physics.channels[:, j] - apply(physics).channels[:, j]
+    size = float(moved[-1] - moved[0])
+    unit = physics.model.robot.torque_units[j]
+    if at is None:
+        texts = (
+            "torque drift", joints_text([j]),
+            f"the torque of joint {j + 1} drifts by {size:.3g} {unit} over the run.",
+            "zero the sensor, let it warm up, and record again; or add the effect drift_offset",
+        )  # fmt: skip
+    else:
+        texts = (
+            "torque step", joints_text([j]),
+            f"the torque of joint {j + 1} steps by {size:.3g} {unit} at t = {t0 + at * length:.4g} s "
+            "and stays: a contact, a load, or a sensor that was zeroed.",
+            "identify from one part of the run: --window cuts it there",
+        )  # fmt: skip
+    return propose(
+        apply, 2, texts, None, severity="warning", once=at is not None, joints=[j + 1], size=size,
+        t=None if at is None else t0 + at * length,
+    )  # fmt: skip
+
+
+def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
+    """Two parts of a run that no one arm explains: a load picked up, or two arms' logs in one file.
+
+    cutoff : of the torque [Hz]; independent samples have to outnumber the parameters in every part.
+    """
+    count = len(physics.motion.t)
+    if not physics.determined(cutoff, float(_CUTS[0])):
+        return
+    one = physics.evidence
+    best: tuple[float, int, Array] = (np.inf, 0, one.shares)
+    for share in _CUTS:
+        cut = int(share * count)
+        parts = [physics.part(slice(0, cut)).evidence, physics.part(slice(cut, None)).evidence]
+        left = sum(part.shares * part.energy for part in parts) / one.energy
+        score = float(np.log(np.maximum(left, 1e-5)).sum())
+        if score < best[0]:
+            best = (score, cut, left)
+    score, cut, left = best
+    # What as many parameters explain that are spread over the whole run: the model's own small errors.
+    odd = (np.arange(count) * _STRIPES // count) % 2 == 1
+    stripes = [physics.part(np.flatnonzero(rows)).evidence for rows in (odd, ~odd)]
+    spread = sum(part.shares * part.energy for part in stripes) / one.energy
+    if float(np.log(np.maximum(spread, 1e-5)).sum()) - score < _TWO:
+        return
+    with_load = _with_load(physics, cut)
+    last = physics.n
+    t = float(physics.motion.t[cut])
+    sure = (
+        "likely: two arms leave "
+        f"{100.0 * np.sqrt(np.mean(left)):.3g} % of the torques unexplained, one leaves "
+        f"{100.0 * np.sqrt(np.mean(one.shares)):.3g} %"
+    )
+    if one.score - with_load.score > 0.7 * (one.score - score):
+        kind, what = "load step", f"from t = {t:.4g} s on link {last} carries another load than before."
+    else:
+        kind, what = "two arms", f"before and after t = {t:.4g} s these are not the torques of one arm."
+    remedy = "cut the run there and use each part by itself (--window)"
+    yield Issue(kind, "error", f"t = {t:.4g} s", what, sure, remedy, None, {"t": t})
+
+
+def _with_load(physics: Physics, cut: int) -> Evidence:
+    """The evidence where the last link has ten parameters of its own after the cut."""
+    last = physics.model.rigid_indices[-10:]
+    after = (np.arange(len(physics.motion.t)) >= cut)[:, None]
+    columns = [np.hstack([c, c[:, last] * after]) for c in physics.columns]
+    return Evidence.of(np.array([c.T @ c for c in columns]), columns, physics.channels)
