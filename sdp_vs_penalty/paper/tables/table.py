@@ -96,7 +96,7 @@ class Table:
 
     def lines(self) -> list[str]:
         """What it is, what it shows, and how large it is: a line each."""
-        source = "measured and simulated" if self.measured else "nothing measured"
+        source = "with measured figures" if self.measured else "nothing measured"
         size = f"{len(self.rows)} rows, {len(self.columns)} columns; {source}"
         return [self.title, self.gist or self.caption.split(". ")[0].rstrip(".") + ".", size]
 
