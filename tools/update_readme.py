@@ -122,8 +122,8 @@ def headline() -> str:
             "Every method on the same run. Loss, violations and thickness are of the fit to its first "
             "14 s; `penalty-paper` has a budget of 3000 loss evaluations a run (its authors' program "
             "allows 1 365 000: `--budget paper`) and the authors' weight, 40 (from "
-            "[table_methods](results/table_methods.md), which says what each figure is; other weights "
-            "are in [table_weight](results/table_weight.md)):",
+            "[table_methods](results/table_methods.md), which says what each figure is; "
+            "`tables weight` tries other weights):",
             markdown(list(METHOD_COLUMNS.values()), methods),
             "Error [%] on the rest of the motion after training on so many seconds of it, median over "
             "several windows (from [table_data](results/table_data.md)). `lmi-sdp` and "
@@ -171,7 +171,7 @@ def draw_data(path: Path) -> None:
         axes.vlines(x, low, high, color=line.get_color(), lw=1.2)
         for place, value in zip(x, middle, strict=True):
             if value > _CEILING:
-                text = f"{value:.2g} %"
+                text = f"{value:.0f} %"
                 axes.annotate(
                     text, (place, 0.94 * _CEILING), rotation=90, va="top", ha="right", fontsize=7
                 )
@@ -205,12 +205,13 @@ def draw_joint(path: Path, joint: int = 7, method: str = "lmi-sdp") -> None:
         axes.bar_label(bars, fmt="%.3f", fontsize=8)
         bars.set_label(label)
         axes.set_xticks(range(len(rows)), [row["judged_on"] for row in rows])
+    axes.set_ylim(top=1.2 * axes.get_ylim()[1])
     axes.set(
         xlabel="unseen part of the motion",
         ylabel=f"RMSE of joint {joint} [N m]",
         title=f"Panda, real run, {method}: joint {joint} on motion that was not trained on",
     )
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, ncols=2, loc="upper center")
     figure.savefig(path, dpi=110, metadata={"Software": None})
     plt.close(figure)
 
