@@ -36,6 +36,7 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
     angle = float(np.degrees(np.arccos(np.clip(direction @ assumed, -1.0, 1.0))))
     if earthly and angle < _SMALLEST_ANGLE:
         return
+    measured = _vector(tuple(float(f"{g:.3f}") + 0.0 for g in size * direction))
     nearest = np.eye(3)[int(np.argmax(np.abs(direction)))] * np.sign(
         direction[np.argmax(np.abs(direction))]
     )
@@ -49,13 +50,13 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
     kind, mend = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
     what = (
         f"gravity is {angle:.0f} degrees away from the assumed {_vector(robot.gravity)}, along "
-        f"{_vector((x, y, z))} m/s^2: {_mounting(angle)}."
+        f"{measured} m/s^2 as measured: {_mounting(angle)}."
     )
     if not earthly:
         kind, mend = "gravity of the problem", f"{mend}, or correct the problem's gravity"
         what = (
             f"the problem assumes gravity {_vector(robot.gravity)} m/s^2, but the weight in the "
-            f"torques points along {_vector((x, y, z))} m/s^2."
+            f"torques points along {measured} m/s^2 as measured."
         )
     yield propose(
         apply,

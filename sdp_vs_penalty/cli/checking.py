@@ -9,10 +9,10 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.problem.problem import Problem
 
 
-def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
-    """The fast part of the check, before an identification: warnings go to stderr, a line each.
+def refuse_meaningless(problem: Problem, measurements: Measurements, verb: str = "identify") -> None:
+    """The fast part of the check, before the work of a verb: warnings go to stderr, a line each.
 
-    Raises InputError where an identification would be meaningless.
+    Raises InputError where that work would be meaningless.
     """
     from sdp_vs_penalty import show
     from sdp_vs_penalty.check import check
@@ -26,7 +26,7 @@ def refuse_meaningless(problem: Problem, measurements: Measurements) -> None:
         more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
         raise InputError(
             f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `sdp-vs-penalty check`)",
-            "fix the data (`check --fix`), or pass --no-check to identify anyway",
+            f"fix the data (`check --fix`), or pass --no-check to {verb} anyway",
             run,
         )
     for report in reports:

@@ -196,6 +196,9 @@ def diagnosis(
     say(result.headline, style="bold")
     if add:
         next_step(add)
+    for retune in result.retuned:
+        weak = f" (weak: {'; '.join(retune.remarks)})" if retune.remarks else ""
+        explain(f"retune {retune.explanation}{weak}")
     if result.effects:
         _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
     share = ", ".join(f"{100 * max(x, 0.0):.0f} %" for x in result.unexplained)
@@ -216,11 +219,14 @@ def diagnosis(
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
     kinds = ", ".join(dict.fromkeys(map(unit, units)))
+    retuned = bool(result.retuned)
     title = f"Held-out RMSE [{kinds}] of each joint below {number(result.band_hz)} Hz"
-    errors = [result.effects[0].held_out_rmse_before, *(f.held_out_rmse_after for f in shown)]
+    errors = [result.held_out_rmse_before, result.effects[0].held_out_rmse_before][: 1 + retuned]
+    errors += [f.held_out_rmse_after for f in shown]
     noise = "noise" if result.noise_source == "repetition" else "noise?"
-    names = ["model", *(f"+ {k}." for k in range(1, len(shown) + 1)), noise]
-    ends = ["", *(f.confidence for f in shown), ""]
+    names = ["model", "retuned"][: 1 + retuned]
+    names += [*(f"+ {k}." for k in range(1, len(shown) + 1)), noise]
+    ends = [*[""] * (1 + retuned), *(f.confidence for f in shown), ""]
     cells = aligned([*errors, result.noise_floor])
     rows = [(name, *row, end) for name, row, end in zip(names, cells, ends, strict=True)]
     joints = [str(j + 1) for j in range(len(units))]

@@ -14,6 +14,7 @@ from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
 from sdp_vs_penalty.diagnosis.state import SearchState
@@ -26,6 +27,7 @@ from sdp_vs_penalty.estimation.determined import record
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.shape_constants import sensitivities
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held, independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -40,7 +42,7 @@ Array = NDArray[np.float64]
 
 def add(
     estimate: Estimate | str | Path,
-    effects: str | Diagnosis | Sequence[Finding | str],
+    effects: str | Diagnosis | Sequence[Finding | Retune | str],
     measurements: Source,
     *,
     frozen: bool = False,
@@ -53,12 +55,15 @@ def add(
     estimate : the model to extend, or its model.json; measurements : the runs to identify it from
     again, whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes.
     effects : ``name[:joints][@shape=value]``, several separated by commas, or what :func:`diagnose`
-    found: all of it or some of its findings. A shape constant that is not given is estimated, joint by
-    joint. frozen : keep all other parameters; so it is also done with what a frozen model was diagnosed
-    to miss, and wherever a payload is among the effects, new or there already: refitted links would
-    absorb it. seed : of the method; progress : called with a short text of where the work stands.
+    found: all of it or some of its findings. An effect that the model has already takes the shape
+    constants that are given (coulomb_friction:7@v_s=0.08). A shape constant that is not given is
+    estimated, joint by joint. frozen : keep all other parameters; so it is also done with what a frozen
+    model was diagnosed to miss, and wherever a payload is among the effects, new or there already:
+    refitted links would absorb it. seed : of the method; progress : called with a short text of where
+    the work stands.
     gain_uncertainty : relative standard deviation of the torque channels' gains; default: the model's.
-    Raises InputError for an effect that the model already has, or that cannot act.
+    Raises InputError for an effect that the model already has, without a new constant for it, or that
+    cannot act.
     """
     estimate = as_estimate(estimate, "add(estimate=...)")
     measurements = as_measurements(
@@ -66,15 +71,16 @@ def add(
     )
     estimate.require_joints(measurements)
     if isinstance(effects, Diagnosis):
-        frozen, effects = frozen or effects.frozen, effects.effects
+        frozen, effects = frozen or effects.frozen, (*effects.retuned, *effects.effects)
     texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
     wanted = parse_effects(texts, estimate.robot)
     if not wanted:
         raise InputError("No effect to add", "name one, such as presliding_hysteresis:7")
-    _refuse_twice(estimate, wanted)
-    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *wanted))
+    added, given, retuned = _retunes(estimate, wanted, _given_shapes(texts), frozen)
+    _refuse_twice(estimate, added)
+    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     progress("estimating shape constants")
-    new = with_shapes(estimate, wanted, _given_shapes(texts), measurements, frozen, seed)
+    new = _shaped_effects(estimate, added, given, measurements, frozen, seed)
     Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
@@ -85,7 +91,7 @@ def add(
         estimate.problem,
         measurements,
         estimator_of(estimate),
-        effects=[*estimate.model.effects, *new],
+        effects=[*_own(estimate, retuned), *new],
         preprocessing=estimate.preprocessing,
         weighting=str(estimate.settings.get("weighting", "noise")),
         seed=seed,
@@ -94,7 +100,42 @@ def add(
     )
 
 
-def _text(effect: Finding | str) -> str:
+def _retunes(
+    estimate: Estimate, wanted: Sequence[Effect], given: Sequence[frozenset[str]], frozen: bool
+) -> tuple[list[Effect], list[frozenset[str]], list[ShapeEstimate]]:
+    """The effects that are new to the model with their given constants, and the constants of those
+    that it has already."""
+    there = {(e.name, j): e for e in estimate.model.effects for j in e.joints if not e.several}
+    new: list[Effect] = []
+    kept: list[frozenset[str]] = []
+    retuned: list[ShapeEstimate] = []
+    for effect, keys in zip(wanted, given, strict=True):
+        own = [there.get((effect.name, j)) for j in effect.joints]
+        if frozen or not keys or not all(own):
+            new.append(effect)
+            kept.append(keys)
+            continue
+        for joint, old in zip(effect.joints, own, strict=True):
+            assert old is not None
+            for key in keys:
+                who = effect.name, joint, key, old.shape[key], effect.shape[key]
+                retuned.append(ShapeEstimate(*who, std=0.0, gain=0.0, at_end=False))
+    return new, kept, retuned
+
+
+def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
+    """The model's own effects: constants that `identify` estimated are estimated again beside what is
+    new, those that are retuned are what they are told to be."""
+    estimated = {(s["effect"], s["joint"] - 1, s["shape"]) for s in estimate.details.get("shapes", ())}
+    estimated -= {(r.effect, r.joint, r.shape) for r in retuned}
+    out = []
+    for effect in with_shapes(estimate.model.effects, retuned):
+        keys = [k for k in effect.shapes if all((effect.name, j, k) in estimated for j in effect.joints)]
+        out.append(effect.opened(keys) if keys else effect)
+    return out
+
+
+def _text(effect: Finding | Retune | str) -> str:
     return effect if isinstance(effect, str) else effect.text
 
 
@@ -130,7 +171,7 @@ def _given_shapes(text: str) -> list[frozenset[str]]:
     return [frozenset(item.partition("=")[0].strip() for item in word.split("@")[1:]) for word in words]
 
 
-def with_shapes(
+def _shaped_effects(
     estimate: Estimate,
     wanted: Sequence[Effect],
     given: Sequence[frozenset[str]],
@@ -143,6 +184,8 @@ def with_shapes(
     stage: Stage | None = None
     for effect, fixed in zip(wanted, given, strict=True):
         clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
+        # Constants that the effect has and its class has not say what it acts on, as its joints do.
+        fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
         if fixed >= clock.union(effect.searched):
             out.append(effect)
             continue

@@ -61,19 +61,36 @@ class Candidates:
         taken = {h.effect.text for h in picked}
         keys = {h.key for h in picked if not h.effect.several}
         present = {h.key for h in picked} | known
-        coarse: list[tuple[float, Key, int]] = []
+        coarse: list[tuple[float, Key, list[int]]] = []
         for key, members in self.by_key.items():
             refines = self.white.groups[members[0]].effect.refines
             if key in keys or (refines and not any((name, key[1]) in present for name in refines)):
                 continue
             values = np.array([0.0 if self.texts[g] in taken else plausible[g] for g in members])
-            coarse.append((_averaged(values), key, members[int(np.argmax(values))]))
+            coarse.append((_averaged(values), key, self._best_forms(members, values)))
         coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])
         close = [c for k, c in enumerate(coarse) if k < _CONTENDERS or c[0] > 0.7 * coarse[0][0]]
         found = [
-            self.refined(fit, self.white.groups[g], key, v) for v, key, g in close[: 3 * _CONTENDERS]
+            max(
+                (self.refined(fit, self.white.groups[g], key, v) for g in forms),
+                key=lambda h: h.chi2,
+            )
+            for v, key, forms in close[: 3 * _CONTENDERS]
         ]
         return sorted(found, key=lambda h: -h.evidence)
+
+    def _best_forms(self, members: Sequence[int], values: Array) -> list[int]:
+        """Where to refine from: the most plausible member, and that of the next best form (the choices
+        among which nothing refines), which a coarse grid may treat unfairly."""
+        best: dict[tuple[float, ...], int] = {}
+        for m in np.argsort(-values):
+            effect = self.white.groups[members[m]].effect
+            form = tuple(v for k, v in effect.shape.items() if effect.shapes[k].bounds is None)
+            best.setdefault(form, int(m))
+        top = float(values.max(initial=0.0))
+        refines = any(s.bounds for s in self.white.groups[members[0]].effect.shapes.values())
+        forms = [m for m in best.values() if values[m] > 0.5 * top][: 2 if refines else 1]
+        return [members[m] for m in forms or [int(np.argmax(values))]]
 
     def _coarse(self, fit: WhiteFit, scaled: Library) -> Array:
         """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
@@ -116,11 +133,13 @@ class Candidates:
         return self.judged(fit, best.key, best.effect, best.columns)
 
     def _refine_one(self, fit: WhiteFit, start: Candidate, name: str) -> Candidate:
-        constant, value = start.effect.shapes[name], start.effect.shape[name]
+        robot, value = start.effect.robot, start.effect.shape[name]
+        constant = start.effect.shapes[name].on(robot.joints[start.effect.joints[0]].kind)
         assert constant.bounds is not None
         low, high = constant.bounds
         linear = constant.scale == "linear"
-        a, b = (value - 0.6, value + 0.6) if linear else (value / 2.2, value * 2.2)
+        half = 0.6 * self._spacing(start.effect, name) if linear else 0.0
+        a, b = (value - half, value + half) if linear else (value / 2.2, value * 2.2)
         a, b = max(a, low), min(b, high)
         best = (start.chi2, start.effect)
 
@@ -139,6 +158,12 @@ class Candidates:
         if best[1] is start.effect:
             return start
         return self.solve(fit, start.key, best[1], self.white_columns(best[1]))
+
+    @staticmethod
+    def _spacing(effect: Effect, name: str) -> float:
+        """Between neighbours of those constants that a search starts from."""
+        starts = sorted({s[name] for s in type(effect).starts(effect.robot, effect.joints[0])})
+        return float(np.min(np.diff(starts))) if len(starts) > 1 else 1.0
 
     def _chi2(self, fit: WhiteFit, effect: Effect) -> float:
         """What an effect takes from the squared residual; one joint's from that joint's rows alone."""

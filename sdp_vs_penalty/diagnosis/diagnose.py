@@ -20,12 +20,14 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, search_through
+from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
 from sdp_vs_penalty.diagnosis.remaining import remaining
+from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.scoring import score_library
+from sdp_vs_penalty.diagnosis.search import Found, search
 from sdp_vs_penalty.diagnosis.sizes import coefficients, torque_errors
-from sdp_vs_penalty.diagnosis.stage import prepare, quiet
+from sdp_vs_penalty.diagnosis.stage import quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
@@ -81,15 +83,13 @@ def diagnose(
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
         estimate.require_joints(given, "runs for the noise")
         whole = with_estimate(segmented(given, settings), estimate)
-    stage = prepare(rows, estimate, frozen, seed, progress, whole)
-    progress("searching for what is missing")
-    state = search_through(stage)
+    found = search(rows, estimate, frozen, seed, progress, whole)
     progress("held-out errors")
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    return conclude(estimate, state, test, settings, gain_errors, share)
+    return conclude(found, test, settings, gain_errors, share)
 
 
 def _new_motion(
@@ -107,17 +107,17 @@ def _new_motion(
 
 
 def conclude(
-    estimate: Estimate,
-    state: SearchState,
+    found: Found,
     test: Measurements | None,
     settings: Preprocessing,
     gain_errors: Array,
     new_share: float | None = None,
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
-    stage = state.stage
+    estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
-    held_out = held_out_errors(estimate, state, test, settings)
+    held_out = held_out_errors(found, test, settings)
+    retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
     findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
@@ -135,10 +135,11 @@ def conclude(
         held_out.ladder[-1],
         stage.rows.cutoff,
         explanations.remarks(stage.noise.source, doubted, held_out.source, new_share),
-        held_out.ladder[0],
+        held_out.before if retuned else held_out.ladder[0],
         held_out.source,
         stage.frozen,
         new_share,
+        retuned,
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import Event
+from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
@@ -121,6 +122,7 @@ class Diagnosis(Shown):
     unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
     held_out_rmse (n,) : before the first effect and after the last, on the source that
     held_out_source names: "test" (a test run) or "folds"; band_hz : below which all errors are meant;
+    retuned : shape constants of the model's own effects that should change;
     remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
     new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched.
     """
@@ -139,10 +141,12 @@ class Diagnosis(Shown):
     held_out_source: str
     frozen: bool
     new_motion_share: float | None = None
+    retuned: tuple[Retune, ...] = ()
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
 
+        Changed shape constants are not numbered: they stay, the confident ones or all.
         Raises InputError for a number that is not there, and where no finding is left.
         """
         for number in numbers or ():
@@ -153,16 +157,19 @@ class Diagnosis(Shown):
             for k, f in enumerate(self.effects, start=1)
             if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
         )
-        if not chosen:
+        retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
+        if not chosen and not retuned:
             kind = "confident finding" if confident and self.effects else "finding"
             raise InputError(f"there is no {kind} to add.")
-        return replace(self, effects=chosen)
+        return replace(self, effects=chosen, retuned=retuned)
 
     @property
     def headline(self) -> str:
         """What is missing, in one sentence."""
         found = [(f.effect, f.joints, f.confidence) for f in self.effects]
-        return diagnosis_verdict(self.verdict == UNKNOWN, found, self.noise_source == "repetition")
+        constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
+        known = self.noise_source == "repetition"
+        return diagnosis_verdict(self.verdict == UNKNOWN, found, known, constants)
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the held-out error over the noise floor as the effects are added; returns the axes.
@@ -171,12 +178,14 @@ class Diagnosis(Shown):
         """
         steps = ["the model", *(f"+ {f.text.partition('@')[0]}" for f in self.effects)]
         errors = [f.held_out_rmse_before for f in self.effects] + [self.held_out_rmse]
+        if self.retuned:
+            steps.insert(1, "+ constants retuned")
+            errors.insert(0, self.held_out_rmse_before)
         return plot_ladder(axes, steps, np.array(errors), self.noise_floor)
 
     def _summary(self) -> Summary:
-        before = self.effects[0].held_out_rmse_before if self.effects else self.held_out_rmse
-        rows = [("held-out RMSE", ", ".join(f"{x:.3g}" for x in before))]
-        if self.effects:
+        rows = [("held-out RMSE", ", ".join(f"{x:.3g}" for x in self.held_out_rmse_before))]
+        if self.effects or self.retuned:
             rows.append(("with the findings", ", ".join(f"{x:.3g}" for x in self.held_out_rmse)))
         name = "noise floor" if self.noise_source == "repetition" else "noise (estimated)"
         return self.headline, [*rows, (name, ", ".join(f"{x:.3g}" for x in self.noise_floor))]
@@ -191,6 +200,7 @@ class Diagnosis(Shown):
             )
             for f in self.effects
         ]
+        rows += [(r.text, r.explanation, r.confidence, "") for r in self.retuned]
         return ("effect", "size", "confidence", "indistinguishable from"), rows
 
     def to_dict(self) -> dict[str, Any]:
@@ -199,6 +209,7 @@ class Diagnosis(Shown):
             "verdict": self.verdict,
             "frozen": self.frozen,
             "effects": [{"number": k, **f.to_dict()} for k, f in enumerate(self.effects, start=1)],
+            "retuned": [r.to_dict() for r in self.retuned],
             "noise_floor": self.noise_floor.tolist(),
             "noise_source": self.noise_source,
             "unexplained": self.unexplained.tolist(),
@@ -232,6 +243,7 @@ class Diagnosis(Shown):
             str(data["held_out_source"]),
             bool(data["frozen"]),
             data.get("new_motion_share"),
+            tuple(map(Retune.from_dict, data.get("retuned", ()))),
         )
 
 

@@ -175,6 +175,16 @@ class WhiteFit:
     def _without(self) -> dict[bytes, list[WithoutFold]]:
         return {}
 
+    def weighted(self, white: Library) -> Library:
+        """A white library weighted like these rows; kept for the next time."""
+        if id(white) not in self._weighted:
+            self._weighted[id(white)] = white, self.weighting.library(white)
+        return self._weighted[id(white)][1]
+
+    @cached_property
+    def _weighted(self) -> dict[int, tuple[Library, Library]]:
+        return {}
+
     def chi2_of(self, residual: Array) -> Array:
         """(n,) squared weighted residual of each joint, in units of (filtered) noise."""
         return self.weighting.level**2 * self.rows.joint_sums(residual**2)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.ladder import climbed
 from sdp_vs_penalty.diagnosis.library import spread_columns
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
+from sdp_vs_penalty.diagnosis.search import Found
 from sdp_vs_penalty.diagnosis.stage import Stage, informative, model_columns
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -28,32 +29,41 @@ _OUTER = 3
 
 @dataclass(frozen=True)
 class HeldOut:
-    """ladder (steps + 1, n) : RMSE of each joint before the first effect and after each; source :
+    """before (n,) : RMSE of each joint with the shape constants that the model was given; ladder
+    (steps + 1, n) : with those that the search adopted, before the first effect and after each; source :
     "test" or "folds"; holds (steps,) : whether the error of a joint on which an effect acts falls on
     data from which its size was not estimated (the test run, or folds left out)."""
 
+    before: Array
     ladder: Array
     source: str
     holds: tuple[bool, ...]
 
 
 def held_out_errors(
-    estimate: Estimate,
-    state: SearchState,
+    found: Found,
     test: Measurements | None,
     settings: Preprocessing,
 ) -> HeldOut:
     """Errors on the test run; without one, on outer folds: the search is repeated without each."""
-    stage, picks = state.stage, state.picks
+    stage, picks = found.state.stage, found.state.picks
+    given = stage if found.first is found.estimate else _stage_of(stage, found.first)
     if test is not None:
-        rows = diagnosis_rows(test, estimate, settings)
-        base = model_columns(rows, estimate, stage.frozen)
-        squares = _ladder(stage, picks, np.ones(len(stage.rows.t), bool), rows, base, rows.residual)
-        ladder = np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1))
-        return HeldOut(ladder, "test", _holds(picks, ladder))
+        runs = diagnosis_rows(test, found.estimate, settings)
+        everything = np.ones(len(stage.rows.t), bool)
+
+        def on_test(model: Estimate, stage: Stage, picks: Sequence[Pick]) -> Array:
+            rows = with_estimate(runs, model)
+            base = model_columns(rows, model, stage.frozen)
+            squares = _ladder(stage, picks, everything, rows, base, rows.residual)
+            return np.asarray(np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1)))
+
+        ladder = on_test(found.estimate, stage, picks)
+        before = ladder[0] if given is stage else on_test(found.first, given, ())[0]
+        return HeldOut(before, ladder, "test", _holds(picks, ladder))
     total = np.zeros((len(picks) + 1, stage.rows.n))
     outer = stage.labels.fold % _OUTER
-    same = np.zeros_like(total)
+    same, before = np.zeros_like(total), np.zeros(stage.rows.n)
     for f in np.unique(outer):
         train = outer != f
         again = climbed(SearchState.start(_stage_on(stage, train)), thorough=False)
@@ -62,8 +72,17 @@ def held_out_errors(
         at = np.minimum(np.arange(len(picks) + 1), len(squares) - 1)
         total += squares[at]
         same += _left_out(stage, picks, train)
+        before += _left_out(given, (), train)[0]
     count = np.maximum(stage.rows.keep.sum(axis=0), 1)
-    return HeldOut(np.sqrt(total / count), "folds", _holds(picks, np.sqrt(same / count)))
+    ladder = np.sqrt(total / count)
+    return HeldOut(np.sqrt(before / count), ladder, "folds", _holds(picks, np.sqrt(same / count)))
+
+
+def _stage_of(stage: Stage, estimate: Estimate) -> Stage:
+    """The same stage with the columns of another model."""
+    rows = with_estimate(stage.rows, estimate)
+    columns = model_columns(rows, estimate, stage.frozen)
+    return replace(stage, rows=rows, columns=columns, residual=rows.residual)
 
 
 def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,19 @@ class Library:
         joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
         robot = np.stack([noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.robot)])
         return replace(self, joints=joints, robot=robot)
+
+
+@dataclass(frozen=True)
+class Candidacy:
+    """What a library is made of, and the library, made when it is first asked for."""
+
+    rows: SegmentedRuns
+    model: Model
+    frozen: bool
+
+    @cached_property
+    def library(self) -> Library:
+        return build_library(self.rows, self.model, self.frozen)
 
 
 def build_library(

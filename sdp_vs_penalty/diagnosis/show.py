@@ -53,18 +53,15 @@ def new_motion(new_share: float | None) -> str:
 
 
 def diagnosis_verdict(
-    unknown: bool, found: Sequence[tuple[str, Sequence[int], str]], noise_known: bool
+    unknown: bool,
+    found: Sequence[tuple[str, Sequence[int], str]],
+    noise_known: bool,
+    retuned: Sequence[tuple[str, Sequence[int], str]] = (),
 ) -> str:
-    """What is missing, in one sentence; ``found`` : effect, joints (from 1), confidence of each."""
+    """What is missing, in one sentence; ``found`` : effect, joints (from 1), confidence of each;
+    ``retuned`` : the same of shape constants that should change."""
     confident = [f for f in found if f[2] == "confident"]
-    listed = confident or found
-    joints: dict[str, list[int]] = {}
-    for effect, where, _ in listed:
-        joints.setdefault(effect, []).extend(where)
-    names = "; ".join(
-        f"{effect} on {show.joints(sorted(set(where)))}" if where else effect
-        for effect, where in joints.items()
-    )
+    names = _named(confident or found)
     weak = len(found) - len(confident)
     counts = [f"{len(confident)} confident"] if confident else []
     counts += [f"{weak} weak"] if weak else []
@@ -74,10 +71,25 @@ def diagnosis_verdict(
         return f"{text}; also {counted}." if found else f"{text}."
     if found:
         text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
+        if retuned:
+            text += f" Shape constants to change: {_named(retuned)}."
         return text if noise_known else f"{text} Whether more is missing {NOISE_UNKNOWN}"
+    if retuned:
+        return f"No effect is missing; shape constants should change: {_named(retuned)}."
     if noise_known:
         return "Nothing is missing that these measurements could show."
     return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
+
+
+def _named(found: Sequence[tuple[str, Sequence[int], str]]) -> str:
+    """Effects with the joints that each is found on."""
+    joints: dict[str, list[int]] = {}
+    for effect, where, _ in found:
+        joints.setdefault(effect, []).extend(where)
+    return "; ".join(
+        f"{effect} on {show.joints(sorted(set(where)))}" if where else effect
+        for effect, where in joints.items()
+    )
 
 
 def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:

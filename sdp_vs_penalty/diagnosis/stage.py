@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.candidates import Candidates
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
-from sdp_vs_penalty.diagnosis.library import Key, Library, build_library, spread_columns
+from sdp_vs_penalty.diagnosis.library import Candidacy, Key, Library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.autoregression import ORDER
@@ -46,7 +46,7 @@ class Stage:
     labels: RowLabels
     columns: Array
     residual: Array
-    library: Library
+    candidacy: Candidacy
     known: frozenset[Key]
     seed: int
     frozen: bool
@@ -54,7 +54,7 @@ class Stage:
     @cached_property
     def white(self) -> Library:
         """The library's columns, white."""
-        return self.library.whitened(self.noise, self.rows)
+        return self.candidacy.library.whitened(self.noise, self.rows)
 
     @cached_property
     def candidates(self) -> Candidates:
@@ -72,8 +72,13 @@ class Stage:
         return WhiteFit.of(self.labels, *self._white_model, weighting)
 
     @cached_property
+    def white_rows(self) -> tuple[Array, Array]:
+        """The model's own columns (n M, p) and what it leaves (n M,), white."""
+        return white_rows(self.rows, self.noise, self.columns, self.residual)
+
+    @cached_property
     def _white_model(self) -> tuple[Array, Array]:
-        columns, target = white_rows(self.rows, self.noise, self.columns, self.residual)
+        columns, target = self.white_rows
         return orthonormal(columns), target
 
     def residual_beside(self, effects: Sequence[Effect]) -> Array:
@@ -123,11 +128,11 @@ def prepare(
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
     progress("columns of all candidates")
-    library = build_library(rows, estimate.model, frozen)
     columns = model_columns(rows, estimate, frozen)
     known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
+    candidacy = Candidacy(rows, estimate.model, frozen)
     labels = label_rows(rows, whole)
-    return Stage(rows, noise, labels, columns, residual, library, known, seed, frozen)
+    return Stage(rows, noise, labels, columns, residual, candidacy, known, seed, frozen)
 
 
 def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False) -> Array:

@@ -34,7 +34,7 @@ class Pick:
 @dataclass(frozen=True)
 class SearchState:
     """picks : in the order of adding; base : the model alone, on rows weighted as the picks leave
-    them; scaled : the library, weighted alike.
+    them.
 
     A search goes from state to state: nothing in one changes.
     """
@@ -42,7 +42,6 @@ class SearchState:
     stage: Stage
     picks: tuple[Pick, ...]
     base: WhiteFit
-    scaled: Library
 
     @classmethod
     def start(cls, stage: Stage) -> SearchState:
@@ -62,6 +61,11 @@ class SearchState:
     def effects(self) -> list[Effect]:
         """What was picked."""
         return [p.candidate.effect for p in self.picks]
+
+    @property
+    def scaled(self) -> Library:
+        """The library, weighted like the rows."""
+        return self.base.weighted(self.stage.white)
 
     @cached_property
     def fit(self) -> WhiteFit:
@@ -112,4 +116,4 @@ def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least:
         fit = _extended(stage.fit(weighting), picks)
         level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, least))
         weighting = replace(weighting, level=level)
-    return SearchState(stage, picks, stage.fit(weighting), weighting.library(stage.white))
+    return SearchState(stage, picks, stage.fit(weighting))

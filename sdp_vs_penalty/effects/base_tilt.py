@@ -12,31 +12,36 @@ from sdp_vs_penalty.effects.hidden import Hidden, World
 
 class BaseTilt(Effect):
     name = "base_tilt"
-    equation = "g_x dID/dg_x + g_y dID/dg_y"
+    equation = "g_1 dID/dg_1 + g_2 dID/dg_2"
     explanation = (
-        "The base is not level: gravity has components along the base's other two axes. 0.17 m/s^2 is "
-        "one degree."
+        "The base is not mounted as the model says: gravity has components along the two directions "
+        "across the assumed one (x and y of an upright base). 0.17 m/s^2 is one degree."
     )
     reference = "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's acceleration)"
     needs_links = True
     whole_robot = True
 
     @property
-    def axes(self) -> tuple[int, int]:
-        """The two base axes across gravity (x and y of an upright base)."""
-        along = int(np.argmax(np.abs(self.robot.gravity))) if any(self.robot.gravity) else 2
-        first, second = (a for a in range(3) if a != along)
-        return first, second
+    def across(self) -> Array:
+        """(2, 3) the two directions across gravity: base axes where gravity points along one, otherwise
+        those nearest to them."""
+        gravity = np.array(self.robot.gravity) if any(self.robot.gravity) else np.array([0.0, 0.0, -1.0])
+        down = gravity / np.linalg.norm(gravity)
+        axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
+        flat = axes - np.outer(axes @ down, down)
+        u, _, vt = np.linalg.svd(flat, full_matrices=False)
+        return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"g_{'xyz'[a]}", "m/s^2", self.name, 0) for a in self.axes)
+        straight = np.count_nonzero(self.robot.gravity) < 2
+        names = ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across] if straight else ["1", "2"]
+        return tuple(Parameter(f"g_{name}", "m/s^2", self.name, 0) for name in names)
 
     def blocks(self, motion: Motion) -> list[Block]:
         rest = np.zeros_like(motion.q)
         columns = []
-        for axis in self.axes:
-            gravity = np.eye(3)[axis]
+        for gravity in self.across:
             robot = replace(self.robot, gravity=(gravity[0], gravity[1], gravity[2]))
             columns.append(robot.inverse_dynamics(motion.model_links, motion.q, rest, rest))
         return [
@@ -52,7 +57,7 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     angle = rng.uniform(0.0, 2.0 * np.pi)
     g = world.robot.gravity
     along = int(np.argmax(np.abs(g)))
-    across = [axis for axis in range(3) if axis != along]
+    across = [axis for axis in range(3) if axis != along]  # of bases whose gravity is along an axis
 
     def torque(w: World, m: Motion, a: float) -> Array:
         tilted = np.array(g)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -48,6 +49,29 @@ class CurrentModel:
 
 
 @dataclass(frozen=True)
+class Sampling:
+    """How many samples of a log, dt [s] apart, one instant of a motion stands for; one: itself."""
+
+    count: int = 1
+    dt: float = 0.0
+
+    @property
+    def offsets(self) -> Array:
+        """When those samples were taken, around the instant [s]; two at the ends share an even count."""
+        half = self.count // 2
+        return np.asarray(self.dt * np.arange(-half, half + 1), float)
+
+    @property
+    def weights(self) -> Array:
+        """Of each in the mean."""
+        half = self.count // 2
+        out = np.ones(2 * half + 1)
+        if self.count % 2 == 0:
+            out[[0, -1]] = 0.5
+        return np.asarray(out / self.count)
+
+
+@dataclass(frozen=True)
 class Motion:
     """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
 
@@ -61,12 +85,21 @@ class Motion:
     ddq: Array
     torque: Array | None = None
     current: CurrentModel | None = None
-    #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed: the model's own for Coulomb.
-    sign_width: float = 0.01
+    #: Velocities [rad/s, m/s] over which the sign of a velocity is smoothed: one for all joints, or
+    #: one a joint. The model's own for Coulomb.
+    sign_width: float | tuple[float, ...] = 0.01
+    #: The samples of the log that each of these instants stands for, if not itself.
+    within: Sampling | None = None
 
-    def sign(self, joint: int) -> Array:
-        """(N,) smooth sign of a joint's velocity."""
-        return smooth_sign(self.dq[:, joint], self.sign_width)
+    def sign(self, joint: int, width: float | None = None) -> Array:
+        """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
+        width = self.width(joint) if width is None else width
+        return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
+
+    def width(self, joint: int) -> float:
+        """The velocity over which a joint's sign is smoothed [rad/s, m/s]."""
+        w = self.sign_width
+        return w[joint] if isinstance(w, tuple) else w
 
     @cached_property
     def model_torque(self) -> Array:
@@ -155,6 +188,10 @@ class Effect(ABC):
     frozen_only: ClassVar[bool] = False
     #: True where a joint can have it more than once, with other shape constants.
     several: ClassVar[bool] = False
+    #: How a sentence begins that tells a new value of its shape constant: "Coulomb turns over".
+    turns: ClassVar[str] = ""
+    #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
+    widens: ClassVar[bool] = False
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
@@ -172,6 +209,8 @@ class Effect(ABC):
         if self.whole_robot and joints is not None:
             raise InputError(f"effect {self.name} acts on the whole robot", "write it without joints")
         self.joints = tuple(range(robot.n)) if joints is None else tuple(sorted(set(joints)))
+        #: The shape constants that were given, which nothing estimates anew.
+        self.given = frozenset(shape)
         #: Which joints were asked for; None means all, and is how the effect is written down.
         self.asked_joints = None if joints is None else self.joints
         for j in self.joints:
@@ -227,7 +266,8 @@ class Effect(ABC):
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """The shape constants with which a search begins on one joint; none where it cannot act."""
-        grids = {key: shape.grid for key, shape in cls.shapes.items() if shape.grid}
+        kind = robot.joints[joint].kind
+        grids = {key: shape.on(kind).grid for key, shape in cls.shapes.items() if shape.grid}
         return [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
 
     @classmethod
@@ -245,7 +285,13 @@ class Effect(ABC):
     @property
     def searched(self) -> tuple[str, ...]:
         """The shape constants that measurements can tell, on which the columns truly depend."""
-        return tuple(key for key, shape in self.shapes.items() if shape.role == "searched")
+        return tuple(key for key, shape in self.shapes.items() if shape.role != "clock")
+
+    def opened(self, keys: Iterable[str]) -> Effect:
+        """The same effect, some of whose shape constants are to be estimated again."""
+        out = copy(self)
+        out.given = self.given - frozenset(keys)
+        return out
 
     # What a reader is told.
 
@@ -329,6 +375,21 @@ class JointEffect(OneAJoint):
 SIGN_WIDTH = 0.01
 
 
-def smooth_sign(velocity: Array, width: float = SIGN_WIDTH) -> Array:
-    """tanh(dq / width): the sign of a velocity whose value near zero is noise [-]."""
-    return np.tanh(velocity / width)
+def smooth_sign(
+    velocity: Array, width: float = SIGN_WIDTH, rate: Array | None = None, within: Sampling | None = None
+) -> Array:
+    """tanh(dq / width): the sign of a velocity whose value near zero is noise [-].
+
+    rate (N,) : of the velocity; within : the samples of the log that each of these stands for, over
+    which the mean is taken. A sign read at every fourth sample turns round up to two samples too early
+    or too late, and a low-pass does not mend that.
+    """
+    if rate is None or within is None or within.count < 2:
+        return np.tanh(velocity / width)
+    out = np.sign(velocity)
+    # Far from zero the sign is 1 to the last bit.
+    reach = 20.0 * width + 0.5 * within.count * within.dt * np.abs(rate)
+    near = np.flatnonzero(np.abs(velocity) < reach)
+    values = np.tanh((velocity[near, None] + rate[near, None] * within.offsets) / width)
+    out[near] = values @ within.weights
+    return out

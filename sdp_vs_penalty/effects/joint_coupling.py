@@ -61,11 +61,14 @@ class JointCoupling(JointEffect):
         return f"{torque}*s/{self.robot.position_units[self.partner(joint)]}"
 
     def column(self, motion: Motion, joint: int) -> Array:
-        own, other = motion.dq[:, joint], motion.dq[:, self.partner(joint)]
-        form = int(self.shape["form"])
+        partner, form = self.partner(joint), int(self.shape["form"])
         if form == 1:
-            return np.array(other)
-        return smooth_sign({2: other, 3: own + other, 4: own - other}[form], motion.sign_width)
+            return np.array(motion.dq[:, partner])
+        if form == 2:
+            return motion.sign(partner)
+        other = 1.0 if form == 3 else -1.0
+        velocity, rate = (x[:, joint] + other * x[:, partner] for x in (motion.dq, motion.ddq))
+        return smooth_sign(velocity, motion.width(joint), rate, motion.within)
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:

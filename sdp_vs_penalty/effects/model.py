@@ -88,15 +88,15 @@ class Model:
     def joint_indices(self) -> tuple[NDArray[np.intp], ...]:
         """For each joint the indices into theta that its torque can depend on."""
         zero = np.zeros((1, self.robot.n))
-        current = CurrentModel(self.robot, np.zeros((self.robot.n, 10)))
+        current = CurrentModel(self.robot, np.zeros((self.robot.links, 10)))
         motion = Motion(np.zeros(1), zero, zero, zero, zero, current)
         return tuple(c.indices for c in self.columns(motion))
 
     @cached_property
-    def sign_width(self) -> float:
-        """The velocity over which this model smooths the sign of dry friction [rad/s, m/s]."""
-        widths = [e.shape["v_s"] for e in self.effects if "v_s" in e.shape]
-        return widths[0] if widths else SIGN_WIDTH
+    def sign_width(self) -> tuple[float, ...]:
+        """(n) the velocities over which this model smooths the signs of dry friction [rad/s, m/s]."""
+        widths = {j: e.shape["v_s"] for e in self.effects if "v_s" in e.shape for j in e.joints}
+        return tuple(widths.get(j, SIGN_WIDTH) for j in range(self.robot.n))
 
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
@@ -135,7 +135,7 @@ class Model:
                 torque[:, block.joint] += block.columns @ theta[block.parameters]
         links = self.reference[self.rigid_indices].reshape(-1, 10)
         if not len(links):
-            links = np.zeros((self.robot.n, 10))
+            links = np.zeros((self.robot.links, 10))
         return replace(motion, torque=torque, current=CurrentModel(self.robot, links))
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -22,10 +22,12 @@ class Shape:
     grid : the values that a search starts from; bounds : the range in which it refines them (None: it
         stays on the grid); scale : how neighbours are spaced there: widths, exponents and times by a
         ratio ("log"), numbers of waves by a difference ("linear").
+    earned : how far beyond the bounds it may lie where that explains as much as another effect does.
+    metres : how many metres (per second) on a prismatic joint stand for a radian of grid and bounds.
     signed : whether it may be zero or negative.
-    role : "searched", found from measurements where it is not given; "convention", part of how a model
-        is written, which no search touches; "clock", the instant from which time counts, taken from
-        the measurements.
+    role : "searched", found from measurements by `diagnose` and `add` where it is not given;
+        "estimated", by `identify` as well; "clock", the instant from which time counts, taken from the
+        measurements.
     """
 
     default: float
@@ -34,9 +36,23 @@ class Shape:
     bounds: tuple[float, float] | None = None
     scale: Literal["log", "linear"] = "log"
     choices: tuple[float, ...] = ()
+    earned: float | None = None
+    metres: float = 1.0
     words: tuple[str, ...] = ()
     signed: bool = False
-    role: Literal["searched", "convention", "clock"] = "searched"
+    role: Literal["searched", "estimated", "clock"] = "searched"
+
+    def on(self, kind: str) -> Shape:
+        """The same with grid and bounds for a joint of this kind ("revolute", "prismatic")."""
+        if kind != "prismatic" or self.metres == 1.0:
+            return self
+        # As many digits as a written effect has.
+        grid, bounds = (
+            tuple(float(f"{self.metres * x:.6g}") for x in xs) for xs in (self.grid, self.bounds or ())
+        )
+        ends = (bounds[0], bounds[1]) if bounds else None
+        earned = None if self.earned is None else self.metres * self.earned
+        return replace(self, grid=grid, bounds=ends, earned=earned, metres=1.0)
 
     def complaint(self, value: float) -> str | None:
         """What is wrong with a value, or None: the end of a sentence that begins with its name."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.hidden import Hidden, World, on_joint
 from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.robot.robot import Robot
+
+#: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of 5 mm; and how
+#: many orders are tried at most.
+_TRAVEL, _FINEST, _MOST = 0.5, 2.0 * np.pi / 0.005, 200
 
 
 class TorqueRipple(Effect):
@@ -25,9 +30,10 @@ class TorqueRipple(Effect):
         "k": Shape(
             2.0,
             ("1/turn", "rad/m"),
-            # Higher orders are visible at full rate only (the order spectrum).
-            grid=tuple(float(k) for k in range(1, 41)),
-            bounds=(0.95, 1e4),
+            # Once a turn is geometry: a link's weight, a joint beside where it is believed. Higher
+            # orders are visible at full rate only (the order spectrum).
+            grid=tuple(float(k) for k in range(2, 41)),
+            bounds=(1.9, 1e4),
             # Waves: neighbours are a fixed distance apart, whatever their order.
             scale="linear",
         )
@@ -52,6 +58,17 @@ class TorqueRipple(Effect):
             Block(j, np.array([2 * i, 2 * i + 1]), self._pair(motion, j))
             for i, j in enumerate(self.joints)
         ]
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        """Waves per turn; on a prismatic joint screws of 1 to 100 mm, and what the travel may hold."""
+        grid: Sequence[float] = cls.shapes["k"].grid
+        if robot.joints[joint].kind == "prismatic":
+            travel = robot.joints[joint].upper - robot.joints[joint].lower
+            # Neighbours half a wave apart over the travel; without one, that of a common axis.
+            step = np.pi / (travel if 0.0 < travel < np.inf else _TRAVEL)
+            grid = np.arange(2.0 * step, _FINEST, step)[:_MOST].tolist()
+        return [{"k": float(f"{k:.6g}")} for k in grid]  # as many digits as a written effect has
 
     def _pair(self, motion: Motion, joint: int) -> Array:
         phase = self.shape["k"] * motion.q[:, joint]

@@ -131,7 +131,7 @@ class Estimate(Shown):
     def _summary(self) -> Summary:
         title = f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)} parameters"
         return title, [
-            ("effects", ", ".join(e.name for e in self.model.effects)),
+            ("effects", ", ".join(dict.fromkeys(e.name for e in self.model.effects))),
             ("data", f"{self.provenance['samples']} samples of {', '.join(self.provenance['runs'])}"),
             *self.certificate.summary()[::2][:2],
             ("from the data", f"{self.sources.count('data')} of {len(self.theta)} parameters"),

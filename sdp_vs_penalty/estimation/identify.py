@@ -18,6 +18,7 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.known_load import GAIN_PRIOR, as_known_loads, gains_from_loads
+from sdp_vs_penalty.estimation.shape_profiles import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
@@ -52,12 +53,14 @@ def identify(
     measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
-    effects : names or Effects (default: the problem's); preprocessing : filter settings (default:
-        the problem's); weighting : "noise" divides each joint's rows by its residual in a first
-        least-squares pass, "none" leaves newton metres of all joints equal; seed : of everything
-        random; progress : hears where the computation stands; proof : a file to write the proof of
-        optimality to, or that nothing satisfies all constraints (:mod:`~sdp_vs_penalty.solvers.proof`);
-        gain_uncertainty : relative standard deviation of the torque channels' gains (0.01: known to a
+    effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
+        round is estimated joint by joint unless it is given (``coulomb_friction@v_s=``).
+    preprocessing : filter settings (default: the problem's); weighting : "noise" divides each joint's
+        rows by its residual in a first least-squares pass, "none" leaves newton metres of all joints
+        equal; seed : of everything random; progress : hears where the computation stands; proof : a
+        file to write the proof of optimality to, or that nothing satisfies all constraints
+        (:mod:`~sdp_vs_penalty.solvers.proof`).
+    gain_uncertainty : relative standard deviation of the torque channels' gains (0.01: known to a
         per cent), or a factor (n, e) of their covariance, which widens the intervals; known_loads :
         further runs, each with the mass [kg] that the last link carried in it, which determine the
         gains (:mod:`~sdp_vs_penalty.estimation.known_load`): the parameters are
@@ -94,6 +97,9 @@ def identify(
     check_plausible(problem.robot, measurements)
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
+    progress("estimating shape constants")
+    shapes = estimate_shapes(model, measurements, settings, weighting)
+    model = replace(model, effects=with_shapes(model.effects, shapes))
     errors = independent_gains(gain_uncertainty, problem.robot.n)
     found = None
     if known_loads:
@@ -121,6 +127,9 @@ def identify(
     estimate = build_estimate(
         problem, task, estimator, fit, regression, settings, measurements, weighting, errors
     )
+    if shapes:
+        shown = {"shapes": [s.to_dict() for s in shapes]}
+        estimate = replace(estimate, details={**estimate.details, **shown})
     if found is not None:
         told = {"gain": found.gain.tolist(), "std": (found.gain * found.std).tolist()}
         estimate = replace(estimate, details={**estimate.details, "gains": told})

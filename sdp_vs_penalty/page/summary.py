@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
@@ -108,7 +109,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         runs=[run.names[0] for run in runs],
         judged_on=list(judge.names),
         method=estimate.method,
-        effects=[effect.text for effect in estimate.model.effects],
+        effects=asked_effects(estimate.model.effects, estimate.details.get("shapes", ())),
         parameters=len(estimate.theta),
         comparison=comparison.to_dict(),
         failures=failures,

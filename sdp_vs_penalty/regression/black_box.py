@@ -154,7 +154,7 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     gravity = robot.regressor(box.q, rest, rest)
     parts: list[list[Array]] = [[] for _ in range(n)]
     columns = [
-        (10 * np.array(links)[:, None] + np.arange(10)).ravel().astype(np.intp)
+        (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel().astype(np.intp)
         for links in robot.subtree
     ]
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.effect import Motion, Sampling
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.signals.kernels import Kernel
@@ -127,7 +127,8 @@ class RunFilter:
         """States on the column grid from the log's sample ``first`` to ``last``."""
         around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
         q, dq, ddq = (x[:: self.stride] for x in self.state.states(around))
-        return Motion(part.clock(np.arange(first, last + 1, self.stride)), q, dq, ddq)
+        clock = part.clock(np.arange(first, last + 1, self.stride))
+        return Motion(clock, q, dq, ddq, within=Sampling(self.stride, self.dt))
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""

@@ -61,7 +61,7 @@ def make_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
         size * rng.uniform(0.2, 0.8, n),
         0.2 * size * rng.uniform(-1.0, 1.0, n),
     )
-    width = problem.model().sign_width
+    width = min(problem.model().sign_width)
     return World(problem.robot, setup.links, viscous, coulomb, offset, width).without(without)
 
 

@@ -67,10 +67,14 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     assert set(data) == {
         *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
         *("held_out_source", "held_out_rmse_before", "held_out_rmse", "invisible", "events", "remarks"),
-        "new_motion_share",
+        *("new_motion_share", "retuned"),
     }
     assert data["held_out_source"] == "test"
-    assert data["held_out_rmse_before"] == data["effects"][0]["held_out_rmse_before"]
+    # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.
+    assert {r["joint"] for r in data["retuned"]} <= {3}
+    assert all(r["after"] == pytest.approx(0.01, rel=0.3) for r in data["retuned"])
+    if not data["retuned"]:
+        assert data["held_out_rmse_before"] == data["effects"][0]["held_out_rmse_before"]
     assert [e["number"] for e in data["effects"]] == list(range(1, len(data["effects"]) + 1))
     assert Diagnosis.from_dict(data).to_dict() == data
     for finding in data["effects"]:

@@ -201,7 +201,7 @@ def test_without_links_what_depends_on_them_makes_no_torque() -> None:
         ("presliding_hysteresis:2@d=0.002", "gantry", "d = 0.002 m"),
         ("drift_offset:1@form=2@T=30@t0=5", "arm", "form = 2, T = 30 s"),
         ("drift_offset:1@form=1@t0=5", "arm", "form = 1"),
-        ("coulomb_friction@v_s=0.02", "arm", ""),
+        ("coulomb_friction@v_s=0.02", "arm", "v_s = 0.02 rad/s"),
         ("torque_offset", "arm", ""),
     ],
 )

@@ -87,7 +87,7 @@ def _case(where: str, world: World, hidden: Hidden, trajectory: FourierTrajector
     )
 
     def columns(kind: type[Effect], **shape: float) -> tuple[Effect, Array]:
-        convention = {k: width for k, s in kind.shapes.items() if s.role == "convention"}
+        convention = {k: width for k, s in kind.shapes.items() if s.role == "estimated"}
         effect = kind(world.robot, list(hidden.joints) or None, **convention, **shape)
         return effect, wide_columns(effect, motion)
 

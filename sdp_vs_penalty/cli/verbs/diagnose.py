@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
+from sdp_vs_penalty.cli.checking import refuse_meaningless
 from sdp_vs_penalty.cli.options import (
     Data,
     Debug,
@@ -32,11 +35,15 @@ def verb(
     test_window: TestWindow = None,
     seed: Seed = 0,
     gain_uncertainty: GainUncertainty = None,
+    no_check: Annotated[
+        bool, typer.Option("--no-check", help="Diagnosis without the data check.")
+    ] = False,
     verbose: Verbose = False,
     debug: Debug = False,
 ) -> None:
     """Name the physical effects that a model is missing.
 
+    The fast part of `check` runs first; its errors stop the diagnosis (exit code 2).
     Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
     """
     from sdp_vs_penalty.cli import console, printing
@@ -47,6 +54,9 @@ def verb(
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
         given = runs_for(estimate, data, window, test, test_window)
+        if not no_check:
+            progress("checking the measurements")
+            refuse_meaningless(estimate.problem, given.train, "diagnose")
         result = run(
             estimate,
             given.train,
@@ -64,9 +74,9 @@ def verb(
     options += ["--frozen"] if frozen else []
     options += [] if gain_uncertainty is None else ["--gain-uncertainty", f"{gain_uncertainty:g}"]
     add: list[str] = []
-    if result.effects:
+    if result.effects or result.retuned:
         shown = printing.worth_showing(result.effects)
-        what = [",".join(f.text for f in shown)]
+        what = [",".join([*(r.text for r in result.retuned), *(f.text for f in shown)])]
         if json_file is not None:
             what = ["--from", str(json_file)]
             if len(shown) < len(result.effects):

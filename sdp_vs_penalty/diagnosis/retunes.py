@@ -1,0 +1,93 @@
+"""Findings of the kind "retune": a shape constant of an effect that the model has is another one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+#: What a constant's change must take from the squared error, in units of the noise's variance, to be
+#: said, and twice that to be said with confidence.
+MIN_GAIN = 15.0
+#: Standard deviations by which it must move.
+_FAR = 3.0
+#: Share by which it must move: less makes no other torque.
+_MOVES = 0.05
+
+
+@dataclass(frozen=True)
+class Retune:
+    """A shape constant of the model's own effect on one joint (from 1): ``before`` in the model,
+    ``after`` as it explains most, with its standard deviation (infinite at the end of the range).
+
+    gain : what the change takes from the squared error, in units of the noise's variance;
+    rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new
+    ones; text : how :func:`~sdp_vs_penalty.diagnosis.add` takes it; remarks : why it is weak, if it is.
+    """
+
+    effect: str
+    joint: int
+    shape: str
+    before: float
+    after: float
+    std: float
+    gain: float
+    confidence: str
+    rmse_before: float
+    rmse_after: float
+    explanation: str
+    text: str
+    remarks: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """std is null where the data bound the constant on one side only."""
+        std = self.std if np.isfinite(self.std) else None
+        return {**vars(self), "kind": "retune", "std": std, "remarks": list(self.remarks)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Retune:
+        numbers = {k: float(data[k]) for k in ("before", "after", "gain", "rmse_before", "rmse_after")}
+        texts = {k: str(data[k]) for k in ("effect", "shape", "confidence", "explanation", "text")}
+        std = np.inf if data["std"] is None else float(data["std"])
+        remarks = tuple(map(str, data["remarks"]))
+        return cls(joint=int(data["joint"]), std=std, remarks=remarks, **numbers, **texts)  # type: ignore[arg-type]
+
+
+def retunes(
+    found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
+) -> tuple[Retune, ...]:
+    """Those changes that these data tell. before, after (n,) : held-out errors with the model's own
+    constants, and with the new ones."""
+    out = []
+    for s in found:
+        spread = s.std / s.after if np.isfinite(s.std) else 0.0
+        if s.gain < MIN_GAIN or abs(np.log(s.after / s.before)) < max(_FAR * spread, _MOVES):
+            continue
+        errors = float(before[s.joint]), float(after[s.joint])
+        shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
+        values = [shape.said(v, kind) for v in (s.after, s.before)]
+        unit = robot.torque_units[s.joint].replace("*", " ")
+        verb = effect_types()[s.effect].turns or f"{s.effect} has {s.shape} ="
+        said = f"joint {s.joint + 1}: {verb} {values[0]}, not {values[1]}"
+        said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+        remarks = []
+        if s.at_end:
+            remarks.append("it lies at the end of the range in which it was looked for")
+        if s.gain < 2.0 * MIN_GAIN:
+            remarks.append("its gain is small")
+        if not errors[1] < errors[0]:
+            remarks.append("the error on held-out data does not fall")
+        text = f"{s.effect}:{s.joint + 1}@{s.shape}={s.after:.6g}"
+        confidence = "weak" if remarks else "confident"
+        who = s.effect, s.joint + 1, s.shape, s.before, s.after, s.std, s.gain, confidence
+        out.append(Retune(*who, *errors, said, text, tuple(remarks)))
+    return tuple(out)

@@ -1,0 +1,76 @@
+"""The whole search: the model's own shape constants, what is missing beside them, and again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sdp_vs_penalty.diagnosis.ladder import search_through
+from sdp_vs_penalty.diagnosis.own_shapes import adopted, beside_the_best, profiled, widened
+from sdp_vs_penalty.diagnosis.rows import with_estimate
+from sdp_vs_penalty.diagnosis.stage import prepare, quiet
+from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.signals.segments import SegmentedRuns
+
+#: How often the model's own shape constants are adopted, before the search and after.
+_ADOPTIONS = 2
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search came to: first : the model as it was given; estimate : with the shape constants
+    that explain most, refitted; shapes : those constants; state : the search beside them."""
+
+    first: Estimate
+    estimate: Estimate
+    shapes: tuple[ShapeEstimate, ...]
+    state: SearchState
+
+
+def search(
+    rows: SegmentedRuns,
+    estimate: Estimate,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Callable[[str], None] = quiet,
+    whole: SegmentedRuns | None = None,
+) -> Found:
+    """The search, beside the model's own shape constants as these rows show them: they are adopted
+    before the first name is given, and again beside the picks. whole : the runs that show the noise, if
+    not these."""
+    now, shapes = estimate, list[ShapeEstimate]()
+    stage = prepare(rows, estimate, frozen, seed, progress, whole)
+    state = SearchState.start(stage)
+    if not frozen:
+        for _ in range(_ADOPTIONS):
+            shapes = profiled(estimate, now, state)
+            other = adopted(now, state, shapes)
+            if other is None:
+                break
+            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
+            state = SearchState.start(stage)
+        other = adopted(now, state, beside_the_best(estimate, now, state))
+        if other is not None:
+            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
+    progress("searching for what is missing")
+    state = search_through(stage)
+    for _ in range(0 if frozen else _ADOPTIONS):
+        if not state.picks:
+            break
+        shapes = profiled(estimate, now, state)
+        other = adopted(now, state, shapes)
+        if other is None:
+            break
+        now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
+        state = search_through(stage)
+    wide = [] if frozen else widened(estimate, now, state)
+    if wide:
+        kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]
+        other = adopted(now, state, [*kept, *wide])
+        if other is not None:
+            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
+            state = search_through(stage)
+            shapes = profiled(estimate, now, state)
+    return Found(estimate, now, tuple(shapes), state)

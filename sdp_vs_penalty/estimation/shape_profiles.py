@@ -1,0 +1,388 @@
+"""Shape constants of a model's own effects, estimated beside its parameters.
+
+A constant u (the velocity over which Coulomb friction turns round) is no coefficient, but for every u
+the coefficients are known: with z(u) and y what all other columns leave of the effect's columns and of
+the torque, it takes chi2(u) = y'z (z'z)^-1 z'y from the squared error, and the best u is where that is
+largest (variable projection: Golub, Pereyra, SIAM J. Numerical Analysis 1973). The columns are computed
+on a grid of u once; between its values z is a cubic spline of ln u, so that everything is small
+algebra on compressed data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
+
+Array = NDArray[np.float64]
+
+#: Values looked at between two of the grid.
+_FINE = 12
+#: Turns in which several constants are brought to agree.
+_TURNS = 12
+#: A constant stays whose best value takes less than this from the squared error, in its variances.
+_WORTH = 2.0
+#: Of a range's logarithm: nearer to an end than this, a constant is at it.
+_AT_END = 0.02
+
+
+@dataclass(frozen=True)
+class ShapeBank:
+    """One shape constant of one effect on one joint: the values (K,) whose columns are known, the one
+    that the model has, and where the columns (K, k) stand among all others; ends : of the range in
+    which the constant may lie."""
+
+    effect: Effect
+    joint: int
+    key: str
+    values: Array
+    now: float
+    columns: NDArray[np.intp]
+    ends: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ShapeEstimate:
+    """A shape constant as estimated: ``before`` is what the model had; std : its standard deviation,
+    from the curvature of the squared error; gain : what the change takes from that error, in units of
+    its variance; at_end : it lies at the end of the range in which it was looked for."""
+
+    effect: str
+    joint: int
+    shape: str
+    before: float
+    after: float
+    std: float
+    gain: float
+    at_end: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """joint counts from 1; std is null where the data do not bound the constant on both sides."""
+        std = self.std if np.isfinite(self.std) else None
+        return {**vars(self), "joint": self.joint + 1, "std": std}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ShapeEstimate:
+        before, after, gain = (float(data[key]) for key in ("before", "after", "gain"))
+        std = np.inf if data["std"] is None else float(data["std"])
+        effect, joint, shape = str(data["effect"]), int(data["joint"]) - 1, str(data["shape"])
+        return cls(effect, joint, shape, before, after, std, gain, bool(data["at_end"]))
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of rows [Y tau]: gram (p, p) = Y'Y, right (p,) = Y'tau, square = |tau|^2."""
+
+    gram: Array
+    right: Array
+    square: float
+
+    def __add__(self, other: Normal) -> Normal:
+        return Normal(self.gram + other.gram, self.right + other.right, self.square + other.square)
+
+    def part(self, columns: NDArray[np.intp]) -> Normal:
+        """Of some of the columns."""
+        return Normal(self.gram[np.ix_(columns, columns)], self.right[columns], self.square)
+
+    def least(self) -> float:
+        """The squared error of least squares."""
+        return self.left(self.solved()[0])
+
+    def scaled(self, factor: float) -> Normal:
+        """Of rows multiplied by the square root of a factor."""
+        return Normal(factor * self.gram, factor * self.right, factor * self.square)
+
+    def solved(self) -> tuple[Array, int]:
+        """Least-squares coefficients (p,), and how many of their directions the data show."""
+        norms = np.sqrt(np.maximum(np.diagonal(self.gram), 0.0))
+        unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
+        inverse, rank = _pseudo_inverse(self.gram / np.outer(unit, unit))
+        return (inverse @ (self.right / unit)) / unit, rank
+
+    def left(self, theta: Array) -> float:
+        """|Y theta - tau|^2."""
+        return float(theta @ self.gram @ theta - 2.0 * self.right @ theta + self.square)
+
+
+def _pseudo_inverse(gram: Array) -> tuple[Array, int]:
+    if not gram.size:
+        return gram, 0
+    values, vectors = np.linalg.eigh(gram)
+    good = values > 1e-12 * values.max(initial=0.0)
+    half = vectors[:, good] / np.sqrt(values[good])
+    return half @ half.T, int(good.sum())
+
+
+def best_shapes(
+    data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], variance: float
+) -> list[ShapeEstimate]:
+    """The constants that together explain most, each beside the columns ``base`` and all other banks.
+
+    data : of the columns of base and banks; variance : of one independent row, times how often rows
+    repeat. A constant that the data do not tell stays what it is.
+    """
+    rest, curves = _curves(data, base, banks)
+    values = [bank.now for bank in banks]
+    found = [curve.best(rest, [], variance) for curve in curves]
+    for _ in range(_TURNS):
+        before = list(values)
+        for k, curve in enumerate(curves):
+            others = [c.at(v) for m, (c, v) in enumerate(zip(curves, values, strict=True)) if m != k]
+            found[k] = curve.best(rest, others, variance)
+            values[k] = found[k].after
+        if np.allclose(np.log(values), np.log(before), atol=1e-3):
+            break
+    return found
+
+
+def error_at(
+    data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], values: Sequence[float]
+) -> float:
+    """The squared error that least squares leave with these constants."""
+    rest, curves = _curves(data, base, banks)
+    columns = np.hstack([curve.at(v) for curve, v in zip(curves, values, strict=True)])
+    return beside(rest, np.arange(0), columns).square
+
+
+def _curves(
+    data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank]
+) -> tuple[Normal, list[_Curve]]:
+    """The banks' columns, less what the base explains of them."""
+    pool = np.concatenate([bank.columns.ravel() for bank in banks])
+    rest = beside(data, pool, np.eye(len(data.right))[:, base])
+    places = np.split(np.arange(len(pool)), np.cumsum([bank.columns.size for bank in banks])[:-1])
+    return rest, [_Curve(bank, p, rest) for bank, p in zip(banks, places, strict=True)]
+
+
+def beside(data: Normal, pool: NDArray[np.intp], others: Array) -> Normal:
+    """Of the columns ``pool`` and the torque, what combinations ``others`` (p, q) of columns leave."""
+    own = Normal(data.gram[np.ix_(pool, pool)], data.right[pool], data.square)
+    norms = np.sqrt(np.maximum(np.einsum("pq,pq->q", others, data.gram @ others), 0.0))
+    seen = norms > 1e-10 * norms.max(initial=0.0)
+    others = others[:, seen] / norms[seen]
+    half = data.gram @ others
+    inverse, _ = _pseudo_inverse(others.T @ half)
+    cross, right = half[pool], others.T @ data.right
+    return Normal(
+        own.gram - cross @ inverse @ cross.T,
+        own.right - cross @ inverse @ right,
+        own.square - float(right @ inverse @ right),
+    )
+
+
+class _Curve:
+    """The columns of one bank as a function of its constant: weights of the columns on the grid."""
+
+    def __init__(self, bank: ShapeBank, places: NDArray[np.intp], rest: Normal) -> None:
+        self.bank, self.places, self.size = bank, places, len(rest.right)
+        self.grid = np.log(bank.values)
+        self.weights = CubicSpline(self.grid, np.eye(len(bank.values)))
+        self.signed = len(bank.effect.parameters) == 1 and bank.effect.parameters[0].lower == 0.0
+        self.seen = 1e-9 * float(np.max(np.diagonal(rest.gram)[places]))
+
+    def at(self, value: float) -> Array:
+        """(p, k) weights of all columns; outside the range those of its end."""
+        w = self.weights(np.clip(np.log(value), self.grid[0], self.grid[-1]))
+        k = self.bank.columns.shape[1]
+        out = np.zeros((self.size, k))
+        out[self.places] = np.kron(w[:, None], np.eye(k))
+        return out
+
+    def best(self, rest: Normal, others: Sequence[Array], variance: float) -> ShapeEstimate:
+        """The constant that takes most beside the columns of all others."""
+        low, high = self.grid[0], self.grid[-1]
+        now = float(np.clip(np.log(self.bank.now), low, high))
+        fine = np.linspace(low, high, _FINE * (len(self.grid) - 1) + 1)
+        none = np.zeros((self.size, 0))
+        own = beside(rest, self.places, np.hstack([none, *others]))
+        w = self.weights(np.append(fine, now))
+        taken = self._taken(own, w) / variance
+        u, gain, bend = _vertex(fine, taken[:-1], int(np.argmax(taken[:-1])))
+        std = float(np.sqrt(2.0 / bend)) if bend > 0.0 else np.inf
+        gain -= float(taken[-1])
+        known = gain > _WORTH
+        # As many digits as a written effect has.
+        after = float(f"{np.exp(u):.6g}") if known else self.bank.now
+        first, last = np.log(self.bank.ends)
+        near = _AT_END * (last - first)
+        at_end = known and bool(u < first + near or u > last - near)
+        who = self.bank.effect.name, self.bank.joint, self.bank.key, self.bank.now
+        return ShapeEstimate(*who, after, after * std, gain if known else 0.0, at_end)
+
+    def _taken(self, own: Normal, w: Array) -> Array:
+        """(U,) what the columns with weights (U, K) take from the squared error."""
+        K, k = self.bank.columns.shape
+        gram = np.einsum("ua,uc,abcd->ubd", w, w, own.gram.reshape(K, k, K, k), optimize=True)
+        pull = np.einsum("ua,ab->ub", w, own.right.reshape(K, k))
+        if k > 1:
+            solved = np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None]
+            return np.asarray(np.sum(pull * solved[:, :, 0], axis=1))
+        energy, p = gram[:, 0, 0], pull[:, 0]
+        # What the other columns absorb but for rounding shows no constant.
+        used = (energy > self.seen) & ~(self.signed & (p < 0.0))
+        return np.where(used, p * p / np.where(used, energy, 1.0), 0.0)
+
+
+def _vertex(x: Array, values: Array, top: int) -> tuple[float, float, float]:
+    """Where a curve on a uniform grid is highest, how high, and -d2/dx2 there; at an end the end."""
+    inner = min(max(top, 1), len(x) - 2)
+    left, middle, right = values[inner - 1 : inner + 2]
+    step = x[1] - x[0]
+    bend = (2.0 * middle - left - right) / step**2
+    if top != inner or bend <= 0.0:
+        return float(x[top]), float(values[top]), float(bend)
+    shift = float(np.clip(0.5 * (right - left) / (bend * step**2), -0.5, 0.5))
+    return float(x[inner] + shift * step), float(middle + 0.25 * (right - left) * shift), float(bend)
+
+
+class _Bank(Effect):
+    """An effect on one joint with several values of one shape constant, as columns of a regression."""
+
+    name = "shape_bank"
+    equation = explanation = reference = ""
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        super().__init__(effects[0].robot, effects[0].joints)
+        self.effects = effects
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(f"{p.name}_{m}", p.unit, self.name, p.joint)
+            for m, effect in enumerate(self.effects)
+            for p in effect.parameters
+        )
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        out, first = [], 0
+        for effect in self.effects:
+            out += [Block(b.joint, b.parameters + first, b.columns) for b in effect.blocks(motion)]
+            first += len(effect.parameters)
+        return out
+
+
+def alone(effect: Effect, joint: int, **shape: float) -> Effect:
+    """The effect on one of its joints, with some shape constants changed."""
+    return type(effect)(effect.robot, [joint], **{**effect.shape, **shape})
+
+
+def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tuple[Effect, ...]:
+    """The effects with estimated constants: those that were estimated stand alone, a joint each, in
+    the same order, so that the parameters keep their places."""
+    values = {(s.effect, s.joint, s.shape): s.after for s in found}
+    out: list[Effect] = []
+    for effect in effects:
+        keys = [(j, k) for j in effect.joints for k in effect.shapes if (effect.name, j, k) in values]
+        if not keys:
+            out.append(effect)
+            continue
+        for joint in effect.joints:
+            own = {k: values[effect.name, j, k] for j, k in keys if j == joint}
+            out.append(alone(effect, joint, **own))
+    return tuple(out)
+
+
+def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """How effects are written so that `identify` estimates again what it has estimated: ``shapes`` as
+    an estimate's details hold them."""
+    estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
+    joints: dict[str, list[int]] = {}
+    out: list[str] = []
+    for effect in effects:
+        if not all((effect.name, j) in estimated for j in effect.joints):
+            out.append(effect.text)
+        elif effect.name in joints:
+            joints[effect.name] += effect.joints
+        else:
+            joints[effect.name] = list(effect.joints)
+            out.append(effect.name)
+    every = effects[0].robot.n if effects else 0
+    return [
+        f"{name}:{'+'.join(str(j + 1) for j in joints[name])}"
+        if name in joints and len(joints[name]) < every
+        else name
+        for name in out
+    ]
+
+
+def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
+    """The constants that `identify` estimates: of their kind and not given, joint by joint."""
+    return [
+        (effect, joint, key)
+        for effect in effects
+        for key, shape in effect.shapes.items()
+        if shape.role == "estimated" and key not in effect.given
+        for joint in effect.joints
+    ]
+
+
+def estimate_shapes(
+    model: Model,
+    measurements: Measurements,
+    settings: Preprocessing,
+    weighting: str,
+) -> list[ShapeEstimate]:
+    """The open shape constants of a model, from one pass over the measurements."""
+    wanted = open_shapes(model.effects)
+    if not wanted:
+        return []
+    fixed = [e for e in model.reference_free.effects if not any(e is effect for effect, _, _ in wanted)]
+    parts: list[_Bank] = []
+    grids = []
+    for effect, joint, key in wanted:
+        grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
+        grids.append(grid)
+        parts.append(_Bank([alone(effect, joint, **{key: value}) for value in grid]))
+    first = sum(len(e.parameters) for e in fixed)
+    base, banks = np.arange(first), []
+    for (effect, joint, key), grid, bank in zip(wanted, grids, parts, strict=True):
+        columns = first + np.arange(len(bank.parameters)).reshape(len(grid), -1)
+        first += len(bank.parameters)
+        one, ends = alone(effect, joint), (grid[0], grid[-1])
+        banks.append(ShapeBank(one, joint, key, np.array(grid), effect.shape[key], columns, ends))
+    bigger = Model(model.robot, (*fixed, *parts), gains=model.gains)
+    joints, counts, oversampling = _normals(measurements, bigger, settings)
+    data = _total(joints)
+    if weighting == "noise":
+        theta, _ = data.solved()
+        left = [max(d.left(theta), 1e-12 * d.square) for d in joints]
+        weights = [c / x if x > 0.0 else 1.0 for c, x in zip(counts, left, strict=True)]
+        data = _total([d.scaled(w) for d, w in zip(joints, weights, strict=True)])
+    theta, rank = data.solved()
+    # Exact data have no variance; their constants still have a best value.
+    error = max(data.left(theta), 1e-12 * data.square, 1e-300)
+    free = max(sum(counts) - oversampling * rank, 1.0)
+    return best_shapes(data, base, banks, oversampling * error / free)
+
+
+def _total(parts: Sequence[Normal]) -> Normal:
+    return sum(parts[1:], parts[0])
+
+
+def _normals(
+    measurements: Measurements, model: Model, settings: Preprocessing
+) -> tuple[list[Normal], list[int], float]:
+    """Normal equations of each joint's rows, how many rows, and how often rows repeat each other."""
+    p, n = len(model.parameters), model.robot.n
+    grams, rights = np.zeros((n, p, p)), np.zeros((n, p))
+    squares, count, samples = np.zeros(n), 0, 0.0
+    for run in measurements.runs():
+        repeated = rows_per_sample(run, settings)
+        for rows in filtered_rows(run, model, settings):
+            count += len(rows.torque)
+            samples += len(rows.torque) / repeated
+            for j, (indices, columns) in enumerate((c.indices, c.columns) for c in rows.columns):
+                grams[j][np.ix_(indices, indices)] += columns.T @ columns
+                rights[j][indices] += columns.T @ rows.torque[:, j]
+                squares[j] += float(rows.torque[:, j] @ rows.torque[:, j])
+    joints = [Normal(*parts) for parts in zip(grams, rights, squares.tolist(), strict=True)]
+    return joints, [count] * n, count / samples

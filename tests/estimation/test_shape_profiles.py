@@ -1,0 +1,80 @@
+"""Shape constants are estimated beside the parameters: the width over which Coulomb friction turns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_arms import SCARA_FRICTION, run_of, scara
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion, Sampling, smooth_sign
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+
+#: Truth, in the units of each joint; the third axis slides.
+WIDTHS = (0.02, 0.003, 0.001, 0.008)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    return as_problem(scara(tmp_path_factory.mktemp("arm")))
+
+
+@pytest.fixture(scope="module")
+def run(arm: Problem) -> Measurements:
+    """Coulomb friction that turns over another velocity on each joint, written out."""
+    viscous, coulomb, offset = SCARA_FRICTION
+    nothing = (np.zeros(4), np.zeros(4), np.zeros(4))
+    bare = run_of(arm, nothing, np.zeros(4), seconds=16.0, rate=500.0)
+    friction = viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(WIDTHS)) + offset
+    noise = np.random.default_rng(0).normal(size=friction.shape) * 0.02 * coulomb
+    return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
+
+
+@pytest.fixture(scope="module")
+def estimate(arm: Problem, run: Measurements) -> Estimate:
+    return identify(arm, run, "ols")
+
+
+def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate: Estimate) -> None:
+    for found, truth in zip(estimate.details["shapes"], WIDTHS, strict=True):
+        assert abs(found["after"] - truth) < 4.0 * found["std"]
+        assert found["std"] < 0.2 * truth
+        assert not found["at_end"]
+    assert estimate.model.sign_width == tuple(s["after"] for s in estimate.details["shapes"])
+
+
+def test_a_saved_model_keeps_its_widths(estimate: Estimate, run: Measurements, tmp_path: Path) -> None:
+    estimate.save(tmp_path / "model.json")
+    again = load_estimate(tmp_path / "model.json")
+    assert again.model.sign_width == estimate.model.sign_width
+    motion = Motion(run.t, run.q, run.dq, 0.0 * run.q)
+    np.testing.assert_array_equal(again.torque(motion), estimate.torque(motion))
+
+
+def test_a_given_width_is_kept(arm: Problem, run: Measurements) -> None:
+    fixed = (
+        "rigid_body,viscous_friction,torque_offset,coulomb_friction:1+2@v_s=0.01,coulomb_friction:3+4"
+    )
+    found = identify(arm, run, "ols", effects=fixed)
+    assert found.model.sign_width[:2] == (0.01, 0.01)
+    assert [s["joint"] for s in found.details["shapes"]] == [3, 4]
+
+
+@pytest.mark.parametrize("stride", [2, 3, 5])
+def test_a_sign_stands_for_all_samples_of_the_log(stride: int) -> None:
+    """The mean over the log's samples around each instant, wherever between them the sign turns."""
+    dt, rate = 1e-3, 2.0
+    log = np.arange(-40, 41) * dt
+    for shift in np.linspace(-0.47, 0.41, 7) * stride * dt:
+        sampled = np.sign(rate * (log - shift))
+        weights = Sampling(stride, dt).weights
+        half = len(weights) // 2
+        at = np.arange(half, len(log) - half, stride)
+        expected = np.array([weights @ sampled[k - half : k + half + 1] for k in at])
+        found = smooth_sign(rate * (log[at] - shift), 1e-9, np.full(len(at), rate), Sampling(stride, dt))
+        np.testing.assert_allclose(found, expected, atol=1e-12)
