@@ -40,4 +40,4 @@ def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
         torque = estimate.torque(motion)
         return replace(motion, torque=torque, current=current, sign_width=width)
 
-    return runs.with_model(attach)
+    return replace(runs.with_model(attach), gains=estimate.model.gains)

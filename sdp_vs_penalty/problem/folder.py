@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.problem.bodies import link_bodies
+from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.fields import check_fields
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
-from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.tables import read_table
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.mechanism import parse_mechanism
@@ -35,7 +36,7 @@ def load_folder(folder: Path) -> Problem:
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=file) from error
+        raise unreadable(error, file) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"not a TOML file ({error}).", where=file) from error
     try:

@@ -12,7 +12,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.mechanism import following, mimics
@@ -241,7 +241,7 @@ def _parse(reader: _Reader) -> Any:
     try:
         root = etree.fromstring(reader.path.read_bytes(), parser)
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=reader.path) from error
+        raise unreadable(error, reader.path) from error
     except (etree.XMLSyntaxError, ValueError) as error:
         raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
     if root.tag != "robot":
