@@ -149,7 +149,7 @@ def tx40(data: Path) -> Arm:
     q[:, 2] += np.pi / 2
     tau[:, 4] += tau[:, 5]
     run = Measurements(np.arange(len(q)) / 5000.0, q, tau, None, None, ("tx40",))
-    problem = replace(load_problem(data / "tx40" / "tx40.urdf"), torque_side="motor")
+    problem = load_problem("tx40")
     train, test = (rows(run, np.arange(a, b, 10)) for a, b in ((0, 30_000), (30_000, 45_000)))
     return Arm("tx40", problem, train, test, (rows(run, np.arange(0, 45_000, 10)),))
 

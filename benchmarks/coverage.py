@@ -56,7 +56,8 @@ EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 #: Standard deviation of the noise over that of a joint's torque.
 NOISE = 0.05
 RATE = 200.0  # Hz
-STRIBECK = (0.6, 0.08)  # of the torque's deviation; rad/s
+STRIBECK = 0.6  # of the torque's deviation
+VELOCITIES, EXPONENTS = (0.05, 0.15), (1.0, 2.0)  # rad/s; of Stribeck's curve, drawn anew each time
 LOAD = (1.2, (0.03, -0.02, 0.08), 4e-3)  # kg, m, kg m^2
 GAIN_ERROR = 0.01
 
@@ -262,26 +263,26 @@ def _system(data: Regression, weights: Array) -> tuple[Array, Array]:
     return whole.R, whole.rho
 
 
-def stribeck(name: str, noise: Callable[..., Array], count: int) -> Iterator[Tally]:
-    """The size of Stribeck friction whose velocity :func:`add` fits to the same run."""
+def stribeck(name: str, between: bool, count: int) -> Iterator[Tally]:
+    """The size of Stribeck friction whose velocity and exponent :func:`add` finds in the same run.
+
+    It tries the exponents 1 and 2; with ``between`` the true one lies between them.
+    """
     plain = world("two_link")
-    scale = float(plain.run(20.0, 3).tau[:, 1].std())
-    size, vs = STRIBECK[0] * scale, STRIBECK[1]
-
-    def extra(v: Array) -> Array:
-        out = np.zeros_like(v)
-        out[:, 1] = size * coulomb(v[:, 1]) * np.exp(-((v[:, 1] / vs) ** 2))
-        return out
-
-    place = replace(plain, extra=extra)
-    run = place.run(20.0, 3)
-    deviation = NOISE * run.tau.std(axis=0)
-    tally = Tally(name, "effect size, shape fitted", True, [], [])
+    clean = plain.run(20.0, 3)
+    size = STRIBECK * float(clean.tau[:, 1].std())
+    deviation = NOISE * clean.tau.std(axis=0)
+    velocity = random_trajectory(plain.problem.robot, seed=3, duration=20.0).states(clean.t)[1][:, 1]
+    tally = Tally(name, "effect size, shape fitted", not between, [], [])
     for k in range(count):
         rng = np.random.default_rng([k, 13])
-        noisy = replace(run, tau=run.tau + deviation * noise(run.tau.shape, rng))
-        before = identify(place.problem, noisy, "ols", effects=EFFECTS)
-        after = add(before, "stribeck_friction:2@delta=2", noisy)
+        vs = np.exp(rng.uniform(*np.log(VELOCITIES)))
+        delta = rng.uniform(*EXPONENTS) if between else rng.choice(EXPONENTS)
+        tau = clean.tau + deviation * white(clean.tau.shape, rng)
+        tau[:, 1] += size * coulomb(velocity) * np.exp(-((np.abs(velocity) / vs) ** delta))
+        noisy = replace(clean, tau=tau)
+        before = identify(plain.problem, noisy, "ols", effects=EFFECTS)
+        after = add(before, "stribeck_friction:2", noisy)
         tally.add(np.array([size]), [after.uncertainty.standard[-1]])
     yield tally
 
@@ -303,7 +304,8 @@ def rows(count: int) -> Iterator[Tally]:
     yield from payload("my_arm, AR(1) 0.98 noise", slow, 0.0, 0.0, count)
     yield from payload("my_arm, gains off by 1 %, stated", white, GAIN_ERROR, GAIN_ERROR, count)
     yield from payload("my_arm, gains off by 1 %, not stated", white, GAIN_ERROR, 0.0, count)
-    yield from stribeck("two_link, white noise, Stribeck", white, count)
+    yield from stribeck("two_link, Stribeck, exponent 1 or 2", False, count)
+    yield from stribeck("two_link, Stribeck, exponent between", True, count)
 
 
 HEAD = ("situation", "quantity", "model", "coverage_percent", "wilson_low", "wilson_high",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 
@@ -44,6 +44,26 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
     ) -> None:
         super().__init__(what, remedy, where)
         self.families, self.proof = tuple(families), proof
+
+
+def unknown(kind: str, name: object, known: Iterable[object], where: Any = None) -> InputError:
+    """The error of a name that does not exist: the nearest one that does, and all there are.
+
+    >>> str(unknown("method", "lmi-spd", ["ols", "lmi-sdp"]))
+    "method 'lmi-spd' is unknown: did you mean lmi-sdp? There are: ols, lmi-sdp."
+    """
+    import difflib
+
+    there = [str(k) for k in known]
+    near = difflib.get_close_matches(str(name), there, 1)
+    guess = f"did you mean {near[0]}? There are" if near else "there are"
+    return InputError(f"{kind} {name!r} is unknown".strip(), f"{guess}: {', '.join(there)}", where)
+
+
+def unreadable(error: Exception, where: Any) -> InputError:
+    """The error of a file that the system does not let us read."""
+    why = getattr(error, "strerror", None) or error
+    return InputError(f"cannot be read ({why})", "check its name and your right to read it", where)
 
 
 def install_command(extra: str) -> str:

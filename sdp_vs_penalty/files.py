@@ -5,16 +5,17 @@ And where the files of the package itself are.
 
 from __future__ import annotations
 
+import glob
+import itertools
 import json
 import os
 import stat
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 
 T = TypeVar("T")
 
@@ -58,6 +59,8 @@ def opened(path: str | Path) -> None:
 def write_bytes(path: str | Path, content: bytes) -> None:
     """Write to a temporary file beside the target and rename: an interruption keeps the old file.
 
+    A writer that is killed leaves at most that one file, which the next writer of the target removes.
+
     A link stays, its target is replaced. A device or a pipe is written to as it is. Raises InputError
     where the file is an input of this command, or cannot be written.
     """
@@ -89,18 +92,66 @@ def _there(path: Path) -> os.stat_result | None:
 
 
 def _replace(path: Path, content: bytes) -> None:
+    """The new file whole under a name of its own, on the disk, and only then under the old name."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
+    _remove_leftovers(path)
+    umask = os.umask(0)
+    os.umask(umask)
+    temporary = f"{_prefix(path)}{os.getpid()}.{next(_written)}{_PART}"
+    handle = os.open(path.parent / temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
+        try:
+            left = memoryview(content)
+            while left:
+                left = left[os.write(handle, left) :]
+            os.fchmod(handle, 0o666 & ~umask)
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+        os.replace(path.parent / temporary, path)
     except BaseException:
-        os.unlink(temporary)
+        with suppress(OSError):
+            os.unlink(path.parent / temporary)
         raise
+    _sync_folder(path.parent)
+
+
+#: End of the names of files that are being written, and how many this process has written.
+_PART = ".part"
+_written = itertools.count()
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name[:100]}."
+
+
+def _remove_leftovers(path: Path) -> None:
+    """What a writer that was killed has left: its name tells its process, which is no more."""
+    for file in path.parent.glob(f"{glob.escape(_prefix(path))}*{_PART}"):
+        number = file.name.removeprefix(_prefix(path)).split(".")[0]
+        if number.isdigit() and not _lives(int(number)):
+            with suppress(OSError):
+                file.unlink()
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True  # somebody else's
+    return True
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name on the disk as well; not every file system can."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def write_text(path: str | Path, content: str) -> None:
@@ -117,7 +168,7 @@ def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str,
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
+        raise unreadable(error, path) from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"not a JSON file ({error}).", where=path) from error
     if not isinstance(data, dict) or mark not in data:

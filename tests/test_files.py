@@ -138,3 +138,73 @@ def test_a_name_that_cannot_be_is_one_sentence(tmp_path: Path, name: str) -> Non
     with pytest.raises(InputError, match="cannot be written"):
         write_text(tmp_path / name, "content")
     assert list(tmp_path.iterdir()) == []
+
+
+STEPS = ("open", "write", "fchmod", "fsync", "close", "replace")
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_fault_at_any_step_keeps_the_old_file(
+    step: str, error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "model.json"
+    write_text(path, "old")
+    whole = getattr(os, step)
+
+    def fails(*arguments: object, **named: object) -> object:
+        if step == "close":
+            whole(*arguments)
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(f"sdp_vs_penalty.files.os.{step}", fails)
+        with pytest.raises((InputError, KeyboardInterrupt)):
+            write_text(path, "new")
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("before", [True, False])
+def test_a_writer_killed_at_any_step_leaves_the_file_whole(
+    step: str, before: bool, tmp_path: Path
+) -> None:
+    """Killed before or after each system call: old or new, and what it left is removed by the next."""
+    path = tmp_path / "model.json"
+    write_text(path, "old" * 1000)
+    child = os.fork()
+    if child == 0:
+        whole = getattr(os, step)
+
+        def dies(*arguments: object, **named: object) -> object:
+            if not before:
+                whole(*arguments, **named)
+            os._exit(9)
+
+        setattr(os, step, dies)
+        write_text(path, "new" * 1000)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+    assert path.read_text() in ("old" * 1000, "new" * 1000)
+    assert len(list(tmp_path.iterdir())) <= 2
+    write_text(path, "next")
+    assert path.read_text() == "next"
+    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
+
+
+def test_two_writers_leave_one_whole_file(tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    texts = [letter * 200_000 for letter in "ab"]
+
+    def write(text: str) -> None:
+        for _ in range(20):
+            write_text(path, text)
+
+    writers = [threading.Thread(target=write, args=(text,)) for text in texts]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert path.read_text() in texts
+    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]

@@ -25,7 +25,7 @@ _LATE = (-0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12)
 _SLOW = (0.0, 0.05, 0.12, 0.25)
 #: Where friction makes more than this share of a channel, its lag behind reversals (presliding) looks
 #: like a small delay: so much gain of the score is needed then.
-_FRICTION, _FRICTION_NEEDED = 0.5, 3.0
+_FRICTION, _FRICTION_NEEDED = 0.5, 2.3
 #: Shares of the weight that may be left in a channel.
 _WEIGHTS = (-0.05, 0.0, 0.1, 0.3, 1.0)
 

@@ -12,7 +12,7 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.check import stamps
 from sdp_vs_penalty.check.issue import Array, Issue
 from sdp_vs_penalty.check.stamps import LONG
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.signals.runs import moving_joints
 
 
@@ -33,8 +33,11 @@ def find(run: Measurements) -> Iterator[Issue]:
 
 
 def _finite(run: Measurements) -> NDArray[np.bool_]:
-    parts = [run.t[:, None], run.q, run.tau, *([] if run.dq is None else [run.dq])]
-    return np.all(np.isfinite(np.column_stack(parts)), axis=1)
+    parts = [("t", run.t[:, None]), ("q", run.q), ("tau", run.tau)]
+    parts += [] if run.dq is None else [("dq", run.dq)]
+    # What is not a number compares false.
+    with np.errstate(invalid="ignore"):
+        return np.all([np.all(np.abs(x) <= LARGEST_VALUE[name], axis=1) for name, x in parts], axis=0)
 
 
 def _rows(run: Measurements, keep: NDArray[np.bool_]) -> Measurements:
@@ -55,7 +58,8 @@ def _missing(run: Measurements) -> Issue | None:
         "missing numbers",
         "error",
         f"row {_row(bad[0])}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
-        f"{show.count(len(bad), 'row')} with values that are not finite numbers.",
+        f"{show.count(len(bad), 'row')} with values that are not finite numbers, or that no "
+        "robot measures.",
         "certain: read from the file",
         "delete those rows",
         lambda r: _rows(r, _finite(r)),

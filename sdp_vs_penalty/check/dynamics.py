@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import channels, gravity, motion, order, signs, steps
-from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, HALF, Hypothesis, few_rows
+from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, HALVES, NO_WORSE, Hypothesis, few_rows
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 
@@ -99,4 +99,5 @@ def _holds_in_both_halves(physics: Physics, hypothesis: Hypothesis, gain: float)
         return True
     half = len(physics.motion.t) // 2
     parts = [physics.part(rows) for rows in (slice(0, half), slice(half, None))]
-    return all(hypothesis.gain(part) > HALF * min(gain, 3.0) for part in parts)
+    gains = [hypothesis.gain(part) for part in parts]
+    return min(gains) > -NO_WORSE and sum(gains) > HALVES * min(gain, 3.0)

@@ -17,8 +17,9 @@ from sdp_vs_penalty.check.physics import Physics
 ENOUGH = 1.1
 #: Of hypotheses that gain about the same (this much, and this share of the gain), the simpler one.
 ABOUT_SAME = (0.4, 0.07)
-#: Each half of the run has to show this share of the gain.
-HALF = 0.3
+#: The halves of the run, each with an arm of its own, have to show this share of the gain together, and
+#: neither may speak against it.
+HALVES, NO_WORSE = 0.5, 0.1
 #: Of signs that leave about the same, physics chooses.
 NEAR = 1.5
 #: Standard deviations by which a power must be negative to call it a flipped sign.

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from sdp_vs_penalty.check.evidence import Evidence, solve
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -56,17 +56,18 @@ class Own:
 class Physics:
     """One run's low-passed motion and torque channels (M, n), and the model that should explain them.
 
-    rate, curvature : (M, n) time derivatives of the channels; nominal : (p,) parameters of a plausible
-        arm; weight : (n,) share of the gravity torque that each channel holds; own : see there.
+    rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm;
+    weight : (n,) share of the gravity torque that each channel holds; parent : the data of which these
+    are rows, for delays; own : see there.
     """
 
     model: Model
     motion: Motion
     channels: Array
     rate: Array
-    curvature: Array
     nominal: Array
     weight: tuple[float, ...] | None = None
+    parent: tuple[Physics, NDArray[np.intp]] | None = None
     own: Own | None = None
 
     @property
@@ -91,10 +92,12 @@ class Physics:
     def columns_of(self, model: Model) -> list[Array]:
         if self.own is None:
             return wide_columns(model, self.motion)
-        rigid = tuple(e for e in model.effects if e.name == "rigid_body")
         out = [np.zeros((len(self.motion.t), len(model.parameters))) for _ in range(self.n)]
-        for j, block in enumerate(Model(model.robot, rigid).columns(self.motion) if rigid else []):
-            out[j][:, model.rigid_indices[block.indices]] = block.columns
+        rest = [k for k in range(len(model.effects)) if k not in own_effects(model)]
+        where = np.concatenate([np.arange(0), *(model.indices[k] for k in rest)]).astype(int)
+        part = Model(model.robot, tuple(model.effects[k] for k in rest))
+        for j, block in enumerate(part.columns(self.motion) if rest else []):
+            out[j][:, where[block.indices]] = block.columns
         for j, columns in enumerate(self.own.columns):
             out[j][:, self.own.indices[j]] = columns
         return out
@@ -109,9 +112,9 @@ class Physics:
         """What one arm explains of the channels."""
         return Evidence.of(self.grams, self.columns, self.channels)
 
-    def _other_channels(self, channels: Array, rate: Array, curvature: Array) -> Physics:
+    def _other_channels(self, channels: Array, rate: Array) -> Physics:
         """Other channels on the same motion: the columns, which are dear, are kept."""
-        made = replace(self, channels=channels, rate=rate, curvature=curvature)
+        made = replace(self, channels=channels, rate=rate, parent=None)
         for name in ("columns", "grams"):
             if name in self.__dict__:
                 made.__dict__[name] = self.__dict__[name]
@@ -121,9 +124,11 @@ class Physics:
         """The same on some of the rows."""
         m = self.motion
         motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
-        channels, rate, curvature = (x[rows] for x in (self.channels, self.rate, self.curvature))
+        channels, rate = self.channels[rows], self.rate[rows]
         own = None if self.own is None else self.own.part(rows)
-        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own)
+        parent = (self, np.arange(len(self.channels))[rows])
+        made = replace(self, motion=motion, channels=channels, rate=rate)
+        return replace(made, own=own, parent=parent)
 
     def with_motion(self, scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Physics:
         """The hypothesis that joint j's position is scale_j times the channel order_j + offset_j."""
@@ -134,36 +139,38 @@ class Physics:
 
     def with_channels(self, scale: Array, order: NDArray[np.intp]) -> Physics:
         """The hypothesis that joint j's torque is scale_j times the file's channel order_j."""
-        parts = (self.channels, self.rate, self.curvature)
-        channels, rate, curvature = (scale * x[:, order] for x in parts)
-        return self._other_channels(channels, rate, curvature)
+        return self._other_channels(*(scale * x[:, order] for x in (self.channels, self.rate)))
 
     def with_lead(self, seconds: Array, order: int = 2) -> Physics:
         """Each channel ``seconds`` (n,) earlier: delays (order 2) or first-order lags (order 1)."""
-        channels = self.channels + seconds * self.rate
-        if order > 1:
-            channels = channels + 0.5 * seconds**2 * self.curvature
-        return self._other_channels(channels, self.rate, self.curvature)
+        if order == 1:
+            channels = self.channels + seconds * self.rate
+        else:
+            whole, rows = self.parent or (self, np.arange(len(self.channels)))
+            channels = self.channels.copy()
+            for j in np.flatnonzero(seconds):
+                late = (whole.motion.t, whole.channels[:, j], whole.rate[:, j])
+                channels[:, j] = hermite(whole.motion.t[rows] + seconds[j], *late)
+        return self._other_channels(channels, self.rate)
 
     def without(self, torque: Array) -> Physics:
         """The channels less a torque (M, n)."""
-        return self._other_channels(self.channels - torque, self.rate, self.curvature)
+        return self._other_channels(self.channels - torque, self.rate)
 
     def with_clock(self, factor: float) -> Physics:
         """The hypothesis that the true time is ``factor`` times the file's."""
         m = self.motion
         motion = Motion(m.t[0] + factor * (m.t - m.t[0]), m.q, m.dq / factor, m.ddq / factor**2)
-        rate, curvature = self.rate / factor, self.curvature / factor**2
-        return replace(self, motion=motion, rate=rate, curvature=curvature)
+        return replace(self, motion=motion, rate=self.rate / factor)
 
     def reversed(self) -> Physics:
         """The hypothesis that time runs from the last row to the first."""
         m = self.motion
         motion = Motion(m.t[0] + (m.t[-1] - m.t[::-1]), m.q[::-1], -m.dq[::-1], m.ddq[::-1])
-        channels, rate, curvature = self.channels[::-1], -self.rate[::-1], self.curvature[::-1]
+        channels, rate = self.channels[::-1], -self.rate[::-1]
         turned = self.part(slice(None, None, -1)).own
         own = None if turned is None else replace(turned, columns=-turned.columns)
-        return replace(self, motion=motion, channels=channels, rate=rate, curvature=curvature, own=own)
+        return replace(self, motion=motion, channels=channels, rate=rate, own=own)
 
     def with_weight(self, share: Array) -> Physics:
         """The hypothesis that of the gravity torque only this share (n,) is in the channels."""
@@ -186,11 +193,11 @@ class Physics:
         t = self.motion.t
         keep = (t + seconds >= t[0]) & (t + seconds <= t[-1])
         rows = np.flatnonzero(keep)
-        channels, rate, curvature = (
+        channels, rate = (
             np.column_stack([np.interp(t[rows] + seconds, t, x) for x in values.T])
-            for values in (self.channels, self.rate, self.curvature)
+            for values in (self.channels, self.rate)
         )
-        return replace(self.part(rows), channels=channels, rate=rate, curvature=curvature)
+        return replace(self.part(rows), channels=channels, rate=rate)
 
     @cached_property
     def alone(self) -> Array:
@@ -311,6 +318,24 @@ class Physics:
         """For each joint the channel that its columns alone explain best, all channels given out."""
         _, order = linear_sum_assignment(np.log(self.alone))
         return np.asarray(order, np.intp)
+
+
+def own_effects(model: Model) -> list[int]:
+    """Which of the model's effects have one column on every joint, made by that joint's motion."""
+    every = list(range(model.robot.n))
+    return [
+        k for k, e in enumerate(model.effects) if isinstance(e, JointEffect) and list(e.joints) == every
+    ]
+
+
+def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:
+    """Cubic interpolation of x (M,) with known slopes; constant beyond the ends."""
+    at = np.clip(at, t[0], t[-1])
+    k = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)
+    h = t[k + 1] - t[k]
+    u = (at - t[k]) / h
+    value = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * x[k] + u**2 * (3.0 - 2.0 * u) * x[k + 1]
+    return np.asarray(value + h * (u * (1.0 - u) ** 2 * slope[k] - u**2 * (1.0 - u) * slope[k + 1]))
 
 
 def wide_columns(model: Model, motion: Motion) -> list[Array]:

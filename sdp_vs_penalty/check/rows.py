@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.check.physics import Own, Physics
+from sdp_vs_penalty.check.physics import Own, Physics, own_effects
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
@@ -48,15 +48,15 @@ def physics_of(
         start += len(k)
         if len(at):
             pieces.append(_piece(filters, part, at, model))
-    t, q, dq, ddq, tau, rate, curvature, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
-    indices = _own_indices(model)
-    nominal = problem.nominal(model)
-    kept = None if indices is None else Own(np.moveaxis(own, 1, 0), indices)
-    return Physics(model, Motion(t, q, dq, ddq), tau, rate, curvature, nominal, own=kept)
+    t, q, dq, ddq, tau, rate, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
+    parameters = [model.indices[k] for k in own_effects(model)]
+    indices = np.array(parameters, dtype=np.intp).reshape(-1, model.robot.n).T
+    kept = Own(np.moveaxis(own, 1, 0), indices)
+    return Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
 
 
 def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
-    """t, q, dq, ddq, torque and its derivatives, own columns (M, n, k) of one stretch."""
+    """t, q, dq, ddq, torque and its rate, own columns (M, n, k) of one stretch."""
     coarse = filters.coarse
     reach = filters.stride * coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
@@ -69,33 +69,16 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Mode
     kernel, half = filters.column, filters.column.half
     around = part.resampled(part.tau, int(exact[0]) - half, int(exact[-1]) + half + 1)
     places = exact - exact[0] + half
-    torque = [
-        LowPass(x).decimator(len(around), places) @ around
-        for x in (kernel.value, kernel.first, kernel.second)
-    ]
+    torque = [LowPass(x).decimator(len(around), places) @ around for x in (kernel.value, kernel.first)]
     states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
     return (part.clock(exact), *states, *torque, own)
 
 
-def _own_indices(model: Model) -> NDArray[np.intp] | None:
-    """(n, k) parameters of the effects with a column on every joint; None where others are modelled."""
-    indices = []
-    for effect, where in zip(model.effects, model.indices, strict=True):
-        if effect.name == "rigid_body":
-            continue
-        if not isinstance(effect, JointEffect) or list(effect.joints) != list(range(model.robot.n)):
-            return None
-        indices.append(where)
-    return np.array(indices, dtype=np.intp).reshape(-1, model.robot.n).T
-
-
 def _own_columns(model: Model, motion: Motion, low_pass: sparse.csr_array) -> Array:
-    """(M, n, k) their columns behind the low-pass; no k where others are modelled."""
-    n = model.robot.n
-    if _own_indices(model) is None:
-        return np.zeros((low_pass.shape[0], n, 0))
-    effects = [e for e in model.effects if isinstance(e, JointEffect)]
-    wide = [np.column_stack([e.column(motion, j) for j in range(n)]) for e in effects]
-    if not wide:
-        return np.zeros((low_pass.shape[0], n, 0))
-    return np.stack([low_pass @ x for x in wide], axis=2)
+    """(M, n, k) columns of the effects that each joint's own motion makes, behind the low-pass."""
+    n, out = model.robot.n, []
+    for k in own_effects(model):
+        effect = model.effects[k]
+        assert isinstance(effect, JointEffect)
+        out.append(low_pass @ np.column_stack([effect.column(motion, j) for j in range(n)]))
+    return np.stack(out, axis=2) if out else np.zeros((low_pass.shape[0], n, 0))

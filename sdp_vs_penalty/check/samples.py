@@ -178,7 +178,7 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
     movement = Movement(run, standstill)
     moves = movement.at(run.t - 0.5) & movement.moves & movement.at(run.t + 0.5)
     for name, values in (("q", run.q), ("tau", run.tau)):
-        for j in range(run.n):
+        for j in np.flatnonzero(moving_joints(run)).tolist():
             x = values[:, j]
             around = np.lib.stride_tricks.sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH)
             off = np.abs(x - np.median(around, axis=1))

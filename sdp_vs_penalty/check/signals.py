@@ -39,6 +39,8 @@ def find(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[I
 def frozen(run: Measurements, physics: Physics) -> Iterator[Issue]:
     """Positions that are the same number in every row, of joints whose torque says that they move."""
     constant = np.ptp(run.q, axis=0) == 0.0
+    if np.mean(moving_joints(run)) < 0.5:
+        return  # joints are moved one by one, the others held
     for j in np.flatnonzero(constant):
         left = float(np.sqrt(physics.evidence.alone[j]))
         if left < _HELD:

@@ -113,7 +113,8 @@ def massless_links(path: str | Path) -> list[str]:
         joint.get("name"): str(joint.find("child").get("link"))
         for joint in Document.read(path).root.findall("joint")
     }
-    return [child[j.name] for j, theta in zip(robot.joints, nominal, strict=True) if not theta.any()]
+    carriers = [robot.tree[k].name for k in robot.link_joints]
+    return [child[j] for j, theta in zip(carriers, nominal, strict=True) if not theta.any()]
 
 
 def _check(name: str, theta: Array) -> LinkCheck:

@@ -9,9 +9,12 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.problem.problem import Problem
 
 
-def refuse_meaningless(problem: Problem, measurements: Measurements, verb: str = "identify") -> None:
+def refuse_meaningless(
+    problem: Problem, measurements: Measurements, verb: str = "identify", gains: bool = False
+) -> None:
     """The fast part of the check, before the work of a verb: warnings go to stderr, a line each.
 
+    gains : whether that work determines the torque channels' gains, so that the check need not.
     Raises InputError where that work would be meaningless.
     """
     from sdp_vs_penalty import show
@@ -20,7 +23,8 @@ def refuse_meaningless(problem: Problem, measurements: Measurements, verb: str =
     from sdp_vs_penalty.errors import InputError
 
     reports = check(problem, measurements, thorough=False)
-    errors = [(r.run, f) for r in reports for f in r.issues if f.severity == "error"]
+    found = [(r.run, f) for r in reports for f in r.problems if not (gains and f.kind == "torque gain")]
+    errors = [(run, f) for run, f in found if f.severity == "error"]
     if errors:
         run, f = errors[0]
         more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
@@ -29,6 +33,5 @@ def refuse_meaningless(problem: Problem, measurements: Measurements, verb: str =
             f"fix the data (`check --fix`), or pass --no-check to {verb} anyway",
             run,
         )
-    for report in reports:
-        for f in report.problems:
-            console.warn(f"{f.severity}: {report.run}: {f.what} (details: `sdp-vs-penalty check`)")
+    for run, f in found:
+        console.warn(f"{f.severity}: {run}: {f.what} (details: `sdp-vs-penalty check`)")

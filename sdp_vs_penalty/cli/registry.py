@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import unknown
 
 Rows = list[tuple[str, ...]]
 Listing = tuple[tuple[str, ...], Rows]
@@ -32,7 +32,7 @@ def details(kind: str, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     for row in rows:
         if row[0] == name:
             return headings, row
-    raise InputError(f"{name!r} is unknown; there are: {', '.join(row[0] for row in rows)}.", where=kind)
+    raise unknown("", name, (row[0] for row in rows), where=kind)
 
 
 def _problems() -> Listing:

@@ -6,7 +6,7 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import unknown
 
 #: Where GitHub serves single files of a commit.
 GITHUB = "https://raw.githubusercontent.com"
@@ -44,7 +44,7 @@ def dataset(name: str) -> Dataset:
     try:
         return DATASETS[name]
     except KeyError:
-        raise InputError(f"dataset {name!r} is unknown; there are: {', '.join(DATASETS)}.") from None
+        raise unknown("dataset", name, DATASETS) from None
 
 
 def _read_registry() -> dict[str, Dataset]:

@@ -11,7 +11,8 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
 from sdp_vs_penalty.data.formats.columns import Choice
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data.formats.pipes import spooled
+from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import opened
 
@@ -77,12 +78,14 @@ def read_run(
     """
     path = Path(path)
     if not path.exists():
-        raise InputError("no such file.", where=path)
+        raise InputError("no such file", "check its name", path)
     opened(path)
     home = format_of(path) or csv
     if topic is not None and home is not bag:
-        raise InputError("only ROS bags and MCAP files have topics.", where=path)
-    part: Measurements = home.read(path, Choice(names, topic, rename))
+        raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
+    with spooled(path) as file:
+        part: Measurements = home.read(file, Choice(names, topic, rename))
+    part = replace(part, names=(path.name,)) if file is not path else part
     if joints is not None and part.n != joints:
         raise InputError(
             f"the file has {show.count(part.n, 'joint')}, the robot has {joints}",
@@ -134,6 +137,17 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
             "delete them, or cut the file there",
             path,
         )
+    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
+        if values is None:
+            continue
+        if values.size and np.abs(values).max() > LARGEST_VALUE[name]:
+            row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+            column = name if name == "t" else f"{name}{joint + 1}"
+            raise InputError(
+                f"{word} {row + first}, column {column}: no robot measures {values[row, joint]:.3g}",
+                f"correct the {word} or delete it",
+                path,
+            )
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

@@ -83,6 +83,11 @@ class Measurements(Shown):
         return digest.hexdigest()
 
 
+#: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
+#: [encoder counts], tau [mN m].
+LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12}
+
+
 def concatenate(parts: Sequence[Measurements]) -> Measurements:
     """Several measurements of one robot as one, their runs kept apart."""
     runs = [run for part in parts for run in part.runs()]

@@ -25,6 +25,11 @@ _UNLIMITED = 8.0 * 2.0 * np.pi
 #: Ratios of two positions or velocities that mean degrees against radians: 57.3 within a third.
 _DEGREES = (38.0, 86.0)
 
+#: How far outside its range an encoder's zero may put a joint [rad, m].
+_ZERO = 0.2
+#: What else large angles may be.
+_MOTORS = ", or motors' angles to joints' (`convert --motors`)"
+
 
 def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """InputError where positions cannot be this robot's, or are not in radians and metres."""
@@ -32,6 +37,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         if not np.any(run.tau):
             raise InputError("every torque is zero: log the torque, or the current.", where=run.names[0])
         _check_derivative(robot, run)
+        _check_side(robot, run)
         for j, joint in enumerate(robot.joints):
             q = run.q[:, j]
             if np.isfinite(joint.lower) and np.isfinite(joint.upper):
@@ -40,8 +46,28 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                 raise InputError(
                     f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} "
                     f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees; "
-                    "convert to radians."
+                    f"convert to radians{_MOTORS}."
                 )
+
+
+def _check_side(robot: Robot, run: Measurements) -> None:
+    """Positions of motors, where the robot's transmission is known and brings them into the ranges."""
+    gears = robot.transmission
+    if gears is None or not _outside(robot, run.q):
+        return
+    if not _outside(robot, np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T):
+        raise InputError(
+            "the positions are those of the motors: through the transmission they lie within the "
+            "joints' ranges",
+            "convert the log with `convert --motor-side`",
+            run.names[0],
+        )
+
+
+def _outside(robot: Robot, q: np.ndarray) -> bool:
+    """Whether some joint leaves its range by more than an encoder's zero may be wrong."""
+    low, high = (np.array([getattr(j, end) for j in robot.joints]) for end in ("lower", "upper"))
+    return bool(np.any((q < low - _ZERO) | (q > high + _ZERO)))
 
 
 def _check_range(run: Measurements, j: int, joint: Joint) -> None:
@@ -59,7 +85,8 @@ def _check_range(run: Measurements, j: int, joint: Joint) -> None:
             f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
             f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
         ),
-        f"convert {advice}, or choose the problem that belongs to this file",
+        f"convert {advice}{_MOTORS if joint.kind == 'revolute' else ''}, or choose the problem that "
+        "belongs to this file",
     )
 
 

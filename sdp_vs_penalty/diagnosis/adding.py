@@ -184,6 +184,8 @@ def _shaped_effects(
     stage: Stage | None = None
     for effect, fixed in zip(wanted, given, strict=True):
         clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
+        # Constants that the effect has and its class has not say what it acts on, as its joints do.
+        fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
         if fixed >= clock.union(effect.searched):
             out.append(effect)
             continue

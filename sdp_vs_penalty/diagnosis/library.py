@@ -167,7 +167,10 @@ def _filtered(rows: SegmentedRuns, effects: Sequence[Effect], joint: int) -> Arr
     parts = []
     for segment in rows.segments:
         columns = [
-            block.columns for e in effects for block in e.blocks(segment.motion) if block.joint == joint
+            rows.gain(e, joint) * block.columns
+            for e in effects
+            for block in e.blocks(segment.motion)
+            if block.joint == joint
         ]
         parts.append(segment.low_pass @ np.hstack(columns))
     return np.concatenate(parts)

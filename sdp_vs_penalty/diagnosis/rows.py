@@ -33,11 +33,11 @@ def diagnosis_rows(
 
 def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
     """The same runs with an estimate as the current model."""
-    links = estimate.links if len(estimate.links) else np.zeros((estimate.robot.n, 10))
+    links = estimate.links if len(estimate.links) else np.zeros((estimate.robot.links, 10))
     current, width = CurrentModel(estimate.robot, links), estimate.model.sign_width
 
     def attach(motion: Motion) -> Motion:
         torque = estimate.torque(motion)
         return replace(motion, torque=torque, current=current, sign_width=width)
 
-    return runs.with_model(attach)
+    return replace(runs.with_model(attach), gains=estimate.model.gains)

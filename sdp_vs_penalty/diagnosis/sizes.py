@@ -33,7 +33,9 @@ def coefficients(state: SearchState, k: int, errors: Array) -> tuple[Array, Arra
     beta = np.asarray(np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0], float)
     constants, errors = (_weighted(fit, rows) for rows in (_constants(state, k, beta), errors))
     covariance = covariance_beside(fresh, constants)
-    through = _response(fresh, constants, errors)
+    # Constants that stay on a grid are not where the loss is least: one more step shows by how much.
+    step = _response(fresh, constants, fit.residual[:, None]) - beta[:, None]
+    through = np.hstack([_response(fresh, constants, errors), step])
     return beta, covariance + through @ through.T
 
 

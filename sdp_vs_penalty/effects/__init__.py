@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.robot.robot import Robot
 
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
@@ -82,9 +82,7 @@ def _lookup(name: str) -> type[Effect]:
     try:
         return effect_types()[name]
     except KeyError:
-        raise InputError(
-            f"effect {name!r} is unknown; there are: {', '.join(effect_types())}."
-        ) from None
+        raise unknown("effect", name, effect_types()) from None
 
 
 def __getattr__(name: str) -> Any:

@@ -30,7 +30,7 @@ class ExternalWrench(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        jacobian = self.robot.jacobians(motion.q, self.robot.n - 1)
+        jacobian = self.robot.jacobians(motion.q, self.robot.link_joints[-1])
         return [Block(j, np.arange(6), -jacobian[:, :, j]) for j in range(self.robot.n)]
 
 

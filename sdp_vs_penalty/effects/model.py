@@ -88,7 +88,7 @@ class Model:
     def joint_indices(self) -> tuple[NDArray[np.intp], ...]:
         """For each joint the indices into theta that its torque can depend on."""
         zero = np.zeros((1, self.robot.n))
-        current = CurrentModel(self.robot, np.zeros((self.robot.n, 10)))
+        current = CurrentModel(self.robot, np.zeros((self.robot.links, 10)))
         motion = Motion(np.zeros(1), zero, zero, zero, zero, current)
         return tuple(c.indices for c in self.columns(motion))
 
@@ -135,7 +135,7 @@ class Model:
                 torque[:, block.joint] += block.columns @ theta[block.parameters]
         links = self.reference[self.rigid_indices].reshape(-1, 10)
         if not len(links):
-            links = np.zeros((self.robot.n, 10))
+            links = np.zeros((self.robot.links, 10))
         return replace(motion, torque=torque, current=CurrentModel(self.robot, links))
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:

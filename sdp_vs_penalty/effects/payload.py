@@ -30,9 +30,9 @@ class Payload(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        names = inertia.parameter_names(self.robot.n)
+        names = inertia.parameter_names(self.robot.links)
         return tuple(
-            Parameter(f"payload_{name[: -len(str(self.robot.n))]}", unit, self.name, 0)
+            Parameter(f"payload_{name[: -len(str(self.robot.links))]}", unit, self.name, 0)
             for name, unit in zip(names, inertia.UNITS, strict=True)
         )
 
@@ -46,7 +46,7 @@ class Payload(Effect):
         return 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
 
     def blocks(self, motion: Motion) -> list[Block]:
-        last = self.robot.n - 1
+        last = self.robot.links - 1
         columns = self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, 10 * last :]
         return [
             Block(j, np.arange(10), columns[:, j])

@@ -26,7 +26,7 @@ class RigidBody(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(name, unit, self.name, link)
-            for link in range(1, self.robot.n + 1)
+            for link in range(1, self.robot.links + 1)
             for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
         )
 
@@ -42,6 +42,6 @@ class RigidBody(Effect):
         regressor = self.robot.regressor(motion.q, motion.dq, motion.ddq)
         blocks = []
         for joint, links in enumerate(self.robot.subtree):
-            indices = (10 * np.array(links)[:, None] + np.arange(10)).ravel()
+            indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
             blocks.append(Block(joint, indices, regressor[:, joint, indices]))
         return blocks

@@ -143,10 +143,9 @@ class TransmissionFriction(Effect):
 
 
 def _combinations(robot: Robot, first: int) -> list[dict[str, float]]:
-    """Ratios of neighbours of one kind, and the couplings that are known of the robot's motors."""
+    """Ratios of neighbours of one kind, and the couplings that are known of the robot."""
     kinds = [j.kind for j in robot.joints]
-    known = () if robot.transmission is None else robot.transmission.couplings
-    out = [_ratios(row) for row in known if np.flatnonzero(row)[0] == first]
+    out = [_ratios(row) for row in robot.couplings if np.flatnonzero(row)[0] == first]
     for more in (*((a,) for a in _PAIRS), *_TRIPLES):
         joints = range(first, first + 1 + len(more))
         if joints.stop <= robot.n and len({kinds[j] for j in joints}) == 1:

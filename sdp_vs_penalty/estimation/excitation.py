@@ -25,7 +25,7 @@ from scipy import optimize
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -137,7 +137,7 @@ def excite(
     """
     problem = as_problem(problem, "excite(problem=...)")
     if objective not in OBJECTIVES:
-        raise InputError(f"objective {objective!r} is unknown; there are: {', '.join(OBJECTIVES)}.")
+        raise unknown("objective", objective, OBJECTIVES)
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
@@ -192,8 +192,8 @@ class BaseRegressor:
         for effect in model.effects:
             if effect.has_memory or effect.needs_torque:
                 raise InputError(
-                    f"effect {effect.name}: its columns depend on more than the state, leave it out of "
-                    "the excitation."
+                    f"effect {effect.name}: its columns depend on more than the state",
+                    "leave it out of the excitation.",
                 )
         others = np.setdiff1d(np.arange(len(model.parameters)), model.rigid_indices)
         kept = np.arange(0)

@@ -86,7 +86,7 @@ def identify(
     if isinstance(measurements, BlackBox):
         if proof is not None:
             raise InputError(
-                "proof: a black box's answers are fitted without constraints: leave it out."
+                "proof: a black box's answers are fitted without constraints", "leave it out"
             )
         return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
     if estimator.needs_black_box:

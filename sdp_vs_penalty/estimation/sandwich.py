@@ -46,7 +46,8 @@ class Sandwich:
     """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates;
     kernel (B, B): how far blocks' errors are one error; white: variance of white rows, and
     ``inflation``: how much larger that of the scores is; prior (r, r): part of the information that
-    is no data's; norms (p,): of the columns; taken_white: the blocks are not asked."""
+    is no data's; norms (p,): of the columns; solution (p,):
+    the smallest least-squares theta; taken_white: the blocks are not asked."""
 
     regression: Regression
     weights: Array
@@ -58,6 +59,7 @@ class Sandwich:
     inflation: float
     prior: Array
     norms: Array
+    solution: Array
     taken_white: bool = False
 
     @cached_property
@@ -179,7 +181,7 @@ def sandwich(
     prior = V.T * (strength / scale**2) @ V
     kernel = _kernel(regression, inflation)
     return Sandwich(
-        regression, weights, V, grams, scores, kernel, white, inflation, prior, whole.column_norms
+        regression, weights, V, grams, scores, kernel, white, inflation, prior, whole.column_norms, V @ z
     )
 
 

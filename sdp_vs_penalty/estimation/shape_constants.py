@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 
 #: Step of the central differences, in the constant's own scale: a thousandth of its value, or of a wave.
 _STEP = 1e-3
+#: Kinds of parameters of :class:`ShapeSensitivity`: constants that are refined, and those that only have
+#: the values of a grid.
+REFINED, ON_A_GRID = "refined constant", "constant on a grid"
 _TWO = 2.0 * _STEP
 
 
@@ -40,6 +43,10 @@ def prior_deviation(effect: Effect, key: str) -> float:
     shape = effect.shapes[key]
     low, high = shape.bounds or (min(shape.grid, default=1.0), max(shape.grid, default=1.0))
     return float((np.log(high / low) if shape.scale == "log" else high - low) / np.sqrt(12.0))
+
+
+def _kind(effect: Effect, key: str) -> str:
+    return ON_A_GRID if effect.shapes[key].bounds is None else REFINED
 
 
 class ShapeSensitivity(Effect):
@@ -74,7 +81,10 @@ class ShapeSensitivity(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"{key} of {self.effect.text}", "-", self.name, 0) for key in self.keys)
+        return tuple(
+            Parameter(f"{key} of {self.effect.text}", "-", _kind(self.effect, key), 0)
+            for key in self.keys
+        )
 
     def blocks(self, motion: Motion) -> list[Block]:
         out = []

@@ -29,7 +29,8 @@ from sdp_vs_penalty.estimation.intervals import (
     intervals_of,
     physical_limits,
 )
-from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich
+from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich, visible_directions
+from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters, base_parameters_of
@@ -69,8 +70,9 @@ class Uncertainty:
 
     @cached_property
     def factor(self) -> Array:
-        """(p, r + e) with the covariance factor factor'."""
-        return np.hstack([self.spread, self.gains @ self.gain_errors])
+        """(p, r + e) with the covariance factor factor': rows as long as the standard deviations, which
+        Student's quantile has made larger."""
+        return _stretched(np.hstack([self.spread, self.gains @ self.gain_errors]), self.std)
 
     @cached_property
     def std(self) -> Array:
@@ -166,7 +168,7 @@ class _Evidence:
     @cached_property
     def narrow(self) -> Regression:
         """Without the shape constants' columns."""
-        return self.regression.first(self.p)
+        return self.regression.keeping(np.arange(self.regression.p) < self.p)
 
     @cached_property
     def weights(self) -> Array:
@@ -185,14 +187,40 @@ class _Evidence:
 
     @cached_property
     def known(self) -> Sandwich:
-        """The sandwich; a shape constant has a standard normal prior."""
-        constants = self.regression.p - self.p
+        """The sandwich, without constants on a grid that the data do not contradict: such a value is
+        taken for the true one."""
+        known = self._sandwich(self.regression)
+        gridded = np.array([q.effect == ON_A_GRID for q in self.regression.parameters])
+        if not gridded.any():
+            return known
+        half = known.half_widths(np.eye(self.regression.p)[gridded], LEVEL)
+        agrees = np.zeros_like(gridded)
+        agrees[gridded] = np.abs(known.solution[gridded]) <= half
+        return self._sandwich(self.regression.keeping(~agrees)) if agrees.any() else known
+
+    def _sandwich(self, regression: Regression) -> Sandwich:
+        """A shape constant has a standard normal prior."""
+        constants = regression.p - self.p
         scale = np.append(np.full(self.p, np.inf), np.ones(constants)) if constants else None
-        return replace(sandwich(self.regression, self.weights, scale), taken_white=self.white)
+        return replace(sandwich(regression, self.weights, scale), taken_white=self.white)
 
     def padded(self, rows: Array) -> Array:
         """Rows (k, p) with zeros for the shape constants."""
-        return np.pad(rows, ((0, 0), (0, self.regression.p - self.p)))
+        return np.pad(rows, ((0, 0), (0, self.known.regression.p - self.p)))
+
+    def _unsettled(self, rows: Array) -> Array | float:
+        """(k,) by how much linear functions change where shape constants take one more step towards the
+        least loss: constants that stay on a grid, or were given, are not at it."""
+        if self.known.regression.p == self.p:
+            return 0.0
+        return np.asarray(rows @ (self.known.solution[: self.p] - self.narrow_solution))
+
+    @cached_property
+    def narrow_solution(self) -> Array:
+        """(p,) the smallest least-squares theta with the shape constants as they are."""
+        data = self.narrow.least_squares(self.weights)
+        V = visible_directions(data)
+        return np.asarray(V @ (V.T @ (data.R.T @ data.rho)))
 
     @cached_property
     def largest(self) -> Array:
@@ -212,6 +240,7 @@ class _Evidence:
 
         def deviations(rows: Array) -> Array:
             own = self.known.half_widths(self.padded(rows), LEVEL) / NORMAL_95
+            own = np.hypot(own, self._unsettled(rows))
             return np.asarray(np.hypot(own, np.linalg.norm(rows @ extra, axis=1)))
 
         def told(
@@ -229,7 +258,7 @@ class _Evidence:
         return Uncertainty(
             told(np.eye(self.p), *every, self.largest),
             told(base, names, [parameters[k].unit for k in leading], largest),
-            _stretched(spread, deviations(np.eye(self.p))),
+            spread,
             gains,
             np.sqrt(self.narrow.joint_losses(value) / rows),
             gain_errors,
@@ -237,8 +266,8 @@ class _Evidence:
 
 
 def _stretched(factor: Array, std: Array) -> Array:
-    """Rows of a factor (p, r) as long as the deviations (p,), which Student's quantile made larger,
-    parameter by parameter; where they are NaN, larger by the median ratio."""
+    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN, longer by the median
+    ratio."""
     length = np.linalg.norm(factor, axis=1)
     known = np.isfinite(std) & (length > 0.0)
     ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
@@ -305,7 +334,8 @@ def beside_held(
     """
     held_model, fixed, old = held
     evidence = _Evidence(problem, model, regression.beside(fixed), "noise")
-    everything = np.concatenate([fixed, evidence.padded(theta[None])[0]])
+    everything = np.zeros(regression.p)
+    everything[: len(fixed) + len(theta)] = np.concatenate([fixed, theta])
     through, through_gains = [], []
     for f in regression.factors:
         rows, own = f.triangle[:, :-1], f.indices < len(fixed)

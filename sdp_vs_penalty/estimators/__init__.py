@@ -6,7 +6,7 @@ import importlib
 import pkgutil
 from functools import cache
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimators.estimator import Estimator
 
 DEFAULT_METHOD = "lmi-sdp"
@@ -30,6 +30,4 @@ def make_estimator(method: str | Estimator) -> Estimator:
     try:
         return estimator_types()[method]()
     except KeyError:
-        raise InputError(
-            f"method {method!r} is unknown; there are: {', '.join(estimator_types())}."
-        ) from None
+        raise unknown("method", method, estimator_types()) from None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression
@@ -40,7 +40,7 @@ def make_task(
         problem.body_constraints(model),
     )
     if weighting not in ("noise", "none"):
-        raise InputError(f"weighting {weighting!r} is unknown; there are: noise, none.")
+        raise unknown("weighting", weighting, ("noise", "none"))
     if weighting == "noise":
         data = regression.least_squares(joint_weights(regression, plain.ols))
         plain = replace(plain, data=data)

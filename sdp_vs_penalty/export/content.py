@@ -23,7 +23,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Content:
-    """links : (n, 10) standard parameters about each *joint* frame; damping [N m s/rad, N s/m],
+    """links : (links, 10) standard parameters about each *joint* frame; damping [N m s/rad, N s/m],
     friction [N m, N], armature [kg m^2, kg]: (n,), zero where the model has none.
     others : names of the effects that have no place in such a file.
     """
@@ -48,12 +48,12 @@ class Content:
             )
         links = np.stack(
             [
-                inertia.transform(joint.link_frame) @ own
-                for joint, own in zip(robot.joints, estimate.links, strict=True)
+                inertia.transform(robot.tree[carrier].link_frame) @ own
+                for carrier, own in zip(robot.link_joints, estimate.links, strict=True)
             ]
         )
-        for k, (joint, link) in enumerate(zip(robot.joints, links, strict=True)):
-            require_consistent(link, f"link {k + 1} (on joint {joint.name!r})")
+        for k, (carrier, link) in enumerate(zip(robot.link_joints, links, strict=True)):
+            require_consistent(link, f"link {k + 1} (on joint {robot.tree[carrier].name!r})")
         values = {name: np.zeros(robot.n) for name in _PLACES.values()}
         for parameter, value in zip(model.parameters, estimate.theta, strict=True):
             place = _PLACES.get(parameter.effect)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.robot import Joint, Robot
 
 Array = NDArray[np.float64]
 
@@ -35,8 +35,9 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     )
     etree.SubElement(root, "option", gravity=numbers(np.array(robot.gravity)))
     bodies: list[Any] = [etree.SubElement(root, "worldbody")]
-    actuators = etree.Element("actuator")
-    for i, joint in enumerate(robot.joints):
+    actuators, equality = etree.Element("actuator"), etree.Element("equality")
+    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
+    for i, joint in enumerate(robot.tree):
         body = etree.SubElement(
             bodies[joint.parent + 1],
             "body",
@@ -45,7 +46,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             quat=numbers(quaternion(joint.placement[:3, :3])),
         )
         bodies.append(body)
-        inertial = Inertial.of(content.links[i])
+        inertial = Inertial.of(content.links[link_of[i]] if i in link_of else np.zeros(10))
         _require_solid(inertial, i, joint.name)
         full = inertial.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         etree.SubElement(
@@ -55,24 +56,33 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             mass=number(inertial.mass),
             fullinertia=numbers(full),
         )
-        attributes = {
-            "name": joint.name,
-            "type": "hinge" if joint.kind == "revolute" else "slide",
-            "axis": numbers(joint.axis),
-            "damping": number(content.damping[i]),
-            "frictionloss": number(content.friction[i]),
-            "armature": number(content.armature[i]),
-        }
-        if np.isfinite(joint.lower) and np.isfinite(joint.upper):
-            attributes["range"] = numbers(np.array([joint.lower, joint.upper]))
-        etree.SubElement(body, "joint", **attributes)
-        motor = etree.SubElement(actuators, "motor", name=joint.name, joint=joint.name)
-        if np.isfinite(joint.effort) and joint.effort > 0.0:
-            motor.set("ctrlrange", numbers(np.array([-joint.effort, joint.effort])))
+        element = _joint(body, joint)
+        if joint.name in robot.joint_names:
+            k = robot.joint_names.index(joint.name)
+            element.set("damping", number(content.damping[k]))
+            element.set("frictionloss", number(content.friction[k]))
+            element.set("armature", number(content.armature[k]))
+            motor = etree.SubElement(actuators, "motor", name=joint.name, joint=joint.name)
+            if np.isfinite(joint.effort) and joint.effort > 0.0:
+                motor.set("ctrlrange", numbers(np.array([-joint.effort, joint.effort])))
+        else:
+            leader, multiplier, offset = robot.leader(i)
+            course = numbers(np.array([offset, multiplier, 0.0, 0.0, 0.0]))
+            etree.SubElement(equality, "joint", joint1=joint.name, joint2=leader, polycoef=course)
         _capsules(body, robot, i)
+    if len(equality):
+        root.append(equality)
     root.append(actuators)
     etree.indent(root)
     return bytes(etree.tostring(root, encoding="utf-8")) + b"\n"
+
+
+def _joint(body: Any, joint: Joint) -> Any:
+    kind = "hinge" if joint.kind == "revolute" else "slide"
+    element = etree.SubElement(body, "joint", name=joint.name, type=kind, axis=numbers(joint.axis))
+    if np.isfinite(joint.lower) and np.isfinite(joint.upper):
+        element.set("range", numbers(np.array([joint.lower, joint.upper])))
+    return element
 
 
 def _require_solid(body: Inertial, i: int, joint: str) -> None:
@@ -87,7 +97,7 @@ def _require_solid(body: Inertial, i: int, joint: str) -> None:
 
 def _capsules(body: Any, robot: Robot, i: int) -> None:
     """A thin capsule to every joint that the link carries: no mass, no collisions."""
-    for child in robot.joints:
+    for child in robot.tree:
         end = child.placement[:3, 3]
         length = float(np.linalg.norm(end))
         if child.parent == i and length > 0.0:

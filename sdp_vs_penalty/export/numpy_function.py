@@ -94,6 +94,10 @@ def make_function(estimate: Estimate) -> bytes:
     Raises InputError for an effect that needs more than NumPy.
     """
     model, robot = estimate.model, estimate.robot
+    if robot.mechanism is not None:
+        raise InputError(
+            "the function has no place for joints that follow others", "write .json or .urdf instead"
+        )
     bundle = _Bundle()
     for thing in vars(plain_robot).values():
         if getattr(thing, "__module__", None) == plain_robot.__name__:
@@ -147,7 +151,7 @@ def _needs_time(effect: Effect) -> bool:
     robot = effect.robot
     rng = np.random.default_rng(0)
     q, dq, ddq, torque = rng.normal(size=(4, 6, robot.n))
-    current = CurrentModel(robot, rng.normal(size=(robot.n, 10)))
+    current = CurrentModel(robot, rng.normal(size=(robot.links, 10)))
     fast, slow = (
         effect.blocks(Motion(step * np.arange(6.0), q, dq, ddq, torque, current)) for step in (0.1, 0.3)
     )

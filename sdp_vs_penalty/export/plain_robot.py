@@ -35,6 +35,14 @@ class Robot:
         return len(self.joints)
 
     @property
+    def links(self) -> int:
+        return self.n
+
+    @property
+    def link_joints(self) -> tuple[int, ...]:
+        return tuple(range(self.n))
+
+    @property
     def position_units(self) -> tuple[str, ...]:
         return tuple("m" if j.kind == "prismatic" else "rad" for j in self.joints)
 

@@ -21,14 +21,14 @@ def make_sidecar(estimate: Estimate) -> bytes:
     links = []
     if len(model.rigid_indices):
         parts = inertia.barycentric_from_standard(estimate.links)
-        for k, (joint, row) in enumerate(zip(robot.joints, parts, strict=True)):
+        for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
             moments = dict(
                 zip(("ixx", "ixy", "iyy", "ixz", "iyz", "izz"), row[4:].tolist(), strict=True)
             )
             links.append(
                 {
                     "link": k + 1,
-                    "joint": joint.name,
+                    "joint": robot.tree[carrier].name,
                     "mass_kg": float(row[0]),
                     "centre_of_mass_m": row[1:4].tolist() if row[0] else None,
                     "inertia_about_centre_of_mass_kg_m2": moments if row[0] else None,

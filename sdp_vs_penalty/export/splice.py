@@ -16,7 +16,7 @@ from xml.sax.saxutils import escape
 
 from lxml import etree
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 
 _ATTRIBUTE = re.compile(rb"""\s([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
@@ -41,7 +41,7 @@ class Document:
         try:
             source = path.read_bytes()
         except OSError as error:
-            raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
+            raise unreadable(error, path) from error
         if b"<!DOCTYPE" in source:
             raise InputError("files with a <!DOCTYPE> are not edited", "remove it", path)
         parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)

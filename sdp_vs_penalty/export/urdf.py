@@ -14,7 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers, require_consistent
 from sdp_vs_penalty.export.splice import Document
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 
 Array = NDArray[np.float64]
@@ -29,19 +29,21 @@ def make_urdf(robot: Robot, content: Content) -> bytes:
     """A URDF of a model's kinematics, inertials, damping and friction; link frames on the joints."""
     root = etree.Element("robot", name=robot.name)
     etree.SubElement(root, "link", name="base_link")
-    for i, joint in enumerate(robot.joints):
+    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
+    for i in range(len(robot.tree)):
         link = etree.SubElement(root, "link", name=f"link{i + 1}")
-        body = Inertial.of(content.links[i])
+        body = Inertial.of(content.links[link_of[i]] if i in link_of else np.zeros(10))
         element = etree.SubElement(link, "inertial")
         etree.SubElement(element, "origin", xyz=numbers(body.com), rpy="0 0 0")
         etree.SubElement(element, "mass", value=number(body.mass))
         etree.SubElement(element, "inertia", **body.urdf_attributes)
-        _joint(root, joint, i, content)
+        _joint(root, robot, i, content)
     etree.indent(root)
     return bytes(etree.tostring(root, xml_declaration=True, encoding="utf-8")) + b"\n"
 
 
-def _joint(root: Any, joint: Joint, i: int, content: Content) -> None:
+def _joint(root: Any, robot: Robot, i: int, content: Content) -> None:
+    joint = robot.tree[i]
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     open_kind = "continuous" if joint.kind == "revolute" else "prismatic"
     kind = joint.kind if bounded else open_kind
@@ -57,8 +59,14 @@ def _joint(root: Any, joint: Joint, i: int, content: Content) -> None:
         limits = {"lower": joint.lower, "upper": joint.upper, **limits}
     bound = {k: number(v if np.isfinite(v) else np.copysign(_NO_LIMIT, v)) for k, v in limits.items()}
     etree.SubElement(element, "limit", **bound)
-    dynamics = {"damping": number(content.damping[i]), "friction": number(content.friction[i])}
-    etree.SubElement(element, "dynamics", **dynamics)
+    if joint.name in robot.joint_names:
+        k = robot.joint_names.index(joint.name)
+        dynamics = {"damping": number(content.damping[k]), "friction": number(content.friction[k])}
+        etree.SubElement(element, "dynamics", **dynamics)
+    else:
+        leader, multiplier, offset = robot.leader(i)
+        follows = {"multiplier": number(multiplier), "offset": number(offset)}
+        etree.SubElement(element, "mimic", joint=leader, **follows)
 
 
 def rpy_of(rotation: Array) -> Array:
@@ -98,9 +106,10 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
             zero = Inertial.of(np.zeros(10))
             _write(document, element, {"mass": {"value": "0"}, "inertia": zero.urdf_attributes})
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
-    for index, joint in enumerate(theirs.joints):
+    tree = [joint.name for joint in theirs.tree]
+    for joint in theirs.joints:
         element = joints[joint.name]
-        mine = order[index]
+        mine = robot.joint_names.index(robot.tree[order[tree.index(joint.name)]].name)
         values = {"damping": content.damping[mine], "friction": content.friction[mine]}
         dynamics = element.find("dynamics")
         attributes = {key: number(value) for key, value in values.items()}
@@ -141,7 +150,8 @@ def _write(document: Document, link: Any, wanted: dict[str, dict[str, str]]) -> 
 
 def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
     """Of every link that moves: the joint that moves it, and whether it hangs on that joint itself."""
-    index = {joint.name: k for k, joint in enumerate(robot.joints)}
+    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
+    index = {joint.name: link_of.get(k) for k, joint in enumerate(robot.tree)}
     above: dict[str, tuple[str, str]] = {}
     for joint in root.findall("joint"):
         child = joint.find("child").get("link")
@@ -152,24 +162,26 @@ def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
         while link in above:
             joint_name, parent = above[link]
             if joint_name in index:
-                out[name] = index[joint_name], own
+                place = index[joint_name]
+                if place is not None:  # else it is declared massless, and stays so
+                    out[name] = place, own
                 break
             link, own = parent, False
     return out
 
 
 def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
-    """For each joint of the file the model's joint: by name where all names agree, else in order."""
-    if theirs.n != mine.n:
+    """For each joint of the file's tree the model's: by name where all names agree, else in order."""
+    if (theirs.n, len(theirs.tree), theirs.links) != (mine.n, len(mine.tree), mine.links):
         raise InputError(
             f"the file has {show.count(theirs.n, 'moving joint')}, the model {mine.n}",
             "give the URDF of the robot that was identified",
             path,
         )
-    names = [joint.name for joint in mine.joints]
-    if sorted(names) == sorted(joint.name for joint in theirs.joints):
-        return [names.index(joint.name) for joint in theirs.joints]
-    return list(range(mine.n))
+    names = [joint.name for joint in mine.tree]
+    if sorted(names) == sorted(joint.name for joint in theirs.tree):
+        return [names.index(joint.name) for joint in theirs.tree]
+    return list(range(len(mine.tree)))
 
 
 def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) -> Array:
@@ -181,8 +193,10 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
     order = _order(path, theirs, mine)
     poses = {id(robot): _poses(robot) for robot in (theirs, mine)}
     out = np.empty_like(links)
-    for index, joint in enumerate(theirs.joints):
-        other = mine.joints[order[index]]
+    place = {carrier: k for k, carrier in enumerate(theirs.link_joints)}
+    mine_place = {carrier: k for k, carrier in enumerate(mine.link_joints)}
+    for index, joint in enumerate(theirs.tree):
+        other = mine.tree[order[index]]
         relation = np.linalg.inv(poses[id(theirs)][index]) @ poses[id(mine)][order[index]]
         turned = relation[:3, :3] @ other.axis
         offset = relation[:3, 3]
@@ -210,15 +224,17 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
                 "give the URDF of the robot that was identified",
                 path,
             )
-        same = np.array_equal(relation, np.eye(4))
-        out[index] = links[order[index]] if same else inertia.transform(relation) @ links[order[index]]
+        if index in place:
+            own = links[mine_place[order[index]]]
+            same = np.array_equal(relation, np.eye(4))
+            out[place[index]] = own if same else inertia.transform(relation) @ own
     return out
 
 
 def _poses(robot: Robot) -> list[Array]:
     """Pose of each joint frame in the base at q = 0."""
     out: list[Array] = []
-    for joint in robot.joints:
+    for joint in robot.tree:
         parent = np.eye(4) if joint.parent < 0 else out[joint.parent]
         out.append(parent @ joint.placement)
     return out

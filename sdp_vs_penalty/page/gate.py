@@ -1,9 +1,12 @@
-"""Who may talk to the page: this computer's browsers, from the page itself, in reasonable amounts."""
+"""Who may talk to the page: whoever has the printed address, from the page itself, and nobody else."""
 
 from __future__ import annotations
 
+import hmac
 from collections.abc import Awaitable, Callable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
 from typing import Any
+from urllib.parse import parse_qsl, urlencode
 
 Scope = MutableMapping[str, Any]
 App = Callable[[Scope, Any, Any], Awaitable[None]]
@@ -24,15 +27,22 @@ _HEADERS = [
 ]
 
 
+#: Name of the key in the printed address.
+KEY = "key"
+
+
 class Gate:
-    """ASGI middleware: refuses foreign Host headers (DNS rebinding) and foreign origins.
+    """ASGI middleware: refuses foreign Host headers (DNS rebinding), foreign origins and strangers.
 
     A page of another site can make a browser send requests to 127.0.0.1, under that site's name as
-    Host, or with that site as Origin; neither is ours.
+    Host, or with that site as Origin; neither is ours. Another account of this computer can ask as it
+    likes: it does not know the ``key`` that is in the printed address, once, and in a cookie thereafter.
     """
 
-    def __init__(self, app: App, port: int) -> None:
-        self.app = app
+    def __init__(self, app: App, port: int, key: str) -> None:
+        self.app, self.key = app, key
+        # Cookies know no ports: two servers on one computer must not take each other's away.
+        self.cookie = f"sdp-vs-penalty-key-{port}"
         self.hosts = {f"127.0.0.1:{port}".encode(), f"localhost:{port}".encode()}
         self.origins = {b"http://" + host for host in self.hosts}
 
@@ -46,8 +56,15 @@ class Gate:
         elsewhere = headers.get(b"sec-fetch-site") in (b"cross-site", b"same-site")
         elsewhere = elsewhere and headers.get(b"sec-fetch-mode") != b"navigate"
         foreign = bool(origin) and origin not in self.origins
-        if headers.get(b"host") not in self.hosts or foreign or elsewhere:
+        nameless = scope["type"] == "websocket" and not origin
+        if headers.get(b"host") not in self.hosts or foreign or elsewhere or nameless:
             await _refuse(scope, send)
+            return
+        if not self._has_cookie(headers):
+            if scope["type"] == "http" and scope.get("method") == "GET" and self._has_key(scope):
+                await self._welcome(scope, send)
+            else:
+                await _refuse(scope, send)
             return
 
         async def with_headers(message: MutableMapping[str, Any]) -> None:
@@ -57,12 +74,42 @@ class Gate:
 
         await self.app(scope, receive, with_headers)
 
+    def _same(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self.key.encode())
+
+    def _has_cookie(self, headers: dict[bytes, bytes]) -> bool:
+        try:
+            found = SimpleCookie(headers.get(b"cookie", b"").decode("latin-1")).get(self.cookie)
+        except CookieError:
+            return False
+        return found is not None and self._same(found.value)
+
+    def _has_key(self, scope: Scope) -> bool:
+        query = dict(parse_qsl(scope.get("query_string", b"").decode("latin-1")))
+        return self._same(query.get(KEY, ""))
+
+    async def _welcome(self, scope: Scope, send: Any) -> None:
+        """The same address without the key, which stays in a cookie that no script and no site sees."""
+        query = parse_qsl(scope.get("query_string", b"").decode("latin-1"))
+        rest = urlencode([(name, value) for name, value in query if name != KEY])
+        # Never //host: that would lead elsewhere.
+        path = "/" + scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
+        cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict"
+        headers = [
+            (b"location", path.encode("latin-1", "replace")),
+            (b"set-cookie", cookie.encode()),
+            (b"cache-control", b"no-store"),
+            *_HEADERS,
+        ]
+        await send({"type": "http.response.start", "status": 303, "headers": headers})
+        await send({"type": "http.response.body", "body": b""})
+
 
 async def _refuse(scope: Scope, send: Any) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return
-    text = b"Only this computer's own page may ask here: open it as http://127.0.0.1 with its port.\n"
+    text = b"Only the page itself may ask here: open the address that was printed, key included.\n"
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
     await send({"type": "http.response.start", "status": 403, "headers": headers})
     await send({"type": "http.response.body", "body": text})

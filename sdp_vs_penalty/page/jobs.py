@@ -235,6 +235,7 @@ def methods(request: Request, progress: Progress) -> Answer:
                 "violation": violation(made),
                 "gap": made.certificate.gap,
                 "thickness": made.certificate.smallest_thickness,
+                "body_share": made.certificate.body_share,
                 "loss": made.certificate.loss,
                 "seconds": seconds,
             }

@@ -7,6 +7,7 @@ import atexit
 import contextlib
 import errno
 import os
+import secrets
 import signal
 import socket
 import sys
@@ -23,7 +24,7 @@ from nicegui import ui
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.gate import Gate
+from sdp_vs_penalty.page.gate import KEY, Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.steps.take_away import FILES
@@ -64,7 +65,7 @@ class Page:
 
 
 def serve(folder: Path | None, port: int | None, browser: bool) -> None:
-    """Serve the page on 127.0.0.1 until it is interrupted.
+    """Serve the page on 127.0.0.1 until it is interrupted, to whoever has the printed address.
 
     folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
     is free where that is taken. Raises InputError for a folder that is none, or a port that is taken.
@@ -75,7 +76,8 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
     chosen = listener.getsockname()[1]
     page = Page(folder)
     atexit.register(page.close)
-    address = f"http://{HOST}:{chosen}/"
+    key = secrets.token_urlsafe(24)
+    address = f"http://{HOST}:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(page.start)
     nicegui_app.on_shutdown(page.close)  # also where a signal ends the server
@@ -87,7 +89,7 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
     config = uvicorn.Config(
-        Gate(make_app(page), chosen),
+        Gate(make_app(page), chosen, key),
         log_level="error",
         access_log=False,
         timeout_graceful_shutdown=1,
@@ -115,7 +117,7 @@ def _listen(port: int | None) -> socket.socket:
             if port is not None:
                 taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
                 raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
-    raise InputError("No port is free: end another program, or choose one with --port.")
+    raise InputError("No port is free", "end another program, or choose one with --port")
 
 
 def make_app(page: Page) -> FastAPI:

@@ -50,7 +50,7 @@ def suffix_of(name: str, allowed: tuple[str, ...]) -> str:
 
 def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:
     return InputError(
-        f"{size / 2**20:.0f} MB; the page takes files up to {largest // 2**20} MB",
+        f"{min(size, 10**15) // 2**20} MB; the page takes files up to {largest // 2**20} MB",
         "use the command line, or cut the run into pieces",
         name,
     )

@@ -43,7 +43,7 @@ def link_bodies(
     reach = robot.link_reach()
     largest = ROBOTS * max(float(reach.sum()), 1.0)
     out = []
-    for k in range(robot.n):
+    for k in range(robot.links):
         shape = None if geometry is None else _usable(geometry[k], largest)
         own = _uniform_ellipsoid(given[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
@@ -70,12 +70,13 @@ def joint_places(robot: Robot, link: int) -> Array:
 
     A frame may sit anywhere on its joint's axis: the link begins where the axis leaves the parent's.
     """
-    into = np.linalg.inv(robot.joints[link].link_frame)
-    own = robot.joints[link]
+    carrier = robot.link_joints[link]
+    own = robot.tree[carrier]
+    into = np.linalg.inv(own.link_frame)
     before = float(own.axis @ own.placement[:3, :3].T @ own.placement[:3, 3])
     places: list[Array] = [-s * own.axis for s in (before, *_stroke(own.kind, own.lower, own.upper))]
-    for child in robot.joints:
-        if child.parent == link:
+    for child in robot.tree:
+        if child.parent == carrier:
             along = child.placement[:3, :3] @ child.axis
             places += [
                 child.placement[:3, 3] + s * along for s in _stroke(child.kind, child.lower, child.upper)

@@ -47,6 +47,10 @@ SECTIONS: Mapping[str, Mapping[str, Field]] = {
         "positions": Field("texts", hint='["motor"], or one word a channel: motor or joint'),
         "torques": Field("texts", hint='["motor"], or one word a channel: motor or joint'),
     },
+    "mechanism": {
+        "joints": Field("texts", needed=True, hint='["q1", "q2", "-q2"], each joint of the tree'),
+        "massless": Field("numbers", hint="[3], links without mass"),
+    },
     "bounds": {
         "tables": Field("texts", hint='["bounds.csv"]'),
         "total_mass": Field("numbers", 2, hint="[lower, upper] in kg"),

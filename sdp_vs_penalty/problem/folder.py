@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.fields import check_fields
@@ -20,6 +20,7 @@ from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_link
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem
 from sdp_vs_penalty.problem.tables import read_table
 from sdp_vs_penalty.robot.geometry import link_geometry
+from sdp_vs_penalty.robot.mechanism import parse_mechanism
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
@@ -34,7 +35,7 @@ def load_folder(folder: Path) -> Problem:
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=file) from error
+        raise unreadable(error, file) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"not a TOML file ({error}).", where=file) from error
     try:
@@ -71,12 +72,19 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
             kinematics.get("gravity", STANDARD_GRAVITY),
             [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
         )
+    if "mechanism" in data:
+        if robot.mechanism is not None:
+            raise InputError("the URDF has mimic joints of its own: leave out [mechanism].")
+        robot = _with_mechanism(robot, data["mechanism"])
+        kept = robot.link_joints
+        given = None if given is None else given[list(kept)]
+        geometry = None if geometry is None else [geometry[k] for k in kept]
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
-    if data.get("links", robot.n) != robot.n:
-        raise InputError(f"links = {data['links']}, the kinematics have {robot.n}.")
+    if data.get("links", robot.links) != robot.links:
+        raise InputError(f"links = {data['links']}, the kinematics have {robot.links}.")
     bounds = data.get("bounds", {})
-    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
@@ -89,7 +97,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         data["title"],
         robot,
         box,
-        np.zeros((robot.n, 10)),
+        np.zeros((robot.links, 10)),
         (low, high),
         cones,
         data.get("torque_side", "link"),
@@ -98,7 +106,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         folder,
         tuple(data["effects"]) if "effects" in data else None,
     )
-    known = np.zeros((robot.n, 10)) if given is None else given
+    known = np.zeros((robot.links, 10)) if given is None else given
     bodies = link_bodies(robot, problem.centre_boxes, known, geometry)
     in_the_box = given is None
     given = ellipsoids_in_the_box(problem) if given is None else given
@@ -106,6 +114,12 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if in_the_box:
         sources = tuple("bounds" if source == "inertial" else source for source in sources)
     return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
+
+
+def _with_mechanism(robot: Robot, section: Mapping[str, Any]) -> Robot:
+    massless = [int(k) for k in section.get("massless", ())]
+    joints, mechanism = parse_mechanism(robot.tree, section["joints"], massless)
+    return replace(robot, joints=joints, mechanism=mechanism, transmission=None)
 
 
 def _fill_box(box: Array, path: Path) -> None:

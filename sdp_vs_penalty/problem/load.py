@@ -68,7 +68,7 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
 
 def _from_urdf(path: Path) -> Problem:
     robot, given_links = load_urdf(path)
-    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     box[:, 0] = [(DEFAULT_LINK_MASS[0], default_mass(mass)) for mass in given_links[:, 0]]
     bodies = link_bodies(robot, box[:, 1:4], given_links, link_geometry(path))
     nominal, sources = plausible_links(robot, given_links, bodies)

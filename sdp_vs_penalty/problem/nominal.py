@@ -48,9 +48,10 @@ def plausible_links(
             second = (body.axes * _bare(body) ** 2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
             centre, guess = body.centre, DEFAULT_DENSITY * _volume(body)
         else:
-            children = [j.placement[:3, 3] for j in robot.joints if j.parent == i]
+            carrier = robot.link_joints[i]
+            children = [j.placement[:3, 3] for j in robot.tree if j.parent == carrier]
             middle = np.mean(children, axis=0) / 2.0 if children else np.zeros(3)
-            centre = (np.linalg.inv(robot.joints[i].link_frame) @ np.append(middle, 1.0))[:3]
+            centre = (np.linalg.inv(robot.tree[carrier].link_frame) @ np.append(middle, 1.0))[:3]
             second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
             guess = DEFAULT_LINEAR_DENSITY * reach
         known = bool(0.0 < mass < np.inf)
@@ -83,9 +84,9 @@ def ellipsoids_in_the_box(problem: Problem) -> Array:
     Masses share the middle of the total-mass range in proportion to the boxes' surface; half axes
     are those of the box, at least 6 cm. Links without a finite box stay zero (see plausible_links).
     """
-    size = np.zeros((problem.robot.n, 3))
+    size = np.zeros((problem.robot.links, 3))
     centre = np.zeros_like(size)
-    for link in range(problem.robot.n):
+    for link in range(problem.robot.links):
         com = np.minimum(problem.link_size(link)[1], problem.robot.link_reach()[link])
         box = problem.box[link, 1:4]
         box = np.where(np.isfinite(box), box, np.column_stack([-com, com]))
@@ -98,7 +99,7 @@ def ellipsoids_in_the_box(problem: Problem) -> Array:
     surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
     total = problem.total_mass
     if not np.isfinite(total[1]):
-        return np.zeros((problem.robot.n, 10))
+        return np.zeros((problem.robot.links, 10))
     mass = np.mean(total) * surface / surface.sum()
     mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
     out = []

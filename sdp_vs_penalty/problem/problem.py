@@ -20,7 +20,7 @@ from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, 
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.body import Body
@@ -59,7 +59,7 @@ class CentreOfMassCone:
         """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
         axis, link = data["axis"], int(data["link"]) - 1
         if axis not in ("x", "y", "z"):
-            raise InputError(f"centre_of_mass_cone axis {axis!r} is unknown; there are: x, y, z.")
+            raise unknown("centre_of_mass_cone axis", axis, ("x", "y", "z"))
         return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
 
 
@@ -98,7 +98,7 @@ class Problem(Shown):
     gains: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        n, (low, high) = self.robot.n, self.total_mass
+        n, (low, high) = self.robot.links, self.total_mass
         for name, value, shape in (
             ("bounds", self.box, (n, 10, 2)),
             ("nominal links", self.nominal_links, (n, 10)),
@@ -121,7 +121,7 @@ class Problem(Shown):
             if not 0 <= cone.link < n:
                 raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {n}.")
         if self.torque_side not in ("link", "motor"):
-            raise InputError(f"torque_side {self.torque_side!r} is unknown; there are: link, motor.")
+            raise unknown("torque_side", self.torque_side, ("link", "motor"))
 
     @cached_property
     def link_defaults(self) -> Array:
@@ -137,19 +137,19 @@ class Problem(Shown):
         """Where the mass of each link can be, in the link frame."""
         if self.bodies is not None:
             return self.bodies
-        return link_bodies(self.robot, self.centre_boxes, np.zeros((self.robot.n, 10)))
+        return link_bodies(self.robot, self.centre_boxes, np.zeros((self.robot.links, 10)))
 
     @property
     def centre_boxes(self) -> Array:
         """(n, 3, 2) bounds on each centre of mass [m], from the box, else from the cones."""
-        known = np.array([self._centre_of_mass(k) for k in range(self.robot.n)])
+        known = np.array([self._centre_of_mass(k) for k in range(self.robot.links)])
         box = self.box[:, 1:4]
         return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
 
     @property
     def guessed_links(self) -> NDArray[np.bool_]:
         """(n,) links whose nominal mass is a guess: neither a file's nor a bound's."""
-        sources = self.nominal_from or ("inertial",) * self.robot.n
+        sources = self.nominal_from or ("inertial",) * self.robot.links
         return np.array([source in ("geometry", "kinematics") for source in sources])
 
     def body_constraints(self, model: Model) -> tuple[Constraint, ...]:
@@ -269,7 +269,7 @@ class Problem(Shown):
         """Of the ball around the link frame that holds the link's mass, by default [m]."""
         known = self._centre_of_mass(link)
         reach = max(self.robot.link_reach()[link], *known[np.isfinite(known)], 0.0)
-        joint = self.robot.joints[link]
+        joint = self.robot.tree[self.robot.link_joints[link]]
         stroke = joint.upper - joint.lower if joint.kind == "prismatic" else 0.0
         # The given inertials' own extent: the root mean square distance of the mass from the frame.
         mass = self.nominal_links[link, 0]

@@ -32,7 +32,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     bodies : the ellipsoid in which a link's mass lies, in its frame [m], and what it is known from;
     nominal_from : the same of the nominal links; gains : of the torque channels, where they are known.
     """
-    bounds = {name: _pair(problem.box[place]) for name, place in entries(problem.robot.n).items()}
+    bounds = {name: _pair(problem.box[place]) for name, place in entries(problem.robot.links).items()}
     return {
         "name": problem.name,
         "title": problem.title,
@@ -59,8 +59,8 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     Raises InputError for bounds that contradict themselves or the robot, KeyError, TypeError or
     ValueError for a field that is missing or of another kind.
     """
-    places = entries(robot.n)
-    box = np.full((robot.n, 10, 2), (-np.inf, np.inf))
+    places = entries(robot.links)
+    box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     for name, pair in data["bounds"].items():
         if name not in places:
             raise InputError(f"bounds: {name!r} is no parameter of a link of this robot.")

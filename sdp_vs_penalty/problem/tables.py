@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 
 
@@ -15,6 +15,6 @@ def read_table(path: Path) -> list[dict[str, str]]:
         with path.open(newline="", encoding="utf-8") as file:
             return [dict(row) for row in csv.DictReader(file)]
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
+        raise unreadable(error, path) from error
     except (csv.Error, UnicodeDecodeError) as error:
         raise InputError(f"not a CSV table ({error}).", where=path) from error

@@ -30,7 +30,7 @@ def base_parameters(
     """
     robot = model.robot
     motion = _random_motion(robot, seed)
-    stacked = robot.regressor(motion.q, motion.dq, motion.ddq).reshape(-1, 10 * robot.n)
+    stacked = robot.regressor(motion.q, motion.dq, motion.ddq).reshape(-1, 10 * robot.links)
     if independent is None:
         return _base_of(stacked)
     rigid = [model.parameters[k].name for k in model.rigid_indices]
@@ -93,14 +93,14 @@ def _base_of(
 def base_parameter_names(problem: Problem) -> tuple[str, ...]:
     """The independent standard parameter (Izz1, mx2, ...) that leads each base parameter."""
     _, kept = base_parameters(problem.model("rigid_body"), problem.independent)
-    rigid = _rigid_names(problem.robot.n)
+    rigid = _rigid_names(problem.robot.links)
     return tuple(rigid[k] for k in kept)
 
 
 def base_parameter_symbols(problem: Problem) -> tuple[str, ...]:
     """Each base parameter written out in standard parameters: "Izz2 - 0.64 m2"."""
     base, kept = base_parameters(problem.model("rigid_body"), problem.independent)
-    rigid = _rigid_names(problem.robot.n)
+    rigid = _rigid_names(problem.robot.links)
     out = []
     for row, lead in zip(base, kept, strict=True):
         terms = [(1.0, rigid[lead])]

@@ -101,7 +101,7 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
         )
     q, gravity, mass_matrix = (arrays[name] for name in _ARRAYS)
     if q.ndim != 2 or not q.size:
-        raise InputError(f"array q has shape {q.shape}; one row a configuration is needed.", where=path)
+        raise InputError(f"array q has shape {q.shape}", "give one row a configuration", path)
     count, n = q.shape
     for name, a, shape in (
         ("gravity", gravity, (count, n)),
@@ -131,8 +131,9 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
     worst = int(np.argmax(difference))
     if difference[worst] > _ASYMMETRY * np.abs(mass_matrix).max():
         raise InputError(
-            f"array mass_matrix, configuration {worst + 1}: not symmetric; give M(q) in full.",
-            where=path,
+            f"array mass_matrix, configuration {worst + 1}: not symmetric",
+            "give M(q) in full",
+            path,
         )
     return BlackBox(q, gravity, mass_matrix, (path.name,))
 
@@ -154,7 +155,7 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     gravity = robot.regressor(box.q, rest, rest)
     parts: list[list[Array]] = [[] for _ in range(n)]
     columns = [
-        (10 * np.array(links)[:, None] + np.arange(10)).ravel().astype(np.intp)
+        (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel().astype(np.intp)
         for links in robot.subtree
     ]
 

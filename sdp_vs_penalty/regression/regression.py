@@ -140,16 +140,18 @@ class Regression:
         ]
         return replace(self, blocks=tuple(self.blocks[b] for b in wanted), factors=tuple(factors))
 
-    def first(self, count: int) -> Regression:
-        """The same without the parameters after the first ``count``."""
-        if count == self.p:
+    def keeping(self, wanted: NDArray[np.bool_]) -> Regression:
+        """The same of only the wanted (p,) parameters; rows keep their order."""
+        if wanted.all():
             return self
+        place = np.cumsum(wanted) - 1
         factors = []
         for f in self.factors:
-            keep = f.indices < count
+            keep = wanted[f.indices]
             rows = f.triangle[:, np.append(keep, True)]
-            factors.append(replace(f, indices=f.indices[keep], triangle=triangular([rows])))
-        return replace(self, parameters=self.parameters[:count], factors=tuple(factors))
+            factors.append(replace(f, indices=place[f.indices[keep]], triangle=rows))
+        parameters = tuple(q for q, keep in zip(self.parameters, wanted, strict=True) if keep)
+        return replace(self, parameters=parameters, factors=tuple(factors))
 
     def beside(self, fixed: Array) -> Regression:
         """The same in the other parameters when the first ones are ``fixed``: rows keep their order."""

@@ -72,7 +72,8 @@ def _picture(robot: Robot, links: Array, poses: list[Array]) -> Any:
     from plotly.graph_objects import Figure, Mesh3d, Scatter3d
 
     plot = Figure()
-    for i, joint in enumerate(robot.joints):
+    link = {carrier: place for place, carrier in enumerate(robot.link_joints)}
+    for i, joint in enumerate(robot.tree):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
         plot.add_trace(
@@ -87,7 +88,7 @@ def _picture(robot: Robot, links: Array, poses: list[Array]) -> Any:
                 hoverinfo="skip",
             )
         )
-        shape = ellipsoid(links[i])
+        shape = ellipsoid(links[link[i]]) if i in link else None
         if shape is None:
             continue
         frame = poses[i] @ joint.link_frame
@@ -100,7 +101,7 @@ def _picture(robot: Robot, links: Array, poses: list[Array]) -> Any:
                 alphahull=0,
                 color=COLOURS[i % len(COLOURS)],
                 opacity=0.5,
-                name=f"link {i + 1}",
+                name=f"link {link[i] + 1}",
                 showlegend=True,
             )
         )
@@ -129,7 +130,7 @@ def _margins(robot: Robot, links: Array) -> str:
         com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
         rows.append(
             (
-                f"{i + 1} ({robot.joints[i].name})",
+                f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
                 number(link[0]),
                 ", ".join(number(c, 3) for c in com),
                 number(triangle[i], 3),
@@ -169,7 +170,7 @@ def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
 def joint_poses(robot: Robot, q: Array) -> list[Array]:
     """(4, 4) pose of each joint frame, moved by its joint, in the base; q (n,)."""
     out: list[Array] = []
-    for joint, value in zip(robot.joints, q, strict=True):
+    for joint, value in zip(robot.tree, robot.tree_state(q)[0][0], strict=True):
         move = np.eye(4)
         if joint.kind == "prismatic":
             move[:3, 3] = value * joint.axis

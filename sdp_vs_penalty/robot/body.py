@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Body:
         if not np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6):
             raise InputError("the axes of a body must be orthonormal.")
         if self.source not in SOURCES:
-            raise InputError(f"body source {self.source!r} is unknown; there are: {', '.join(SOURCES)}.")
+            raise unknown("body source", self.source, SOURCES)
 
     @property
     def quadric(self) -> Array:

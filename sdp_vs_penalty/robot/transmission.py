@@ -88,12 +88,6 @@ class Transmission:
         """(N, n) motor positions at joint positions (N, n)."""
         return np.asarray(q) @ self.matrix.T + self.offset
 
-    @property
-    def couplings(self) -> tuple[Array, ...]:
-        """(n,) each row of A that turns with several joints, its first entry 1."""
-        rows = [row / row[np.flatnonzero(row)[0]] for row in self.matrix]
-        return tuple(row for row in rows if np.count_nonzero(row) > 1)
-
     def to_dict(self) -> dict[str, Any]:
         return {
             "matrix": self.matrix.tolist(),
@@ -126,22 +120,22 @@ def parse_transmission(
            [ 1., -2.]])
     """
     n = len(motors)
-    rows = [_parsed(text, n) for text in motors]
+    rows = [parse_formula(text, n) for text in motors]
     sides = [tuple(s) * n if len(s) == 1 else tuple(s) for s in (positions, torques)]
     matrix = np.array([row[:n] for row in rows]).reshape(n, n)
     return Transmission(matrix, np.array([row[n] for row in rows]), *sides)
 
 
-def _parsed(text: str, n: int) -> Array:
-    """(n + 1,) ratios, and the constant."""
+def parse_formula(text: str, n: int) -> Array:
+    """(n + 1,) ratios and the constant of a sum like "32 q5 + 32 q6 - 0.1". Raises InputError."""
     out, place = np.zeros(n + 1), 0
     while place < len(text.rstrip()):
         match = _TERM.match(text, place)
         sign, number, joint = match.groups() if match else (None, None, None)
         if match is None or (number is None and joint is None) or (place > 0 and sign is None):
-            raise InputError(f"transmission: {text[:60]!r} is no sum like 32 q5 + 32 q6 - 0.1.")
+            raise InputError(f"{text[:60]!r} is no sum like 32 q5 + 32 q6 - 0.1.")
         if joint is not None and int(joint) > n:
-            raise InputError(f"transmission: {text[:60]!r} names joint {joint}, there are {n} motors.")
+            raise InputError(f"{text[:60]!r} names joint {joint}, there are {n}.")
         value = float(number or 1.0) * (-1.0 if sign == "-" else 1.0)
         out[n if joint is None else int(joint) - 1] += value
         place = match.end()

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.mechanism import following, mimics
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Joint, Robot
+from sdp_vs_penalty.robot.urdf_transmission import urdf_transmission
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and overflow on the way.
@@ -36,6 +39,20 @@ class _Reader:
 
     def fail(self, what: str) -> InputError:
         return InputError(f"{what}.", where=self.path)
+
+    def checked(self, build: Callable[[], T]) -> T:
+        """What is built of the file; an InputError names it."""
+        try:
+            return build()
+        except InputError as error:
+            raise error if str(self.path) in str(error) else error.within(self.path) from error
+
+    @property
+    def massless(self) -> tuple[int, ...]:
+        """Moving links that say themselves that they have no mass, beside others that have one."""
+        said = [any(e.find("inertial") is not None for e, _ in parts) for parts in self.parts]
+        none = [k for k, x in enumerate(self.nominal) if said[k] and not x.any()]
+        return tuple(none) if any(x.any() for x in self.nominal) else ()
 
     def numbers(self, element: Any, attribute: str, default: Sequence[float]) -> list[float]:
         text = None if element is None else element.get(attribute)
@@ -124,10 +141,6 @@ class _Reader:
                 f"joint {name!r} is of type {kind!r}; revolute, continuous, prismatic and fixed "
                 "joints can be identified (for a floating base, fix it)"
             )
-        if element.find("mimic") is not None:
-            raise self.fail(
-                f"joint {name!r} mimics another; make it fixed to identify the robot without it"
-            )
         axis = np.array(self.numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0)))
         length = np.linalg.norm(axis)
         if not length > 1e-9:
@@ -162,19 +175,29 @@ def read_inertial(path: str | Path, link: Any) -> Array:
 
 
 def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> tuple[Robot, Array]:
-    """The robot of a URDF file and its nominal standard parameters, shape (n, 10).
+    """The robot of a URDF file and its nominal standard parameters, shape (links, 10).
 
     Joints come in the order of the file, depth first; continuous joints count as revolute without
     limits; a link behind a fixed joint is merged into the link that carries it, and one fixed to
-    the base is dropped. A link without an inertial has zeros.
+    the base is dropped. A link without an inertial has zeros. Mimic joints follow the joints that they
+    name; a link whose inertials say mass 0 is massless and gets no parameters; <transmission> elements
+    say how motors turn.
 
-    Raises InputError for a file that is not a URDF, a floating, planar or mimic joint, a loop, or
-    no moving joint at all.
+    Raises InputError for a file that is not a URDF, a floating or planar joint, a loop, or no moving
+    joint at all.
     """
     reader, root = _read(path)
     x, y, z = (float(v) for v in gravity)
     name = root.get("name") or reader.path.stem
-    return Robot(name, tuple(reader.joints), (x, y, z)), np.array(reader.nominal)
+    massless = reader.massless
+    joints, mechanism = reader.checked(
+        lambda: following(reader.joints, mimics(root.findall("joint"), reader.numbers), massless)
+    )
+    transmission = reader.checked(
+        lambda: urdf_transmission(root, [joint.name for joint in joints], reader.fail)
+    )
+    nominal = [x for k, x in enumerate(reader.nominal) if k not in massless]
+    return Robot(name, joints, (x, y, z), transmission, mechanism), np.array(nominal)
 
 
 def placed_links(path: str | Path) -> list[list[tuple[Any, Array]]]:
@@ -182,7 +205,8 @@ def placed_links(path: str | Path) -> list[list[tuple[Any, Array]]]:
 
     Raises InputError as :func:`load_urdf` does.
     """
-    return _read(path)[0].parts
+    reader = _read(path)[0]
+    return [parts for k, parts in enumerate(reader.parts) if k not in reader.massless]
 
 
 def pose_of(path: str | Path, element: Any) -> Array:
@@ -217,7 +241,7 @@ def _parse(reader: _Reader) -> Any:
     try:
         root = etree.fromstring(reader.path.read_bytes(), parser)
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=reader.path) from error
+        raise unreadable(error, reader.path) from error
     except (etree.XMLSyntaxError, ValueError) as error:
         raise reader.fail(f"not an XML file ({str(error).splitlines()[0]})") from error
     if root.tag != "robot":

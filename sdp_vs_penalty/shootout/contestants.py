@@ -10,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 
-from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.errors import Infeasible, InputError, unknown
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.estimators.penalty import fit_penalty
 from sdp_vs_penalty.shootout import log_cholesky
@@ -75,7 +75,7 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
         return [c for c in everyone.values() if not c.absent], [c for c in everyone.values() if c.absent]
     for name in names:
         if name not in everyone:
-            raise InputError(f"solver {name!r} is unknown; there are: {', '.join(everyone)}.")
+            raise unknown("solver", name, everyone)
         if everyone[name].absent:
             raise InputError(f"solver {name} cannot be used here: {everyone[name].absent}.")
     return [everyone[name] for name in names], []

@@ -88,5 +88,5 @@ def instance(name: str) -> Instance:
     """Build an instance; the last few are kept."""
     entries = catalogue()
     if name not in entries:
-        raise InputError(f"instance {name!r} is unknown.")
+        raise InputError(f"instance {name!r} is unknown", "see `sdp-vs-penalty shootout --list`")
     return entries[name].build()

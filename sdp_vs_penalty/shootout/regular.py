@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch
+from sdp_vs_penalty.data.catalogue import DATASETS
+from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch, converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
@@ -115,6 +116,13 @@ def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
             rows, _ = clean_stretch(file.read_text(errors="replace"), 31)
             tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
             run = Measurements(rows[:, 0], rows[:, 1:7], tau, names=(file.stem,))
+    if run is None and problem.name in ("emps", "tx40"):
+        folder = real_data_folder()
+        home = None if folder is None else folder / problem.name
+        if home is not None and all(
+            (home / file.name).is_file() for file in DATASETS[problem.name].files
+        ):
+            run = next(iter(converted(problem.name, home).values()))
     if run is None:
         raise InputError(
             f"The measurements of {problem.name} are absent", "name their folder in SDP_VS_PENALTY_DATA"

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import write_text
 
 Row = dict[str, Any]
@@ -45,7 +45,7 @@ class Results:
             self._read()
         elif folder.is_dir() and any(not p.name.startswith(".") for p in folder.iterdir()):
             raise InputError(
-                "holds other files and no runs.csv; give --out an empty or a new folder.", where=folder
+                "holds other files and no runs.csv", "give --out an empty or a new folder", folder
             )
         else:
             write_text(self.path, ",".join(COLUMNS) + "\n")
@@ -54,7 +54,7 @@ class Results:
         try:
             text = self.path.read_text()
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"cannot be read ({error}).", where=self.path) from error
+            raise unreadable(error, self.path) from error
         head, _, body = text.partition("\n")
         if head.split(",") != list(COLUMNS):
             raise InputError(

@@ -40,12 +40,12 @@ class Shootout:
     def __post_init__(self) -> None:
         if not self.accuracies or any(not 1e-14 < a < 1.0 for a in self.accuracies):
             raise InputError(
-                "--accuracy: numbers between 1e-14 and 1 are needed, separated by commas: 1e-4,1e-8."
+                "--accuracy takes numbers between 1e-14 and 1", "separate them by commas: 1e-4,1e-8"
             )
         if not self.time_limit > 0.0 or not self.memory > 0.0:
             raise InputError("--time-limit and --memory must be positive.")
         if not hasattr(os, "fork"):
-            raise InputError("The shootout forks a process for each run; it needs Linux or macOS.")
+            raise InputError("The shootout forks a process for each run", "use Linux or macOS")
 
 
 @dataclass(frozen=True)
@@ -111,9 +111,7 @@ def _references(
         try:
             known = json.loads(path.read_text())
         except ValueError:
-            raise InputError(
-                "not JSON; delete it, and the intervals are proved again.", where=path
-            ) from None
+            raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
     current = {e.name: instance(e.name).hash for e in entries}
     todo = [n for n, h in current.items() if known.get(n, {}).get("hash") != h]
     tasks = [_task(setup, n, "", (), (), current[n], None) for n in todo]

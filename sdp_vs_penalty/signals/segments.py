@@ -61,7 +61,8 @@ class Segment:
 class SegmentedRuns:
     """All segments of all runs, their rows stacked in order (M in all); rate : rows a second.
 
-    masked (M, n) : rows that do not count for a joint although its segment keeps them (events).
+    masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
+    gains (n,) : what the torque channels read over the true torque, where the model knows it.
     """
 
     segments: tuple[Segment, ...]
@@ -70,6 +71,7 @@ class SegmentedRuns:
     rate: float
     names: tuple[str, ...]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
+    gains: tuple[float, ...] | None = None
 
     @property
     def t(self) -> Array:
@@ -126,7 +128,13 @@ class SegmentedRuns:
 
     def blocks(self, effect: Effect) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k)."""
-        return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
+        blocks = self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
+        return [replace(b, columns=self.gain(effect, b.joint) * b.columns) for b in blocks]
+
+    def gain(self, effect: Effect, joint: int) -> float:
+        """What a joint's channel makes of an effect's torque; a share of the modelled torque, as the
+        channels read it, needs no more."""
+        return 1.0 if self.gains is None or effect.needs_torque else self.gains[joint]
 
     def column(self, effect: Effect, joint: int) -> Array:
         """(M, k) columns of a joint's own torque only."""

@@ -17,7 +17,7 @@ import subprocess
 from importlib import metadata
 from types import ModuleType
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 
 
 def solver_modules() -> dict[str, ModuleType]:
@@ -34,10 +34,10 @@ def solver(name: str) -> ModuleType:
     """The module of a solver; InputError where it is unknown or absent, saying what installs it."""
     modules = solver_modules()
     if name not in modules:
-        raise InputError(f"solver {name!r} is unknown; there are: {', '.join(modules)}.")
+        raise unknown("solver", name, modules)
     reason = absent(modules[name])
     if reason is not None:
-        raise InputError(f"solver {name} cannot be used here: {reason}.")
+        raise InputError(f"solver {name} cannot be used here", reason)
     return modules[name]
 
 

@@ -445,10 +445,15 @@ def test_the_verb(tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixtu
     assert report["findings"][0]["figures"]["joints"] == [2]
     assert bad.read_bytes() == before
     assert load_measurements(mended).tau == pytest.approx(run.tau, abs=0)
+    note = (tmp_path / "mended_changes.txt").read_text()
+    assert "torque sign (joint 2)" in note
+    assert "Done: flip the sign of tau2" in note
     assert run_cli("check", mended, "--problem", "two_link") == 0
     assert run_cli("check", bad, "--problem", "two_link", "--fix", bad) == 2
     assert run_cli("check", good, bad, "--problem", "two_link", "--fix", tmp_path / "all") == 1
-    assert sorted(p.name for p in (tmp_path / "all").iterdir()) == ["bad.csv", "good.csv"]
+    assert sorted(p.name for p in (tmp_path / "all").iterdir()) == [
+        "bad.csv", "bad_changes.txt", "good.csv", "good_changes.txt",
+    ]  # fmt: skip
 
 
 def test_a_file_that_identify_refuses_can_be_mended(tmp_path: Path, two_link: Problem) -> None:

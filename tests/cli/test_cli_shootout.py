@@ -39,7 +39,7 @@ def test_shootout_writes_its_tables(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--solvers", "gurobi"), "solver 'gurobi' is unknown; there are: clarabel"),
+        (("--solvers", "gurobi"), "solver 'gurobi' is unknown: there are: clarabel"),
         (("--problems", "pandas"), "'pandas' is unknown"),
         (("--accuracy", "small"), "--accuracy 'small'"),
         (("--time-limit", "0"), "--time-limit"),

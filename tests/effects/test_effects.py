@@ -268,7 +268,7 @@ def test_a_search_couples_neighbours() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("friction", "unknown; there are: rigid_body"),
+        ("friction", "is unknown: "),
         ("base_tilt:2", "whole robot"),
         ("joint_coupling:3@i=3", "coupled to itself"),
         ("joint_coupling:3@i=6", "i is a joint from 1 to 5"),
@@ -298,3 +298,53 @@ def test_models_without_effects_or_with_one_twice_are_refused() -> None:
         Model(robot, ())
     with pytest.raises(InputError, match="f_v1 appears twice"):
         Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))
+
+
+#: What a text without constants means: models and commands that users keep depend on it.
+DEFAULTS = {
+    "coulomb_friction": {"v_s": 0.01},
+    "drift_friction": {"T": 300.0, "form": 1.0, "t0": 0.0},
+    "drift_offset": {"T": 300.0, "form": 1.0, "t0": 0.0},
+    "joint_coupling": {"form": 1.0, "i": 0.0},
+    "presliding_hysteresis": {"d": 0.003},
+    "sigmoid_friction": {"v0": 0.1},
+    "stribeck_friction": {"delta": 2.0, "vs": 0.1},
+    "torque_ripple": {"k": 2.0},
+}
+
+
+def test_a_text_without_constants_keeps_its_meaning() -> None:
+    found = {n: {k: s.default for k, s in t.shapes.items()} for n, t in effect_types().items()}
+    for name, shapes in DEFAULTS.items():
+        assert found[name] == {**found[name], **shapes}
+
+
+def test_what_depends_on_a_model_is_told_from_the_rest() -> None:
+    robot = robots()["tree"]
+    model = Model(robot, parse_effects("viscous_friction,load_dependent_friction,torque_offset", robot))
+    assert model.needs_reference
+    assert [e.name for e in model.reference_free.effects] == ["viscous_friction", "torque_offset"]
+    names = [p.name for p in model.parameters]
+    assert [names[k] for k in model.reference_free_indices] == [
+        p.name for p in model.reference_free.parameters
+    ]
+
+
+def test_dry_friction_of_a_model_has_one_width() -> None:
+    """Every sign of a model is smoothed over its Coulomb friction's v_s."""
+    robot = robots()["tree"]
+    model = Model(robot, parse_effects("coulomb_friction:1@v_s=0.5,drift_friction:1", robot))
+    motion = steady_motion(robot)
+    wide = np.zeros((robot.n, len(motion.t), 2))
+    for joint, c in enumerate(model.columns(motion)):
+        wide[joint][:, c.indices] = c.columns
+    t, dry = motion.t[:, None], wide[0, :, :1]
+    np.testing.assert_allclose(wide[0, :, 1:], t * dry, atol=1e-12)
+    assert 0.0 < np.abs(dry).min() < np.abs(dry).max() < 1.0
+
+
+def test_a_delay_of_all_joints_needs_more_than_one() -> None:
+    kind = effect_types()["global_delay"]
+    for n in (1, 2, 3):
+        robot = Robot.from_dh("r", [0.0] * n, [0.0] * n, [0.2] * n, "modified")
+        assert len(list(kind.starts(robot, 0))) == (n > 1)

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.datasets import _ur10e_runs
+from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis import add
+from sdp_vs_penalty.diagnosis import add, diagnose
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
@@ -63,6 +65,9 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(
     assert mass.name == "payload_m"
     assert mass.low < 0.9 < mass.high
     assert mass.std < 0.05
+    found = diagnose(kept, other, frozen=True).effects
+    assert [f.effect for f in found] == ["payload"]
+    assert abs(found[0].size - 0.9) < 4.0 * found[0].std
     # As the channels stand, the same load weighs something else, and its interval does not know.
     naive = add(identify(arm, bare, "ols"), "payload", other).uncertainty.standard[len(kept.theta)]
     assert not naive.low < 0.9 < naive.high
@@ -113,6 +118,20 @@ def test_refusals(arm: Problem) -> None:
         identify(arm, run, known_loads=[(run, -1.0)])
     with pytest.raises(InputError, match="gain_uncertainty"):
         identify(arm, run, gain_uncertainty=-0.1)
+
+
+def test_the_command_line_takes_a_load_and_lets_it_judge_the_gains(
+    arm: Problem, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, run in (("empty", measured(arm, 1, 0.0)), ("load", measured(arm, 2, 1.0))):
+        save(run, tmp_path / f"{name}.csv")
+    words = ["identify", str(ARM), "--data", str(tmp_path / "empty.csv"), "--method", "ols"]
+    words += ["--out", str(tmp_path / "model.json")]
+    for more, status in ([], 2), (["--known-load", f"{tmp_path}/load.csv:1.5"], 0):
+        with pytest.raises(SystemExit) as code:
+            cli.main([*words, *more])
+        assert code.value.code == status  # without the load the check refuses such gains
+    assert "gains of the torque channels" in capsys.readouterr().out
 
 
 @pytest.mark.real_data

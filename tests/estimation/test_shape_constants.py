@@ -44,7 +44,7 @@ def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link: Pro
     assert len(sensitive.parameters) == len(free_constants(effect))
     for k, key in enumerate(free_constants(effect)):
         relative = effect.shapes[key].scale == "log"
-        change = 0.02
+        change = 0.004
         moved = effect.shape[key] * np.exp(change) if relative else effect.shape[key] + change
         other = kind(two_link.robot, joints, **{**effect.shape, key: moved})
         truly = torque(other, theta, motion) - torque(effect, theta, motion)
@@ -52,8 +52,8 @@ def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link: Pro
         unit[k] = change / prior_deviation(effect, key)
         said = torque(sensitive, unit, motion)
         assert np.any(np.abs(truly) > 0.0)
-        # Over sharp reversals the second order shows.
-        np.testing.assert_allclose(said, truly, atol=0.1 * np.abs(truly).max())
+        # Where an element just gives way, a sample changes all at once.
+        assert np.linalg.norm(said - truly) < 0.2 * np.linalg.norm(truly)
 
 
 def test_a_model_gets_a_parameter_a_constant_and_no_more(two_link: Problem) -> None:

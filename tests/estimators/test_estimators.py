@@ -186,7 +186,7 @@ def test_identify_reports_progress_and_keeps_provenance(method: str, two_link: P
 
 def test_unknown_names_are_refused_with_those_that_exist(two_link: Problem) -> None:
     run = toy_run(two_link, 1.0)
-    with pytest.raises(InputError, match=r"'magic' is unknown; there are: .*lmi-sdp.*penalty"):
+    with pytest.raises(InputError, match=r"'magic' is unknown: there are: .*lmi-sdp.*penalty"):
         identify(two_link, run, "magic")
     with pytest.raises(InputError, match="weighting 'x' is unknown"):
         identify(two_link, run, "ols", weighting="x")

@@ -47,6 +47,7 @@ class Server:
     process: subprocess.Popen[str]
     port: int
     temporary: Path
+    key: str
 
     @property
     def address(self) -> str:
@@ -80,8 +81,9 @@ def start(temporary: Path, *arguments: str) -> Server:
         command, cwd=temporary, env=environment, stdout=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
-    assert f"http://127.0.0.1:{port}/" in process.stdout.readline()
-    return Server(process, port, temporary)
+    printed = re.search(rf"http://127\.0\.0\.1:{port}/\?key=(\S+)", process.stdout.readline())
+    assert printed
+    return Server(process, port, temporary, printed[1])
 
 
 @contextmanager
@@ -146,7 +148,7 @@ def open_page(context: BrowserContext, server: Server, path: str = "new") -> Pag
             faults.append(f"asked {url}")
 
     page.faults = faults  # type: ignore[attr-defined]
-    page.goto(server.address + path)
+    page.goto(f"{server.address}{path}?key={server.key}")
     page.wait_for_selector(key("robot-two_link"))
     return page
 

@@ -226,9 +226,14 @@ def test_other_sites_and_names_get_nothing(server: Server) -> None:
         connection.close()
         return answer.status
 
-    own = {"Host": f"127.0.0.1:{server.port}"}
+    nobody = {"Host": f"127.0.0.1:{server.port}"}
+    for path in ("/", "/new", "/s/guess", "/new?key=guess", "/_nicegui/"):
+        assert status("GET", path, nobody) == 403
+    own = {**nobody, "Cookie": f"sdp-vs-penalty-key-{server.port}={server.key}"}
     assert status("GET", "/new", own) == 303
-    assert status("GET", "/new", {"Host": "evil.example"}) == 403
+    assert status("GET", f"/new?key={server.key}", nobody) == 303
+    assert status("POST", f"/s/guess/sent?key={server.key}", nobody) == 403
+    assert status("GET", "/new", {**own, "Host": "evil.example"}) == 403
     assert status("GET", "/new", {**own, "Origin": "http://evil.example"}) == 403
     upgrade = {
         "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
@@ -236,6 +241,9 @@ def test_other_sites_and_names_get_nothing(server: Server) -> None:
     }  # fmt: skip
     socket_path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
     assert status("GET", socket_path, {**own, **upgrade, "Origin": "http://evil.example"}) == 403
+    assert status("GET", socket_path, {**own, **upgrade}) == 403
+    here = {"Origin": f"http://127.0.0.1:{server.port}"}
+    assert status("GET", socket_path, {**nobody, **upgrade, **here}) == 403
     for path in ("/s/guess/take/model.json", "/s/guess/take/..%2f..%2fetc%2fpasswd"):
         assert status("GET", path, own) == 404
     assert status("PUT", "/s/guess/files?name=a.csv&kind=runs", own) == 404

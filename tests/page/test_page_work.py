@@ -366,13 +366,48 @@ def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool, kind: st
     async def send(message: Any) -> None:
         sent.append(message)
 
+    if kind == "websocket":
+        headers = {"origin": "http://127.0.0.1:99", **headers}
+    headers = {"cookie": "other=1; sdp-vs-penalty-key-99=secret", **headers}
     scope = {"type": kind, "headers": [(k.encode(), v.encode()) for k, v in headers.items()]}
-    asyncio.run(Gate(app, 99)(scope, None, send))
+    asyncio.run(Gate(app, 99, "secret")(scope, None, send))
     assert bool(reached) == allowed
     if not allowed:
         assert sent[0] in ({"type": "websocket.close", "code": 1008},) or sent[0]["status"] == 403
     elif kind == "http":
         assert b"content-security-policy" in dict(sent[0]["headers"])
+
+
+@pytest.mark.parametrize(
+    ("path", "query", "to"),
+    [
+        ("/", "key=secret", b"/"),
+        ("/s/abc", "a=1&key=secret", b"/s/abc?a=1"),
+        ("//evil.example", "key=secret", b"/evil.example"),
+        ("/", "key=guess", None),
+        ("/", "", None),
+    ],
+)
+def test_the_printed_address_lets_in_once(path: str, query: str, to: bytes | None) -> None:
+    """The key leaves the address bar, and stays in a cookie that scripts and other sites do not get."""
+    sent: list[Any] = []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        raise AssertionError("nobody is let in without the cookie")
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": "http", "method": "GET", "path": path, "query_string": query.encode()}
+    asyncio.run(Gate(app, 99, "secret")({**scope, "headers": [(b"host", b"127.0.0.1:99")]}, None, send))
+    headers = dict(sent[0]["headers"])
+    if to is None:
+        assert sent[0]["status"] == 403
+        assert b"set-cookie" not in headers
+        return
+    assert headers[b"location"] == to
+    for word in (b"sdp-vs-penalty-key-99=secret", b"HttpOnly", b"SameSite=Strict"):
+        assert word in headers[b"set-cookie"]
 
 
 class Tab:

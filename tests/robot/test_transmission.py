@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sdp_vs_penalty.data.joint_side import to_joints
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.transmission import SIDES, Transmission, parse_transmission
@@ -53,7 +55,6 @@ def test_formulas_are_read_as_they_are_written() -> None:
     read = parse_transmission(["-1.5e1*q1+.5", " q2 - 2 q1 ", "3q3 + q1 - 4 - q3"])
     np.testing.assert_array_equal(read.matrix, [[-15, 0, 0], [-2, 1, 0], [1, 0, 2]])
     np.testing.assert_array_equal(read.offset, [0.5, 0.0, -4.0])
-    np.testing.assert_array_equal(read.couplings, [[1.0, -0.5, 0.0], [1.0, 0.0, 2.0]])
 
 
 @pytest.mark.parametrize(
@@ -92,5 +93,19 @@ def test_the_tx40_converts_as_its_authors_do() -> None:
     tau[:, 4] += tau[:, 5]
     np.testing.assert_allclose(robot.transmission.joint_positions(q_m), q, atol=1e-12)
     np.testing.assert_allclose(robot.transmission.joint_torques(tau_m), tau, atol=1e-12)
-    (wrist,) = robot.transmission.couplings
+    (wrist,) = robot.couplings
     np.testing.assert_array_equal(wrist, [0, 0, 0, 0, 1, 1])
+
+
+def test_a_log_of_motors_is_recognised_by_the_robots_transmission() -> None:
+    robot = load_problem("tx40").robot
+    assert robot.transmission is not None
+    t = np.arange(0.0, 2.0, 0.01)
+    q = 0.5 * np.sin(np.outer(t, np.arange(1, 7)))
+    tau = np.ones_like(q)
+    check_plausible(robot, Measurements(t, q, tau))
+    with pytest.raises(InputError, match=r"those of the motors.*convert --motor-side"):
+        check_plausible(robot, Measurements(t, robot.transmission.motor_positions(q), tau))
+    unknown = replace(robot, transmission=None)
+    with pytest.raises(InputError, match=r"far outside.*convert --motors"):
+        check_plausible(unknown, Measurements(t, robot.transmission.motor_positions(q), tau))

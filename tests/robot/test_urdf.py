@@ -167,10 +167,6 @@ REFUSALS = {
         change('name="elbow" type="revolute"', 'name="elbow" type="floating"'), "elbow.*floating"
     ),
     "planar": (change('name="rail" type="prismatic"', 'name="rail" type="planar"'), "rail.*planar"),
-    "mimic": (
-        change('name="elbow" type="revolute">', 'name="elbow" type="revolute"><mimic joint="rail"/>'),
-        "elbow.*mimics",
-    ),
     "loop": (
         change('<joint name="mark" type="fixed"><parent link="tool"/><child link="frame_only"/>',
                '<joint name="mark" type="fixed"><parent link="tool"/><child link="carriage"/>'),

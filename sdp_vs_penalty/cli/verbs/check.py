@@ -26,7 +26,7 @@ def verb(
         Path | None,
         typer.Option(
             metavar="fixed.csv",
-            help="Repaired copy to write, a folder for several runs; the originals stay as they are.",
+            help="Repaired copy to write (and beside it what was changed), a folder for several runs.",
         ),
     ] = None,
     debug: Debug = False,
@@ -63,12 +63,32 @@ def verb(
             target = fix if len(data) == 1 else fix / f"{path.stem}.csv"
             save(report.mended, target)
             console.written(target)
+            note = target.with_name(f"{target.stem}_changes.txt")
+            write_text(note, changes(path, report))
+            console.written(note)
     if json_file is not None:
         content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
         write_text(json_file, json.dumps(content, indent=1) + "\n")
         console.written(json_file)
     if any(report.meaningless for report in reports):
         raise typer.Exit(1)
+
+
+def changes(path: Path, report: Report) -> str:
+    """What a repaired copy differs in from the file that it was made of, and what is left to do."""
+    done = [f for f in report.issues if f.repair is not None]
+    left = [f for f in report.problems if f.repair is None]
+    lines = [
+        f"Repaired copy of {path.name}, in the order of repair:" if done else f"Copy of {path.name}:"
+    ]
+    lines += [f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})" for f in done]
+    lines += [] if done else ["- nothing was changed"]
+    if left:
+        lines += [
+            "Not repaired:",
+            *(f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left),
+        ]
+    return "\n".join(lines) + "\n"
 
 
 def _beside(data: Sequence[Path]) -> Path:

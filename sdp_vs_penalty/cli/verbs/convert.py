@@ -49,6 +49,10 @@ def verb(
     motor_side: Annotated[
         bool, typer.Option("--motor-side", help="The log is of motors: the problem's transmission.")
     ] = False,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun."),
+    ] = None,
     debug: Debug = False,
 ) -> None:
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
@@ -70,6 +74,7 @@ def verb(
         topic=topic,
         rename=pairs("--rename", rename),
         motors=motor_side if motors is None else motors,
+        rate=rate,
     )
     velocity = "" if run.dq is None else ", velocities"
     console.written(out, f"{len(run.t)} samples of {show.count(run.n, 'joint')}{velocity}")

@@ -79,7 +79,7 @@ def verb(
         given = windowed(whole, windows) if isinstance(whole, Measurements) else whole
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
-            refuse_meaningless(robot, given)
+            refuse_meaningless(robot, given, gains=bool(known_load))
         begin = time.perf_counter()
         estimate = run_identification(
             robot,

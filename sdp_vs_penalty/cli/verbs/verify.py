@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli.options import Debug
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 
 
 def verb(
@@ -36,7 +36,7 @@ def verb(
         try:
             found = verify_proof.check(json.loads(path.read_text(encoding="utf-8")))
         except OSError as error:
-            raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
+            raise unreadable(error, path) from error
         except Exception as error:
             refused += 1
             text = f"refused: {path}: {error or type(error).__name__}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from array import array
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats.columns import LARGEST, Choice, check_size
+from sdp_vs_penalty.data.formats.bag_bombs import check_bag
+from sdp_vs_penalty.data.formats.columns import LARGEST, Choice
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, missing_extra
 
@@ -37,7 +37,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise missing_extra("ROS bags and MCAP files need", "formats") from error
     try:
         _stay_inside(path)
-        _check_chunks(path)
+        check_bag(path)
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             return _read(path, reader, choice)
     except InputError:
@@ -64,26 +64,6 @@ def _stay_inside(path: Path) -> None:
             raise InputError(f"{name!r} is not a file of this folder.", where=path / "metadata.yaml")
 
 
-#: Opcode of a chunk, and what its record begins with: start and end time, uncompressed size.
-_CHUNK, _CHUNK_START = 6, "<QQQ"
-
-
-def _check_chunks(path: Path) -> None:
-    """Of an MCAP file every chunk's size, by its own header, before the library unpacks any."""
-    for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-        if file.suffix != ".mcap":
-            continue
-        with file.open("rb") as stream:
-            stream.seek(8)
-            while len(head := stream.read(9)) == 9:
-                kind, length = struct.unpack("<BQ", head)
-                start = stream.tell()
-                if kind == _CHUNK:
-                    *_, unpacked = struct.unpack(_CHUNK_START, stream.read(24))
-                    check_size(file, unpacked, length)
-                stream.seek(start + length)
-
-
 def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
     connections = [c for c in reader.connections if c.msgtype == _TYPE]
     topics = sorted({c.topic for c in connections})
@@ -104,6 +84,8 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         own = [str(name) for name in message.name]
         if names is None:
             names = own
+        elif not set(names) <= set(own):
+            names = _with_prefix(names, own) or names
         if not set(names) <= set(own):
             others |= set(own)
             continue
@@ -128,6 +110,16 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
     t = (clock - clock[0]) / 1e9 + float(clock[0] % day) / 1e9
     dq = table[:, 1] if np.all(np.isfinite(table[:, 1])) else None
     return Measurements(t, table[:, 0], table[:, 2], dq, None, (path.name,))
+
+
+def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str] | None:
+    """The bag's names where they are the robot's behind one prefix: panda_joint1 for joint1."""
+    found = [o for o in own if o.endswith(names[0])]
+    if len(found) != 1:
+        return None
+    prefix = found[0].removesuffix(names[0])
+    mapped = [prefix + name for name in names]
+    return mapped if set(mapped) <= set(own) else None
 
 
 def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> list[float]:

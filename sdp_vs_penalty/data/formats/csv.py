@@ -54,6 +54,6 @@ def _csv_columns(path: Path) -> dict[str, Array]:
     """All columns of a CSV file with a header of any names."""
     header = csv_text.header(path)
     if len(set(header)) != len(header):
-        raise InputError("row 1 names a column twice.", where=path)
+        raise InputError("row 1 names a column twice", "rename one of them", path)
     rows = csv_text.numbers(path, len(header))
     return {name: rows[:, k] for k, name in enumerate(header)}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def lines(path: Path) -> Iterator[str]:
             f"not UTF-8 text (near row {number + 1}); measurements are CSV text or .npz.", where=path
         ) from error
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).", where=path) from error
+        raise unreadable(error, path) from error
 
 
 def header(path: Path) -> list[str]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats.columns import Choice, check_size, from_columns
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import write_bytes
 
 SUFFIXES = (".mat",)
@@ -37,7 +37,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     except InputError:
         raise
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error}).", where=path) from error
+        raise unreadable(error, path) from error
     except Exception as error:  # the reader has no exception of its own
         what = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"not a readable .mat file ({what}).", where=path) from error

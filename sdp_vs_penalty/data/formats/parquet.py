@@ -52,7 +52,7 @@ def _numeric_columns(path: Path, file: Any) -> list[str]:
     names = file.schema_arrow.names
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"column {name} comes twice.", where=path)
+            raise InputError(f"column {name} comes twice", "rename one of them", path)
     metadata = file.metadata
     stored = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
     numbers = 8 * metadata.num_rows * metadata.num_columns

@@ -46,26 +46,27 @@ def _draw(view: View) -> None:
     rows = []
     for row in session.methods:
         if "failed" in row:
-            rows.append([row["method"], row["failed"], "", "", "", ""])
+            rows.append([row["method"], row["failed"], "", "", "", "", ""])
             continue
-        thick = row["thickness"]
+        thick, share = row["thickness"], row["body_share"]
         rows.append(
             [
                 row["method"],
                 f"{row['relative']:.4g} %",
                 held(row["violation"]),
                 "-" if thick is None else f"{1e3 * thick:.3g} mm",
+                "-" if share is None else f"{share:.2g}",
                 figure(row["gap"], 2),
                 f"{row['seconds']:.2g} s",
             ]
         )
-    heads = ["method", "error", "constraints", "thinnest link", "certified gap", "time"]
+    heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
     table(heads, rows, "Methods compared", "numbers methods")
     tag(
         "p",
         "Relative torque error on the same runs; upper bounds on inertias about the centre of mass "
-        "are not convex; zero thickness is unphysical; a gap is shown only where a lower bound is "
-        "certified.",
+        "are not convex; zero thickness is unphysical, and so is a radius of gyration above 1 of what a "
+        "link's body reaches (widest link); a gap is shown only where a lower bound is certified.",
         "soft",
     )
 

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table
@@ -64,7 +64,7 @@ def _chosen(names: Sequence[str]) -> list[ModuleType]:
     chosen: list[ModuleType] = []
     for name in names:
         if name.lower() not in known:
-            raise InputError(f"table {name!r} is unknown; there are: {', '.join(modules)}.")
+            raise unknown("table", name, modules)
         module = modules[known[name.lower()]]
         if module not in chosen:
             chosen.append(module)

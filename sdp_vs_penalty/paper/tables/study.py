@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
@@ -99,7 +99,7 @@ class Study:
         self, problem: Problem, budget: str = "quick", seed: int = 0, progress: Progress = no_progress
     ) -> None:
         if budget not in BUDGETS:
-            raise InputError(f"budget {budget!r} is unknown; there are: {', '.join(BUDGETS)}.")
+            raise unknown("budget", budget, BUDGETS)
         self.problem, self.budget, self.seed, self.progress = problem, budget, seed, progress
         self._results: dict[tuple[str, str], Result] = {}
         self._tasks: dict[str, Task] = {}

@@ -6,7 +6,7 @@ import importlib
 import pkgutil
 from functools import cache
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
 
@@ -26,7 +26,7 @@ def engine(name: str) -> type[Engine]:
     """An engine that is at hand. Raises InputError where it is unknown or absent."""
     kinds = engine_types()
     if name not in kinds:
-        raise InputError(f"engine {name!r} is unknown; there are: {', '.join(kinds)}.")
+        raise unknown("engine", name, kinds)
     if kinds[name].version() is None:
         raise InputError(f"engine {name} is absent: {kinds[name].install}.")
     return kinds[name]

@@ -55,6 +55,8 @@ class Engine(ABC):
 
     def __init__(self, robot: Robot, links: ArrayLike) -> None:
         """links (n, 10) standard parameters. Raises InputError naming the link that it rejects."""
+        if robot.mechanism is not None:
+            raise InputError("engines are compared on robots whose joints move by themselves.")
         own = np.asarray(links, float).reshape(robot.n, 10)
         self.robot = robot
         #: (n, 10) about the joint frames.

@@ -1,0 +1,69 @@
+"""Thresholds of the search by their consequences, on a clean run: what luck makes is never a finding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import THREE, write_urdf
+from scipy import stats
+from small_runs import small_run
+
+from sdp_vs_penalty.diagnosis.candidates import Candidate
+from sdp_vs_penalty.diagnosis.ladder import accepted
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import prepare
+from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import load_problem
+
+#: Of all clean runs, the share in which a search may claim an effect.
+CLEAN_CLAIMS = 0.01
+
+
+@pytest.fixture(scope="module")
+def state(tmp_path_factory: pytest.TempPathFactory) -> SearchState:
+    problem = load_problem(write_urdf(tmp_path_factory.mktemp("arm") / "arm.urdf", "arm", THREE))
+    run = small_run(problem, seconds=20.0)
+    estimate = identify(problem, run, "ols")
+    rows = diagnosis_rows(run, estimate, estimate.preprocessing.resolve(run))
+    return SearchState.start(prepare(rows, estimate, False, 0))
+
+
+def candidate(state: SearchState, columns: np.ndarray) -> Candidate:
+    """Columns (n M, 1) of joint 1 as a candidate of the search."""
+    group = next(g for g in state.stage.white.groups if g.key == ("joint_spring", 0))
+    return state.stage.candidates.judged(state.fit, group.key, group.effect, columns)
+
+
+def on_joint_1(state: SearchState, values: np.ndarray) -> np.ndarray:
+    """White columns that act on the first joint alone."""
+    columns = np.zeros((len(state.fit.residual), 1))
+    columns[: len(values), 0] = values
+    return columns
+
+
+def test_a_clean_run_makes_no_finding_by_luck(state: SearchState) -> None:
+    """The smallest chi2 that is accepted, times the number of columns searched: under 1 % of runs."""
+    first = len(state.fit.residual) // state.stage.rows.n
+    true = candidate(state, on_joint_1(state, np.sin(np.linspace(0.0, 200.0, first))))
+    residual = on_joint_1(state, state.fit.residual[:first])
+    real = candidate(state, residual)  # explains all of joint 1's error, rows left out included
+    assert accepted(state, real, -np.inf) is not None
+    low, high = 0.0, real.chi2
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        believed = accepted(state, replace(real, chi2=middle), -np.inf) is not None
+        low, high = (low, middle) if believed else (middle, high)
+    assert stats.chi2.sf(high, 1) * state.stage.white.size <= CLEAN_CLAIMS
+    assert accepted(state, true, -np.inf) is None
+
+
+def test_what_predicts_no_rows_left_out_is_no_finding(state: SearchState) -> None:
+    """Random columns, however large the chi2 that they are given."""
+    rng = np.random.default_rng(0)
+    first = len(state.fit.residual) // state.stage.rows.n
+    for _ in range(60):
+        one = candidate(state, on_joint_1(state, rng.normal(size=first)))
+        assert accepted(state, replace(one, chi2=1e6), -np.inf) is None

@@ -1,0 +1,205 @@
+"""Joints that follow others: q_tree = B q + b, tau = B^T tau_tree, held against MuJoCo's constraints."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_robots import link_parameters
+
+from sdp_vs_penalty import identify
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.export.content import Content
+from sdp_vs_penalty.export.mjcf import make_mjcf
+from sdp_vs_penalty.export.urdf import edit_urdf, make_urdf
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.robot.urdf import load_urdf
+
+#: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics the first: one
+#: follower is a follower's, one slides where its leader turns, one link says that it has no mass.
+LEVEL = 'joint="bar_joint" multiplier="-1" offset="0.3"'
+FINGER = 'joint="roll_joint" multiplier="0.05" offset="0.01"'
+TREE = (
+    ("lift", "prismatic", "base", "0 0 0.1", "0 0 1", "", 2.0),
+    ("swing", "revolute", "lift", "0.1 0 0.2", "0 1 0", "", 3.0),
+    ("bar", "revolute", "lift", "0.1 0 0.3", "0 1 0", 'joint="swing_joint"', 1.0),
+    ("level", "revolute", "swing", "0.4 0 0", "0 1 0", LEVEL, 1.5),
+    ("roll", "revolute", "level", "0.1 0 0", "1 0 0", "", 0.0),
+    ("left", "prismatic", "roll", "0 0.1 0", "0 1 0", FINGER, 0.4),
+    ("right", "prismatic", "roll", "0 -0.1 0", "0 -1 0", 'joint="left_joint"', 0.4),
+)  # fmt: skip
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    lines = ['<robot name="lift"><link name="base"/>']
+    for name, kind, parent, xyz, axis, mimic, mass in TREE:
+        moments = "".join(f'i{a}{a}="{0.01 * mass}" ' for a in "xyz")
+        inertial = f'<inertial><mass value="{mass}"/><inertia {moments}/></inertial>'
+        limit = '<limit lower="-1" upper="1" velocity="1" effort="50"/>'
+        lines.append(f'<link name="{name}">{inertial}</link><joint name="{name}_joint" type="{kind}">')
+        lines.append(f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{xyz}"/>')
+        follow = f"<mimic {mimic}/>" if mimic else ""
+        lines.append(f'<axis xyz="{axis}"/>{limit}{follow}</joint>')
+    path = tmp_path / "lift.urdf"
+    path.write_text("\n".join([*lines, "</robot>"]))
+    return path
+
+
+def states(robot: Robot, rows: int = 20) -> np.ndarray:
+    return np.random.default_rng(0).normal(size=(3, rows, robot.n))
+
+
+def some_links(robot: Robot) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    return np.array([link_parameters(rng, 0.4) for _ in range(robot.links)])
+
+
+def test_what_moves_and_what_has_parameters(urdf: Path) -> None:
+    robot, nominal = load_urdf(urdf)
+    assert robot.joint_names == ("lift_joint", "swing_joint", "roll_joint")
+    assert robot.n == 3
+    assert robot.links == len(nominal) == 6  # of seven links: one has no mass
+    q = np.array([[0.1, 0.5, 0.8]])
+    (tree,) = robot.tree_state(q)  # depth first: the bar comes last
+    np.testing.assert_allclose(tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15)
+    restored = Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
+    links = some_links(robot)
+    for a, b in zip(*(r.inverse_dynamics(links, *states(r)) for r in (robot, restored)), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    robot, _ = load_urdf(urdf)
+    heavy = replace(robot, mechanism=replace(robot.mechanism, massless=()))  # MuJoCo wants a mass
+    links = some_links(heavy)
+    zero = np.zeros(heavy.n)
+    model = mujoco.MjModel.from_xml_string(
+        make_mjcf(heavy, Content(links, zero, zero, zero, ())).decode()
+    )
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+    data = mujoco.MjData(model)
+    assert model.neq == 4
+    assert heavy.mechanism is not None
+    ours = heavy.inverse_dynamics(links, *states(heavy))
+    for row, expected in zip(np.stack(heavy.tree_state(*states(heavy)), axis=1), ours, strict=True):
+        data.qpos, data.qvel, data.qacc = row
+        mujoco.mj_inverse(model, data)
+        assert np.abs(data.efc_pos).max() < 1e-12  # the constraints hold where we say the tree is
+        found = heavy.mechanism.matrix.T @ (data.qfrc_inverse + data.qfrc_constraint)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf: Path) -> None:
+    robot, _ = load_urdf(urdf)
+    links = some_links(robot)
+    q, dq, ddq = states(robot, 5)
+    torque = robot.inverse_dynamics(links, q, dq, ddq)
+    np.testing.assert_allclose(robot.regressor(q, dq, ddq) @ links.ravel(), torque, atol=1e-9)
+    rest = np.zeros_like(q)
+    gravity = robot.inverse_dynamics(links, q, rest, rest)
+    inertial = robot.inverse_dynamics(links, q, rest, ddq) - gravity
+    mass = robot.mass_matrices(links, q)
+    np.testing.assert_allclose(np.einsum("kij,kj->ki", mass, ddq), inertial, atol=1e-9)
+    for k, derivative in enumerate(robot.inverse_dynamics_derivatives(links, q, dq, ddq)):
+        for j in range(robot.n):
+            step = [np.zeros_like(q) for _ in range(3)]
+            step[k][:, j] = 1e-6
+            ends = [
+                robot.inverse_dynamics(
+                    links, *(x + s * d for x, d in zip((q, dq, ddq), step, strict=True))
+                )
+                for s in (1.0, -1.0)
+            ]
+            np.testing.assert_allclose(derivative[:, :, j], (ends[0] - ends[1]) / 2e-6, atol=1e-5)
+
+
+def test_the_subtree_of_a_joint_is_what_makes_torque_on_it(urdf: Path) -> None:
+    robot, _ = load_urdf(urdf)
+    columns = np.abs(robot.regressor(*states(robot))).max(axis=0).reshape(robot.n, robot.links, 10)
+    for joint, links in enumerate(robot.subtree):
+        assert set(np.flatnonzero(columns[joint].max(axis=1) > 1e-12)) <= set(links)
+
+
+def test_a_robot_with_followers_is_identified_and_written_back(urdf: Path) -> None:
+    problem = load_problem(urdf)
+    robot = problem.robot
+    links = problem.nominal_links
+    t = np.arange(0.0, 20.0, 0.01)
+    q, dq, ddq = random_trajectory(robot, 5, 20.0, frequency=0.6).states(t)
+    tau = robot.inverse_dynamics(links, q, dq, ddq) + 2.0 * dq
+    estimate = identify(problem, Measurements(t, q, tau), effects="rigid_body,viscous_friction")
+    truth = np.concatenate([links.ravel(), np.full(robot.n, 2.0)])
+    torque = estimate.model.torque(estimate.theta, Motion(t, q, dq, ddq))
+    assert np.linalg.norm(torque - tau) < 0.01 * np.linalg.norm(tau)
+    assert len(estimate.theta) == len(truth)
+    assert estimate.certificate.worst == 0.0
+    content = Content.of(estimate)
+    for name, text in (("new", make_urdf(robot, content)), ("own", edit_urdf(urdf, robot, content))):
+        path = urdf.with_name(f"{name}.urdf")
+        path.write_bytes(text)
+        again, written = load_urdf(path)
+        assert (again.n, again.links) == (robot.n, robot.links)
+        found = again.inverse_dynamics(written, q, dq, ddq)
+        np.testing.assert_allclose(found, robot.inverse_dynamics(estimate.links, q, dq, ddq), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('joint="swing_joint"/>', 'joint="level_joint"/>', "mimics itself"),
+        ('joint="swing_joint"/>', 'joint="bar_joint"/>', "mimics itself"),
+        ('joint="swing_joint"/>', 'joint="wing"/>', "'wing', which is no moving joint"),
+        ('multiplier="-1"', 'multiplier="minus"', "finite number"),
+    ],
+)
+def test_a_mimic_joint_that_cannot_be_is_one_sentence(
+    urdf: Path, old: str, new: str, words: str
+) -> None:
+    text = urdf.read_text()
+    assert old in text
+    urdf.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=words) as caught:
+        load_urdf(urdf)
+    assert str(urdf) in str(caught.value)
+
+
+def test_a_problem_says_what_follows_by_formulas(tmp_path: Path) -> None:
+    (tmp_path / "problem.toml").write_text(
+        'title = "bars"\n[kinematics]\nconvention = "modified"\na = [0, 0.3, 0.2]\n'
+        'alpha_over_pi = [0.5, 0, 0]\nd = [0, 0, 0]\n[mechanism]\n'
+        'joints = ["q1", "-q1 + q2 + 0.1", "q2"]\nmassless = [2]\n'
+    )  # fmt: skip
+    robot = load_problem(tmp_path).robot
+    assert (robot.n, robot.links) == (2, 2)
+    np.testing.assert_allclose(robot.tree_state([[0.2, 0.5]])[0], [[0.2, 0.4, 0.5]])
+    (tmp_path / "problem.toml").write_text(
+        (tmp_path / "problem.toml").read_text().replace('"q2"]', '"2 q2"]')
+    )
+    with pytest.raises(InputError, match="no joint is q2 itself"):
+        load_problem(tmp_path)
+
+
+def test_transmissions_of_a_urdf(urdf: Path) -> None:
+    element = (
+        "<transmission name='wrist'><type>transmission_interface/DifferentialTransmission</type>"
+        "<actuator name='a'><mechanicalReduction>50</mechanicalReduction></actuator>"
+        "<actuator name='b'><mechanicalReduction>-50</mechanicalReduction></actuator>"
+        "<joint name='swing_joint'><mechanicalReduction>2</mechanicalReduction></joint>"
+        "<joint name='roll_joint'/></transmission></robot>"
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", element))
+    robot = load_urdf(urdf)[0]
+    transmission = robot.transmission
+    assert transmission is not None
+    np.testing.assert_array_equal(transmission.matrix, [[1, 0, 0], [0, 100, 50], [0, -100, 50]])
+    np.testing.assert_array_equal(robot.couplings, [[0, 1, 0.5], [0, 1, -0.5]])
+    assert set(transmission.positions) == {"joint"}
