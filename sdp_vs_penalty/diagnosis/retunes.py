@@ -65,8 +65,10 @@ class Retune:
 def retunes(
     found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
 ) -> tuple[Retune, ...]:
-    """Those changes that these data tell, and that lower the joint's held-out error. before, after (n,) : held-out errors with the model's own
-    constants, and with the new ones."""
+    """Those changes that these data tell, and that lower the joint's held-out error.
+
+    before, after (n,) : held-out errors with the model's own constants, and with the new ones.
+    """
     out = []
     for s in found:
         spread = s.std / s.after if np.isfinite(s.std) else 0.0
