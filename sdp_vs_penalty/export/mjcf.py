@@ -46,7 +46,12 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             quat=numbers(quaternion(joint.placement[:3, :3])),
         )
         bodies.append(body)
-        inertial = Inertial.of(content.links[link_of[i]] if i in link_of else np.zeros(10))
+        if i not in link_of:
+            raise InputError(
+                f"link {i + 1} (on joint {joint.name!r}) is declared massless, which MuJoCo refuses",
+                "write .json instead",
+            )
+        inertial = Inertial.of(content.links[link_of[i]])
         _require_solid(inertial, i, joint.name)
         full = inertial.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         etree.SubElement(

@@ -22,6 +22,7 @@ from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.problem.bodies import link_bodies
+from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
@@ -36,31 +37,6 @@ DEFAULT_LINK_MASS = (0.01, 100.0)  # kg, of one link: a link of no mass is not o
 #: A link's mass lies in a ball around its frame: this times the link's reach, at least the radius.
 DEFAULT_REACH_FACTOR = 1.5
 DEFAULT_RADIUS = 1.0  # m: what a last link bears beyond its frame, the kinematics do not say
-
-
-@dataclass(frozen=True)
-class CentreOfMassCone:
-    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]."""
-
-    link: int  # from 0
-    axis: int
-    radius: float
-    slope: float
-
-    def __post_init__(self) -> None:
-        if self.axis not in (0, 1, 2) or not np.all(np.isfinite([self.radius, self.slope])):
-            raise InputError(f"the centre_of_mass_cone of link {self.link + 1}", "correct its numbers")
-
-    def to_dict(self) -> dict[str, Any]:
-        return {**vars(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> CentreOfMassCone:
-        """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
-        axis, link = data["axis"], int(data["link"]) - 1
-        if axis not in ("x", "y", "z"):
-            raise unknown("centre_of_mass_cone axis", axis, ("x", "y", "z"))
-        return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
 
 
 @dataclass(frozen=True, repr=False)

@@ -23,10 +23,10 @@ from sdp_vs_penalty.estimators.lmi_sdp import (
     LmiSdp,
     LmiSdpEntropic,
     LmiSdpThickness,
-    LmiSdpTwoStep,
     essential,
     interior_point,
 )
+from sdp_vs_penalty.estimators.lmi_sdp_two_step import LmiSdpTwoStep
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters

@@ -212,7 +212,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")  # past the header
     page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.dataset.key") == "robot-emps"
+    assert page.evaluate("document.activeElement.dataset.key").startswith("robot-")
     walk("robot-two_link")
     page.keyboard.press("Enter")
     page.wait_for_selector(key("drop-runs"))

@@ -1,0 +1,36 @@
+"""A cylinder or cone about an axis of a link in which its centre of mass lies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError, unknown
+
+
+@dataclass(frozen=True)
+class CentreOfMassCone:
+    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]."""
+
+    link: int  # from 0
+    axis: int
+    radius: float
+    slope: float
+
+    def __post_init__(self) -> None:
+        if self.axis not in (0, 1, 2) or not np.all(np.isfinite([self.radius, self.slope])):
+            raise InputError(f"the centre_of_mass_cone of link {self.link + 1}", "correct its numbers")
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**vars(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> CentreOfMassCone:
+        """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
+        axis, link = data["axis"], int(data["link"]) - 1
+        if axis not in ("x", "y", "z"):
+            raise unknown("centre_of_mass_cone axis", axis, ("x", "y", "z"))
+        return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
