@@ -19,7 +19,7 @@ from sdp_vs_penalty.shootout.judge import (
     CLASSES,
     Answer,
     Verdict,
-    dimacs_error,
+    conic_errors,
     judge,
     relative_violation,
 )
@@ -143,7 +143,7 @@ def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, 
         assert verdict.kind == "silently_wrong"
         assert verdict.remark
         # Where the conic problem's own errors are as small as was asked, it is no lie of the solver's.
-        kept = judge(two_link, proved, replace(wrong, dimacs=1e-8), 1e-8)
+        kept = judge(two_link, proved, replace(wrong, own_error=1e-8), 1e-8)
         claims = wrong.claims == "optimal"
         assert kept.kind == ("inaccurate" if claims else "silently_wrong")
     assert judge(two_link, proved, suboptimal, 1e-8).violation == 0.0
@@ -235,17 +235,22 @@ def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None
     assert difference > 0.0
 
 
-def test_dimacs_errors_are_those_of_the_definition(two_link: Instance) -> None:
+def test_conic_errors_see_each_kind_of_mistake(two_link: Instance) -> None:
     """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
     for made in (two_link, instance("two_link one-step regulariser")):
         conic = made.sdp.conic
         answer = clarabel.solve(conic, 1e-10)
-        assert dimacs_error(conic, answer) < 1e-7
-        assert dimacs_error(conic, replace(answer, x=np.full_like(answer.x, np.nan))) == np.inf
-        assert dimacs_error(conic, replace(answer, z=answer.z + 1e-2)) > 1e-4
-        assert dimacs_error(conic, replace(answer, z=answer.z - 1e-2)) > 1e-4
+        assert max(conic_errors(conic, answer)) < 1e-7
+        nothing = replace(answer, x=np.full_like(answer.x, np.nan))
+        assert conic_errors(conic, nothing) == (np.inf, np.inf)
         shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
-        assert dimacs_error(conic, replace(answer, x=shifted)) > 1e-4
+        for wrong in (
+            replace(answer, z=answer.z + 1e-2),
+            replace(answer, z=answer.z - 1e-2),
+            replace(answer, x=shifted),
+        ):
+            dimacs, own = conic_errors(conic, wrong)
+            assert min(dimacs, own) > 1e-4
 
 
 def test_repair_goes_towards_a_point_near_the_optimum(two_link: Instance, proved: Reference) -> None:
