@@ -25,6 +25,7 @@ from sdp_vs_penalty.shootout.judge import (
 )
 from sdp_vs_penalty.shootout.nursery import _pack, _unpack, in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
+from sdp_vs_penalty.shootout.results import cells
 from sdp_vs_penalty.solvers import clarabel, verified
 
 CONTESTANTS = contestants()
@@ -377,3 +378,13 @@ def test_measured_instances_are_proved() -> None:
 def test_the_interior_point_is_feasible_beyond_doubt(two_link: Instance) -> None:
     assert two_link.interior is not None
     assert verified.certainly_feasible(two_link.constraints.convex, two_link.interior)
+
+
+def test_written_intervals_contain_what_was_proved() -> None:
+    rng = np.random.default_rng(0)
+    for value in (*rng.normal(size=200) * 10.0 ** rng.integers(-9, 9, 200), 768.30886830123, -1e-17):
+        row = dict.fromkeys(("lower", "upper"), float(value)) | {"gap": abs(float(value))}
+        low, high, gap = (float(x) for x in cells(("lower", "upper", "gap"), row))
+        assert low <= value <= high
+        assert gap >= abs(value)
+        assert high - low <= 3e-9 * abs(value)
