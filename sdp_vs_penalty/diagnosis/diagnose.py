@@ -62,7 +62,8 @@ def diagnose(
     show (a payload); otherwise they are refitted along with every candidate. seed : of the random
     signs that the tests compare with; progress : called with a short text of where the search stands;
     noise_from : the runs whose repetition shows the noise, all that there are, where the measurements
-    are windows of them (default: the measurements).
+    are windows of them (default: the measurements); gain_uncertainty : relative
+    standard deviation of the torque channels' gains; default: the model's.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """

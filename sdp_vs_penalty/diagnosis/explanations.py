@@ -84,6 +84,6 @@ def remarks(
     if held_out == "folds":
         out.append(
             "Held-out errors come from outer folds: the search was repeated without each of them; "
-            "steps a fold did not reach repeat its last error. A test run (--test) shows each step."
+            "a step that a fold did not find keeps its error. A test run (--test) shows each step."
         )
     return tuple(out)

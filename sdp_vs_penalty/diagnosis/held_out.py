@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.ladder import climbed
-from sdp_vs_penalty.diagnosis.library import spread_columns
+from sdp_vs_penalty.diagnosis.library import Key, spread_columns
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.search import Found
 from sdp_vs_penalty.diagnosis.stage import Stage, informative, model_columns
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 #: By this share an error falls, rather than merely not rising.
 _FALLS = 0.001
 #: Outer folds at most: the search is repeated without each of them.
-_OUTER = 3
+_OUTER = 5
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,7 @@ def held_out_errors(
     for f in np.unique(outer):
         train = outer != f
         again = climbed(SearchState.start(_stage_on(stage, train)), thorough=False)
-        squares = _left_out(stage, again.picks, train)
-        # The procedure's k-th step; where it stopped earlier, its last.
-        at = np.minimum(np.arange(len(picks) + 1), len(squares) - 1)
-        total += squares[at]
+        total += _matched(stage, picks, again.picks, train)
         same += _left_out(stage, picks, train)
         before += _left_out(given, (), train)[0]
     count = np.maximum(stage.rows.keep.sum(axis=0), 1)
@@ -83,6 +80,20 @@ def _stage_of(stage: Stage, estimate: Estimate) -> Stage:
     rows = with_estimate(stage.rows, estimate)
     columns = model_columns(rows, estimate, stage.frozen)
     return replace(stage, rows=rows, columns=columns, residual=rows.residual)
+
+
+def _matched(
+    stage: Stage, picks: Sequence[Pick], own: Sequence[Pick], train: NDArray[np.bool_]
+) -> Array:
+    """(steps + 1, n) squared errors left out, at each step with those of a fold's ``own`` picks that are
+    the same effect on the same joint as a pick up to there: a fold finds them in another order."""
+    step: dict[Key, int] = {}
+    for k, pick in enumerate(picks):
+        step.setdefault(pick.candidate.key, k)
+    same = sorted((p for p in own if p.candidate.key in step), key=lambda p: step[p.candidate.key])
+    steps = np.array([step[p.candidate.key] for p in same], int)
+    squares = _left_out(stage, same, train)
+    return squares[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
 
 
 def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> Array:

@@ -65,14 +65,18 @@ class Retune:
 def retunes(
     found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
 ) -> tuple[Retune, ...]:
-    """Those changes that these data tell. before, after (n,) : held-out errors with the model's own
-    constants, and with the new ones."""
+    """Those changes that these data tell, and that lower the joint's held-out error.
+
+    before, after (n,) : held-out errors with the model's own constants, and with the new ones.
+    """
     out = []
     for s in found:
         spread = s.std / s.after if np.isfinite(s.std) else 0.0
         if s.gain < MIN_GAIN or abs(np.log(s.after / s.before)) < max(_FAR * spread, _MOVES):
             continue
         errors = float(before[s.joint]), float(after[s.joint])
+        if not errors[1] < errors[0]:
+            continue  # what raises the error of its joint is not offered
         shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
         values = [shape.said(v, kind) for v in (s.after, s.before)]
         unit = robot.torque_units[s.joint].replace("*", " ")
@@ -84,8 +88,6 @@ def retunes(
             remarks.append("it lies at the end of the range in which it was looked for")
         if s.gain < 2.0 * MIN_GAIN:
             remarks.append("its gain is small")
-        if not errors[1] < errors[0]:
-            remarks.append("the error on held-out data does not fall")
         text = f"{s.effect}:{s.joint + 1}@{s.shape}={s.after:.6g}"
         confidence = "weak" if remarks else "confident"
         who = s.effect, s.joint + 1, s.shape, s.before, s.after, s.std, s.gain, confidence

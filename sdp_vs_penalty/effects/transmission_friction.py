@@ -139,7 +139,14 @@ class TransmissionFriction(Effect):
         ]
         shapes = [{**law, **given} for law in laws]
         shapes = [shape for k, shape in enumerate(shapes) if shape not in shapes[:k]]
-        return [cls(robot, [int(key[1:]) - 1 for key in c], **{**c, **s}) for c in found for s in shapes]
+        # On three joints that are only guessed, plain laws: finer ones fit by chance among so many.
+        plain = [s for s in shapes if set(s) <= {"law", *given}]
+        sure = [ratios, *map(_ratios, robot.couplings)]
+        return [
+            cls(robot, [int(key[1:]) - 1 for key in c], **{**c, **s})
+            for c in found
+            for s in (shapes if len(c) < 3 or c in sure else plain)
+        ]
 
 
 def _combinations(robot: Robot, first: int) -> list[dict[str, float]]:

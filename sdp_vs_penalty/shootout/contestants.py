@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.estimators.penalty import fit_penalty
 from sdp_vs_penalty.shootout import log_cholesky
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.shootout.judge import Answer, dimacs_error
+from sdp_vs_penalty.shootout.judge import Answer, conic_errors
 from sdp_vs_penalty.solvers import absent, solver_modules, through_cvxpy, version, warm_up
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
@@ -95,7 +95,7 @@ def _conic(name: str, module: ModuleType) -> Contestant:
             solution.solve_seconds,
             multipliers,
             sdp.entropy_slopes(solution),
-            dimacs_error(sdp.conic, solution),
+            *conic_errors(sdp.conic, solution),
         )
 
     def applies(instance: Instance) -> str | None:

@@ -3,13 +3,14 @@
 Three figures, each relative, none mixed with another: ``objective_error``, how far its objective as
 it was returned lies from the proved interval; ``violation`` of the constraints, as returned; the dual
 gap that follows from the contestant's own multipliers. Beside them ``dimacs``, the largest of the
-DIMACS errors of the conic problem that the solver saw: the measure of its own promise.
+DIMACS errors of the conic problem that the solver saw. Its own promise is measured on that problem too,
+relative to all terms, as solvers' criteria are.
 
 right            claims success, and error and violation are within 10 times what was asked;
                  or claims infeasibility of what is proved infeasible
 inaccurate       admits reduced accuracy; or kept its promise, in its own scaling, and is off all the
                  same; or our own interval is too wide to decide
-silently_wrong   claims success and misses its own promise too, its DIMACS errors 10 times or more
+silently_wrong   claims success and misses its own promise too, its own errors 10 times or more
                  above what was asked; or a verdict that our proofs contradict
 failed           says so
 timeout, crash   ended by the clock, or by a signal
@@ -45,7 +46,8 @@ SLACK = 10.0
 class Answer:
     """What a contestant returned. multipliers : of all convex constraints, or None without a dual.
 
-    dimacs : the largest DIMACS error of the conic problem that was sent; None where none was.
+    dimacs : the largest DIMACS error of the conic problem that was sent; own_error : the same relative
+        to all terms of each sum, as solvers' own criteria are. None where no conic problem was sent.
     """
 
     theta: Array
@@ -57,6 +59,7 @@ class Answer:
     multipliers: Sequence[Array] | None = None
     entropy_slopes: Array | None = None
     dimacs: float | None = None
+    own_error: float | None = None
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
     if answer.claims in ("failed", "inaccurate"):
         return Verdict(answer.claims, *numbers)
     allowed = SLACK * asked
-    kept = answer.dimacs is not None and answer.dimacs <= allowed
+    kept = answer.own_error is not None and answer.own_error <= allowed
     if answer.claims in ("infeasible", "unbounded"):
         # A sum of squares over a set that is not empty is never unbounded.
         if reference.verdict == "infeasible" and answer.claims == "infeasible":
@@ -135,25 +138,39 @@ def _value(instance: Instance, theta: Array) -> float:
     return value if np.isfinite(value) else instance.data.loss(theta)
 
 
-def dimacs_error(problem: ConicProblem, solution: Solution) -> float:
-    """The largest DIMACS error of a conic solution, infinite for numbers that are none.
+def conic_errors(problem: ConicProblem, solution: Solution) -> tuple[float, float]:
+    """The largest DIMACS error of a conic solution, and the largest error relative to all terms.
 
     With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
-    gap, relative to 1 + the largest entries of b and q, and to 1 + both objectives (Mittelmann, 2003).
+    gap. DIMACS (Mittelmann, 2003): relative to 1 + the largest entries of b and q, and to 1 + both
+    objectives. Solvers' own criteria (Clarabel, SCS): relative to the largest of all terms that are
+    summed up, and 1. Infinite for numbers that are none.
     """
     x, z = solution.x, solution.z
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
-        return np.inf
+        return np.inf, np.inf
     s = problem.b - problem.A @ x
-    quadratic = problem.P + sparse.triu(problem.P, 1).T
-    force = quadratic @ x
-    size_b, size_q = 1.0 + np.abs(problem.b).max(initial=0.0), 1.0 + np.abs(problem.q).max(initial=0.0)
+    force, pull = (problem.P + sparse.triu(problem.P, 1).T) @ x, problem.A.T @ z
     half = 0.5 * float(x @ force)
     primal, dual = half + float(problem.q @ x), -half - float(problem.b @ z)
-    stationary = float(np.linalg.norm(force + problem.q + problem.A.T @ z)) / size_q
-    gap = abs(primal - dual) / (1.0 + abs(primal) + abs(dual))
-    outside = max(_outside(problem, s) / size_b, _outside(problem, z, dual=True) / size_q)
-    return max(stationary, gap, outside)
+    outside, outside_dual = _outside(problem, s), _outside(problem, z, dual=True)
+    left = force + problem.q + pull
+    b, q, largest = _largest(problem.b), _largest(problem.q), _largest(force, pull)
+    dimacs = (
+        outside / (1.0 + b),
+        max(outside_dual, float(np.linalg.norm(left))) / (1.0 + q),
+        abs(primal - dual) / (1.0 + abs(primal) + abs(dual)),
+    )
+    own = (
+        outside / max(1.0, b, _largest(s)),
+        max(outside_dual, _largest(left)) / max(1.0, q, largest, _largest(z)),
+        abs(primal - dual) / max(1.0, min(abs(primal), abs(dual))),
+    )
+    return max(dimacs), max(own)
+
+
+def _largest(*vectors: Array) -> float:
+    return max(float(np.abs(v).max(initial=0.0)) for v in vectors)
 
 
 def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:

@@ -261,6 +261,7 @@ def _pack(answer: Answer) -> bytes:
         "solve_seconds": answer.solve_seconds,
         "dual": answer.multipliers is not None,
         "dimacs": answer.dimacs,
+        "own_error": answer.own_error,
     }
     arrays = {"theta": np.asarray(answer.theta, float)}
     for k, multiplier in enumerate(answer.multipliers or ()):
@@ -286,6 +287,7 @@ def _unpack(payload: bytes) -> Answer:
             [file[f"m{k}"] for k in range(count)] if head["dual"] else None,
             file["slopes"] if "slopes" in file.files else None,
             head["dimacs"],
+            head["own_error"],
         )
 
 

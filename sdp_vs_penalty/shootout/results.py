@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,14 @@ _NUMBERS = (
     "accuracy", "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
     "setup_seconds", "solve_seconds",
 )  # fmt: skip
+
+#: Bounds of an interval lose digits outward only: what was proved stays true of what is written.
+_OUTWARD = {
+    "lower": ROUND_FLOOR,
+    "upper": ROUND_CEILING,
+    "gap": ROUND_CEILING,
+    "violation": ROUND_CEILING,
+}
 
 Key = tuple[str, str, str, str]
 
@@ -87,7 +97,7 @@ class Results:
         """Append one run; it is on the disk when this returns."""
         self.rows.append(parsed(row))
         with self.path.open("a", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerow(cell(row.get(c, "")) for c in COLUMNS)
+            csv.writer(file, lineterminator="\n").writerow(cells(COLUMNS, row))
             file.flush()
             os.fsync(file.fileno())
 
@@ -116,12 +126,22 @@ def table_text(columns: tuple[str, ...], rows: list[Row]) -> str:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(columns)
     for row in rows:
-        writer.writerow(cell(row.get(c, "")) for c in columns)
+        writer.writerow(cells(columns, row))
     return file.getvalue()
 
 
-def cell(value: Any) -> str:
-    """Numbers to six digits, bounds in full; line breaks have no place in a row."""
+def cells(columns: tuple[str, ...], row: Row) -> list[str]:
+    """A row as text."""
+    return [cell(row.get(name, ""), _OUTWARD.get(name)) for name in columns]
+
+
+def cell(value: Any, rounding: str | None = None) -> str:
+    """Numbers to six digits, above 1e-3 to ten; line breaks have no place in a row.
+
+    rounding : one of decimal's, for a number that may err to one side only: to ten digits.
+    """
+    if isinstance(value, float) and rounding is not None and math.isfinite(value) and value != 0.0:
+        return format(Context(prec=10, rounding=rounding).create_decimal(repr(value)).normalize(), "g")
     if isinstance(value, float):
         return (
             f"{value:.6g}" if abs(value) < 1e-3 or abs(value) >= 1e6 or value == 0.0 else f"{value:.10g}"

@@ -248,9 +248,10 @@ def write_summary(
         "constraints; dual gap from its own multipliers; DIMACS: the largest DIMACS error of the "
         "conic problem that the solver saw. All are relative, medians over the answers called "
         "optimal. right: error and violation are within 10 times what was asked. silently wrong: "
-        "a claim of success that is further off and also misses the solver's own promise, its "
-        "DIMACS errors, by a factor of 10; where those are kept the answer is inaccurate. SOLVER "
-        "certified is the solver inside our loop (lmi-sdp: Clarabel). Times are those of "
+        "a claim of success that is further off and also misses the solver's own promise, errors "
+        "of that conic problem relative to all terms, by a factor of 10; where it is kept the "
+        "answer is inaccurate. SOLVER certified is the solver inside our loop (lmi-sdp: "
+        "Clarabel). Times are those of "
         f"set-up and solve, a run that is not right counts {time_limit:g} s. Made by "
         "`sdp-vs-penalty shootout`; the runs are in runs.csv.",
         "",

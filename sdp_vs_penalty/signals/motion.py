@@ -23,9 +23,9 @@ from sdp_vs_penalty.signals.runs import stretches
 
 Array = NDArray[np.float64]
 
-#: Motion is new beyond so many spreads of the training motion; a path that would need more points than
-#: ``_MOST`` is kept more coarsely, with a distance that grows alike.
-DISTANCE, _MOST = 0.1, 2000
+#: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
+#: kept more coarsely, with a distance that grows alike; beyond the last distance, not at all.
+DISTANCE, _COARSEST, _MOST = 0.1, 0.4, 100_000
 #: In units of the distance: how far the lines may pass beside a row, how near a row counts as there
 #: already, and the spacing at which lines are looked up.
 _BESIDE, _THERE, _SPACING = 0.2, 0.3, 0.2
@@ -83,10 +83,11 @@ class MotionRecord:
 
         return cKDTree(_filled(self.lines, _SPACING * self.distance))
 
-    def joined(self, other: MotionRecord) -> MotionRecord:
-        """The motion of both, in units of this one's spread."""
+    def joined(self, other: MotionRecord) -> MotionRecord | None:
+        """The motion of both, in units of this one's spread; None where that is too much to keep."""
         there = [(line * other.scale + other.centre - self.centre) / self.scale for line in other.lines]
-        return _record(self.centre, self.scale, [*self.lines, *there], self.distance)
+        distance = max(self.distance, other.distance)
+        return _record(self.centre, self.scale, [*self.lines, *there], distance)
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -112,7 +113,10 @@ class MotionRecord:
 
 
 def record_motion(measurements: Measurements, settings: Preprocessing) -> MotionRecord | None:
-    """The record of the runs' rows; ``settings`` must be resolved. None where the filters leave none."""
+    """The record of the runs' rows; ``settings`` must be resolved.
+
+    None where the filters leave no row, or where there is more motion than a record can keep.
+    """
     paths = [path for run in measurements.runs() for path in _paths(run, settings)]
     if not paths:
         return None
@@ -144,13 +148,14 @@ def _paths(run: Measurements, settings: Preprocessing) -> Iterator[Array]:
                 yield np.concatenate(states)
 
 
-def _record(centre: Array, scale: Array, paths: Sequence[Array], distance: float) -> MotionRecord:
-    """Thin paths (in units of the scale) until the record is small enough."""
-    while True:
+def _record(centre: Array, scale: Array, paths: Sequence[Array], distance: float) -> MotionRecord | None:
+    """Paths (in units of the scale), thinned until the record is small enough."""
+    while distance <= _COARSEST:
         lines = _thinned(paths, distance)
         if lines is not None:
             return MotionRecord(centre, scale, tuple(np.round(x, 3) + 0.0 for x in lines), distance)
         distance *= 2.0
+    return None
 
 
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
@@ -174,7 +179,7 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
                 if fresh[piece[0]]:
                     around = slice(max(piece[0] - 1, 0), piece[-1] + 2)
                     lines.append(_straight(rows[around], _BESIDE * distance))
-            if sum(map(len, lines)) > _MOST:
+            if sum(line.size for line in lines) > _MOST:
                 return None
     return lines
 

@@ -13,6 +13,7 @@ give a tight one. Nothing a solver says about itself enters.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -115,7 +116,8 @@ class Certificate(Shown):
     def _gap_text(self) -> str:
         if self.gap is None:
             return "no lower bound: this method is not convex, or has no constraints"
-        names = ", ".join(dict.fromkeys(text.partition("@")[0] for text in self.held))
+        # Once each: a joint may have its effect with a shape constant of its own.
+        names = ", ".join(dict.fromkeys(re.split("[:@]", text)[0] for text in self.held))
         held = f", with {names} held fixed" if self.held else ""
         return f"{self.gap:.1e} of the loss (certified lower bound){held}"
 

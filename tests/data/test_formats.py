@@ -225,7 +225,7 @@ def test_every_verb_takes_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path
     more = tmp_path / "more.json"
     assert run_cli("add", model, "joint_spring:1", "--data", bag, "--test", bag, "--out", more) == 0
     assert abs(load_estimate(more).theta[-1]) < 0.1  # nothing was missing
-    P = [posed("two_link", [data]).P.toarray() for data in (bag, file)]
+    P = [posed("two_link", [data]).sdp.conic.P.toarray() for data in (bag, file)]
     np.testing.assert_allclose(P[0], P[1], rtol=1e-3, atol=1e-6 * np.abs(P[1]).max())
 
 

@@ -29,6 +29,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.export import export, plain_robot
+from sdp_vs_penalty.export.content import Inertial, number
 from sdp_vs_penalty.export.mjcf import quaternion
 from sdp_vs_penalty.export.urdf import rpy_of
 from sdp_vs_penalty.problem.load import load_problem
@@ -675,3 +676,11 @@ def robots_tree() -> Robot:
         path = Path(folder) / "tree.urdf"
         path.write_bytes(TREE.encode())
         return load_urdf(path)[0]
+
+
+def test_nothing_weighs_nothing_and_zero_has_no_sign() -> None:
+    body = Inertial.of(np.zeros(10))
+    assert body.mass == 0.0
+    assert body.com.shape == (3,)
+    np.testing.assert_array_equal(body.about_com, np.zeros((3, 3)))
+    assert number(-0.0) == "0.0"

@@ -17,7 +17,7 @@ from sdp_vs_penalty.robot import inertia
 RESULTS = Path(__file__).parents[2] / "results"
 FOLDERS = {"panda": RESULTS, "two_link": RESULTS / "two_link"}
 MADE = {
-    "panda": ("III", "IV", "VIII", "IX", "errata", "methods", "data"),
+    "panda": ("III", "IV", "VIII", "IX", "errata", "methods", "data", "unseen"),
     "two_link": ("III", "IV", "VII", "VIII", "IX", "methods"),
 }
 CASES = [(problem, name) for problem, names in MADE.items() for name in names]
@@ -48,7 +48,8 @@ def test_three_forms_are_committed(problem: str, name: str) -> None:
         assert text.endswith("\n")
     cells = [cell for row in committed(problem, name) for cell in row.values() if cell]
     markdown = (FOLDERS[problem] / f"table_{name}.md").read_text()
-    assert all(cell.replace("|", "\\|") in markdown for cell in cells)
+    words = [cell for cell in cells if not close(cell, "0", 0.0, np.inf)]
+    assert all(cell.replace("|", "\\|") in markdown for cell in words)
 
 
 @pytest.mark.parametrize("name", ["III", "IV", "VIII", "IX"])
@@ -134,6 +135,8 @@ def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
         if column == "smallest_thickness_mm" and row["method"] != "lmi-sdp-thickness":
             return anything  # rods of no thickness, and what torque does not determine
         return 0.02, 0.05
+    if name == "unseen":
+        return 0.02, 1e-3
     if name == "data":
         flat = row["seconds"] in ("1", "2") and row["method"] in ("ols", "lmi-sdp-plain", "penalty")
         return anything if flat else (0.02, 0.02)

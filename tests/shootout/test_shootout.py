@@ -19,12 +19,13 @@ from sdp_vs_penalty.shootout.judge import (
     CLASSES,
     Answer,
     Verdict,
-    dimacs_error,
+    conic_errors,
     judge,
     relative_violation,
 )
 from sdp_vs_penalty.shootout.nursery import _pack, _unpack, in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
+from sdp_vs_penalty.shootout.results import cells
 from sdp_vs_penalty.solvers import clarabel, verified
 
 CONTESTANTS = contestants()
@@ -142,7 +143,7 @@ def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, 
         assert verdict.kind == "silently_wrong"
         assert verdict.remark
         # Where the conic problem's own errors are as small as was asked, it is no lie of the solver's.
-        kept = judge(two_link, proved, replace(wrong, dimacs=1e-8), 1e-8)
+        kept = judge(two_link, proved, replace(wrong, own_error=1e-8), 1e-8)
         claims = wrong.claims == "optimal"
         assert kept.kind == ("inaccurate" if claims else "silently_wrong")
     assert judge(two_link, proved, suboptimal, 1e-8).violation == 0.0
@@ -234,17 +235,22 @@ def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None
     assert difference > 0.0
 
 
-def test_dimacs_errors_are_those_of_the_definition(two_link: Instance) -> None:
+def test_conic_errors_see_each_kind_of_mistake(two_link: Instance) -> None:
     """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
     for made in (two_link, instance("two_link one-step regulariser")):
         conic = made.sdp.conic
         answer = clarabel.solve(conic, 1e-10)
-        assert dimacs_error(conic, answer) < 1e-7
-        assert dimacs_error(conic, replace(answer, x=np.full_like(answer.x, np.nan))) == np.inf
-        assert dimacs_error(conic, replace(answer, z=answer.z + 1e-2)) > 1e-4
-        assert dimacs_error(conic, replace(answer, z=answer.z - 1e-2)) > 1e-4
+        assert max(conic_errors(conic, answer)) < 1e-7
+        nothing = replace(answer, x=np.full_like(answer.x, np.nan))
+        assert conic_errors(conic, nothing) == (np.inf, np.inf)
         shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
-        assert dimacs_error(conic, replace(answer, x=shifted)) > 1e-4
+        for wrong in (
+            replace(answer, z=answer.z + 1e-2),
+            replace(answer, z=answer.z - 1e-2),
+            replace(answer, x=shifted),
+        ):
+            dimacs, own = conic_errors(conic, wrong)
+            assert min(dimacs, own) > 1e-4
 
 
 def test_repair_goes_towards_a_point_near_the_optimum(two_link: Instance, proved: Reference) -> None:
@@ -372,3 +378,13 @@ def test_measured_instances_are_proved() -> None:
 def test_the_interior_point_is_feasible_beyond_doubt(two_link: Instance) -> None:
     assert two_link.interior is not None
     assert verified.certainly_feasible(two_link.constraints.convex, two_link.interior)
+
+
+def test_written_intervals_contain_what_was_proved() -> None:
+    rng = np.random.default_rng(0)
+    for value in (*rng.normal(size=200) * 10.0 ** rng.integers(-9, 9, 200), 768.30886830123, -1e-17):
+        row = dict.fromkeys(("lower", "upper"), float(value)) | {"gap": abs(float(value))}
+        low, high, gap = (float(x) for x in cells(("lower", "upper", "gap"), row))
+        assert low <= value <= high
+        assert gap >= abs(value)
+        assert high - low <= 3e-9 * abs(value)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from periodic_runs import SETTINGS, run_of
+from periodic_runs import JOINTS, SETTINGS, run_of
 
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
@@ -52,21 +52,24 @@ def test_other_motion_is_new() -> None:
     assert share(once, slower) > 0.8
 
 
-def test_periods_add_nothing_to_the_record() -> None:
-    """Nor does it grow beyond its bound; its distance does, and what was trained on stays known."""
+def test_the_record_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
     one, ten = (record_motion(run_of(10, s), SETTINGS) for s in (11.0, 96.0))
     assert one is not None
     assert ten is not None
     assert ten.points < 1.5 * one.points
     rng = np.random.default_rng(3)
-    wild = run_of(10, 600.0)
+    wild = run_of(10, 120.0)
     smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
     wild.q[:, 0] = smooth / smooth.std()
+    monkeypatch.setattr(motion, "_MOST", 12_000)
     record = record_motion(wild, SETTINGS)
     assert record is not None
-    assert record.points <= motion._MOST
+    assert 2 * JOINTS * record.points <= 12_000
     assert record.distance > motion.DISTANCE
     assert record.new_share_of(wild, SETTINGS) == 0.0
+    monkeypatch.setattr(motion, "_MOST", 100)
+    assert record_motion(wild, SETTINGS) is None
 
 
 def test_records_join() -> None:
@@ -74,6 +77,7 @@ def test_records_join() -> None:
     assert a is not None
     assert b is not None
     both = a.joined(b)
+    assert both is not None
     for seed in (11, 21):
         assert both.new_share_of(run_of(seed, 9.0, 0.5), SETTINGS) == 0.0
     assert both.new_share_of(run_of(30, 9.0), SETTINGS) > 0.9

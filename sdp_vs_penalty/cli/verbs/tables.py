@@ -40,7 +40,7 @@ def verb(
     Example: sdp-vs-penalty tables III --out results
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.paper.tables import all_tables, make_tables
+    from sdp_vs_penalty.paper.tables import all_tables, written_tables
 
     if every:
         if names or problem:
@@ -49,8 +49,18 @@ def verb(
             )
         names = list(all_tables())
     with console.progress("tables") as progress:
-        written = make_tables(
+        made = written_tables(
             names or None, problem=problem, budget=budget.value, out=out, progress=progress
         )
-    for path in written:
-        print(path)
+    for table, paths in made:
+        first, *rest = table.lines()
+        console.say(first, style="bold")
+        for line in rest:
+            console.explain(line)
+        for path in paths:
+            console.say(str(path))
+    if any(paths[0].parent != out for _, paths in made):
+        console.explain(
+            f"{out} holds measured tables, and no real run is at hand (name its folder by "
+            f"SDP_VS_PENALTY_DATA): tables without it were written to {out / 'simulated'}."
+        )

@@ -49,12 +49,13 @@ def draw(study: Study) -> Any:
             _ellipse(axis, links[link], plane, look)
             c = links[link, 1:4] / links[link, 0]
             axis.plot(*c[list(plane)], marker=marker, markersize=4, label=name, **look)
+        _frame_the_shape(axis, problem, link, plane)
     handles, labels = axes[0, 1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     title(
         figure,
         "The 2R from its parameters. Sections: link shapes, and where a centre of mass can be (grey);\n"
-        "centres of mass, and uniform ellipsoids with the same mass and inertia",
+        "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)",
     )
     return figure
 
@@ -143,10 +144,21 @@ def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> 
     edge = np.column_stack([np.concatenate([x, x[::-1]]), np.concatenate([radius, -radius[::-1]])])
     swap = plane[0] != along
     axis.fill(*(edge[:, ::-1] if swap else edge).T, color=GREY, alpha=0.3, linewidth=0)
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_aspect("equal")
     axis.set_title(f"link {link + 1}, section in its frame")
     axis.set_xlabel(f"$c_{{{link + 1}{'xyz'[plane[0]]}}}$ [m]")
     axis.set_ylabel(f"$c_{{{link + 1}{'xyz'[plane[1]]}}}$ [m]")
+
+
+def _frame_the_shape(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> None:
+    """Show the link's shape and a margin of it: an ellipsoid that is larger is cut off, not the link."""
+    along, x, radius = radius_profile(problem, link)
+    ends = {along: (float(x.min()), float(x.max()))}
+    widest = float(radius.max())
+    spans = [ends.get(a, (-widest, widest)) for a in plane]
+    margin = 0.5 * max(high - low for low, high in spans)
+    for set_limits, (low, high) in zip((axis.set_xlim, axis.set_ylim), spans, strict=True):
+        set_limits(low - margin, high + margin)
 
 
 def _ellipse(axis: Any, link: Array, plane: tuple[int, int], look: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ PROBLEMS, a tuple of their names.
 
 from __future__ import annotations
 
+import csv
 import importlib
 import pkgutil
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from types import ModuleType
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table
+from sdp_vs_penalty.paper.tables.table import Table, is_measured
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 
@@ -89,20 +90,46 @@ def make_tables(
     progress: Progress = no_progress,
     seed: int = 0,
 ) -> list[Path]:
-    """Build tables and write each as CSV, Markdown and LaTeX; the paths written.
+    """Build tables and write each as CSV, Markdown and LaTeX; the paths written, CSV first.
+
+    Without the real run, a folder's measured tables are not overwritten: those without it are written to
+    its subfolder ``simulated``.
 
     names : of the tables, in any case; None for III, IV, VIII and IX. problem : default the Panda,
     and the 2R for the tables that are about it only.
     budget : "quick", or "paper" for as many loss evaluations of the paper's method as its authors
     allow. Raises InputError for names that do not exist, before anything is computed or written.
     """
+    made = written_tables(names, problem, budget, out, progress, seed)
+    return [path for _, paths in made for path in paths]
+
+
+def written_tables(
+    names: Sequence[str] | None = None,
+    problem: str | Path | Problem | None = None,
+    budget: str = "quick",
+    out: str | Path = "results",
+    progress: Progress = no_progress,
+    seed: int = 0,
+) -> list[tuple[Table, list[Path]]]:
+    """The same, each table with its paths."""
     if problem is None:
         groups = [(load_problem(k), group) for k, group in _by_problem(names or DEFAULT_TABLES).items()]
     else:
         chosen = problem if isinstance(problem, Problem) else load_problem(problem)
         groups = [(chosen, list(names or DEFAULT_TABLES))]
-    paths = []
+    made = []
     for one, group in groups:
         for table in build_tables(group, Study(one, budget, seed, progress)):
-            paths += table.write(out)
-    return paths
+            made.append((table, table.write(_folder(table, Path(out)))))
+    return made
+
+
+def _folder(table: Table, out: Path) -> Path:
+    """Where to write a table so that it takes no measured one's place without being measured itself."""
+    there = out / f"table_{table.name}.csv"
+    if table.measured or not there.is_file():
+        return out
+    with there.open(newline="") as file:
+        names, *rows = list(csv.reader(file)) or [[]]
+    return out / "simulated" if is_measured(names, rows) else out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -26,7 +26,8 @@ from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.problem.real_data import good_configurations, measured_run
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
-from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
+from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
 from sdp_vs_penalty.solvers.certificate import Certificate
@@ -40,8 +41,10 @@ METHODS: Mapping[str, str] = {
     for name, kind in sorted(estimator_types().items(), key=lambda item: item[1].table_place or 0)
     if kind.table_place is not None
 }
-#: Where the real run is cut: estimates that are judged on it never see what comes later [s].
+#: Where the real run is cut for repeatability [s]: what comes later is its beginning again.
 TRAIN_STOP, TEST_START = 14.0, 14.2
+#: Folds by phase in which it is judged on motion that an estimate has not seen.
+FOLDS = 5
 #: Configurations of the black box where the authors' file is absent: as many as theirs.
 _CONFIGURATIONS = 1010
 
@@ -60,6 +63,11 @@ class Data:
     model: Model
     preprocessing: Preprocessing
 
+    @property
+    def key(self) -> str:
+        """Which rows estimates are made from."""
+        return self.train.data_hash
+
     @cached_property
     def regression(self) -> Regression:
         return compress(self.train, self.model, self.preprocessing)
@@ -77,6 +85,37 @@ class Data:
         """Held-out mean squared torque error (n,) [(N m)^2] and relative error over all joints [%]."""
         rows = self.test_regression if regression is None else regression
         return torque_errors(rows, theta)
+
+
+@dataclass(frozen=True)
+class PhaseFold(Data):
+    """A run without one stretch of its motion, judged on that stretch and all its repetitions."""
+
+    split: PhaseFolds
+    number: int
+
+    @property
+    def key(self) -> str:
+        return f"{self.train.data_hash}, fold {self.number + 1} of {self.split.count}"
+
+    @cached_property
+    def regression(self) -> Regression:
+        return self._cells(self.model).select(self.split.training(self.number))
+
+    def test_with(self, model: Model) -> Regression:
+        return self._cells(model).select(self.split.tested(self.number))
+
+    def _cells(self, model: Model) -> Regression:
+        return compress_cells(self.train, model, self.preprocessing, self.split)
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Errors on unseen motion: mse (n,) and relative [%] over all folds; folds : relative of each."""
+
+    mse: Array
+    relative: float
+    folds: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -129,12 +168,38 @@ class Study:
         return self._data("measured", self.run, None, self.problem.model())
 
     @cached_property
-    def held_out(self) -> Data | None:
-        """The real run before TRAIN_STOP, judged on what comes after TEST_START."""
+    def repeated(self) -> Data | None:
+        """The real run before TRAIN_STOP, judged on its repetition after TEST_START."""
         if self.run is None:
             return None
         train, test = self.run.window(0.0, TRAIN_STOP), self.run.window(TEST_START, np.inf)
         return self._data("measured", train, test, self.problem.model())
+
+    @cached_property
+    def folds(self) -> tuple[Data, ...]:
+        """The real run's folds by phase: each judged on motion that it does not train on."""
+        if self.run is None:
+            return ()
+        self.progress("folds by phase")
+        settings = self.problem.preprocessing.resolve(self.run)
+        split, model = phase_folds(self.run, settings, FOLDS), self.problem.model()
+        return tuple(
+            PhaseFold("measured", self.run, None, model, settings, split, k) for k in range(FOLDS)
+        )
+
+    def unseen(self, theta: Callable[[Data], Array], model: Model | None = None) -> Unseen:
+        """Errors over the folds of what ``theta`` makes of each, in the columns of a model."""
+        pairs = []
+        for fold in self.folds:
+            rows = fold.test_regression if model is None else fold.test_with(model)
+            pairs.append((rows, theta(fold)))
+        losses = np.array([rows.joint_losses(x) for rows, x in pairs])
+        count = np.array([rows.joint_rows() for rows, _ in pairs])
+        squares = np.array([rows.least_squares().tau_squared for rows, _ in pairs])
+        relative = 100.0 * np.sqrt(losses.sum() / squares.sum())
+        each = 100.0 * np.sqrt(losses.sum(axis=1) / squares)
+        mse = losses.sum(axis=0) / np.maximum(count.sum(axis=0), 1)
+        return Unseen(mse, float(relative), tuple(each.tolist()))
 
     def _data(self, label: str, train: Measurements, test: Measurements | None, model: Model) -> Data:
         return Data(label, train, test, model, self.problem.preprocessing.resolve(train))
@@ -146,11 +211,11 @@ class Study:
 
     @property
     def judged(self) -> list[Data]:
-        """What is held out against in Table IV and the method table."""
-        return [self.simulated, *([] if self.held_out is None else [self.held_out])]
+        """Where one estimate is judged by other rows than its own; the real one's are its repetition."""
+        return [self.simulated, *([] if self.repeated is None else [self.repeated])]
 
     def task(self, data: Data) -> Task:
-        key = data.train.data_hash
+        key = data.key
         if key not in self._tasks:
             self.progress(f"compressing the {data.label} run")
             self._tasks[key] = make_task(self.problem, data.model, data.regression, seed=self.seed)
@@ -158,7 +223,7 @@ class Study:
 
     def result(self, method: str, data: Data) -> Result:
         """A method's estimate from the training part of a data set."""
-        key = (method, data.train.data_hash)
+        key = (method, data.key)
         if key not in self._results:
             task = self.task(data)
             self.progress(f"{method} on {data.label} data")
@@ -169,6 +234,10 @@ class Study:
             theta, certificate = certify(task, fit)
             self._results[key] = Result(theta, certificate, seconds, fit.details)
         return self._results[key]
+
+    def fitted(self, method: str, data: Data) -> Array:
+        """theta of a method's estimate."""
+        return self.result(method, data).theta
 
     def estimator(self, method: str) -> Estimator:
         """The method with the settings of this budget."""

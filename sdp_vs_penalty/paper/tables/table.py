@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -53,7 +53,7 @@ class Column:
 @dataclass(frozen=True)
 class Table:
     """name : "III" is written as table_III.csv, .md and .tex; caption : says what is simulated and
-    what measured; rows : one cell a column; notes : below the table.
+    what measured; rows : one cell a column; notes : below the table; gist : what it shows, in words.
     """
 
     name: str
@@ -62,6 +62,7 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     notes: tuple[str, ...] = ()
+    gist: str = ""
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -85,8 +86,19 @@ class Table:
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow([column.name for column in self.columns])
-        writer.writerows(self.cells())
+        writer.writerows([exact(cell) for cell in row] for row in self.rows)
         return out.getvalue()
+
+    @property
+    def measured(self) -> bool:
+        """Whether anything in it comes from real measurements."""
+        return is_measured([column.name for column in self.columns], self.rows)
+
+    def lines(self) -> list[str]:
+        """What it is, what it shows, and how large it is: a line each."""
+        source = "with measured figures" if self.measured else "nothing measured"
+        size = f"{len(self.rows)} rows, {len(self.columns)} columns; {source}"
+        return [self.title, self.gist or self.caption.split(". ")[0].rstrip(".") + ".", size]
 
     def markdown(self) -> str:
         cells = self.cells()
@@ -164,6 +176,21 @@ def text(cell: Cell, digits: int = 4) -> str:
     if math.isinf(cell):
         return "inf" if cell > 0 else "-inf"
     return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
+
+
+def exact(cell: Cell) -> str:
+    """A cell to compute with: a number with all digits that it takes to read the same one back."""
+    if isinstance(cell, float) and math.isfinite(cell):
+        return repr(float(cell))
+    return text(cell)
+
+
+def is_measured(names: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
+    """Whether a table with these columns and rows holds measured figures, as all tables name them."""
+    if any(name.endswith("_measured") for name in names):
+        return True
+    words = (str(cell) for row in rows for cell in row if isinstance(cell, str))
+    return any(word == "measured" or word.startswith(("measured,", "measured ")) for word in words)
 
 
 def number_column(cells: Sequence[str]) -> str:

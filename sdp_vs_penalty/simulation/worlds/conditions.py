@@ -79,6 +79,7 @@ def _mixed(c: Conditions, rng: Generator) -> Conditions:
     return c
 
 
+_PRESLIDING = ("presliding_hysteresis", "maxwell_slip")
 _LATE = ("global_delay", "torque_delay", "torque_filter")
 _GEOMETRY = ("kinematic_error", "base_tilt", "joint_zero_error")
 
@@ -101,11 +102,11 @@ NUISANCES: Mapping[str, Nuisance] = {
             lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4))),
             ("drift_friction",),
         ),
-        Nuisance("dahl", lambda c, _: replace(c, law="dahl"), ("presliding_hysteresis",)),
+        Nuisance("dahl", lambda c, _: replace(c, law="dahl"), _PRESLIDING),
         Nuisance(
             "lugre",
             lambda c, _: replace(c, law="lugre"),
-            ("presliding_hysteresis", "stribeck_friction"),
+            (*_PRESLIDING, "stribeck_friction"),
             True,
         ),
         Nuisance("smoothed", lambda c, _: _channel(c, smooth=0.04), ("torque_filter",), True),

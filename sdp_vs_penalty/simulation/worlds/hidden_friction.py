@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.simulation.worlds.friction import bristles
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, rigid, sign
+from sdp_vs_penalty.simulation.worlds.motion import Motion
 from sdp_vs_penalty.simulation.worlds.world import World
 
+Array = NDArray[np.float64]
 Generator = np.random.Generator
 
 
@@ -86,7 +89,7 @@ def _coupling(w: World, j: int, rng: Generator) -> Hidden:
     form, side = int(rng.integers(1, 5)), float(rng.choice([-1.0, 1.0]))
     width = float(np.median(w.dry.width))
 
-    def law(w: World, dq: np.ndarray) -> np.ndarray:
+    def law(w: World, dq: Array) -> Array:
         speed = {1: dq[:, i], 2: dq[:, i], 3: dq[:, j] + dq[:, i], 4: dq[:, j] - dq[:, i]}[form]
         rubbing = speed if form == 1 else np.tanh(speed / width)
         return np.asarray(side * rubbing)
@@ -109,6 +112,46 @@ def _warming(w: World, j: int, rng: Generator) -> Hidden:
     )
 
 
+def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
+    """Friction of loaded teeth with Dahl's memory."""
+    d = _unit(w, j) * _log(rng, 0.002, 0.01)
+    one = np.array([d])
+    return at_joint(
+        "load_dependent_hysteresis",
+        j,
+        lambda w, m: np.abs(rigid(w, m)[:, j]) * bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0],
+        d=d,
+    )
+
+
+def _slip(w: World, j: int, rng: Generator) -> Hidden:
+    """Al-Bender et al., IEEE TAC 2005: springs in parallel, each with a slider of its own travel."""
+    d = _unit(w, j) * _log(rng, 0.001, 0.004)
+    travel, weight = d * np.array([1.0, 4.0, 16.0]), rng.dirichlet(np.ones(3))
+
+    def law(w: World, m: Motion) -> Array:
+        out, z = np.zeros(len(m.t)), np.zeros(3)
+        for k, step in enumerate(np.diff(m.q[:, j]), start=1):
+            z = np.clip(z + step / travel, -1.0, 1.0)
+            out[k] = weight @ z
+        return out
+
+    return at_joint("maxwell_slip", j, law, None, d=d)
+
+
+def _position(w: World, j: int, rng: Generator) -> Hidden:
+    """Popovic, Goldenberg 1998: dry friction that varies along the range."""
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
+    k = float(rng.integers(1, 4)) if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
+    return at_joint(
+        "position_dependent_friction",
+        j,
+        lambda w, m: np.cos(k * m.q[:, j] + phase) * sign(w, j, m),
+        None,
+        k=k,
+    )
+
+
 FRICTION: Mapping[str, Maker] = {
     "viscous_friction": _viscous,
     "coulomb_friction": _coulomb,
@@ -120,4 +163,7 @@ FRICTION: Mapping[str, Maker] = {
     "load_dependent_friction": _load,
     "joint_coupling": _coupling,
     "drift_friction": _warming,
+    "load_dependent_hysteresis": _load_hysteresis,
+    "maxwell_slip": _slip,
+    "position_dependent_friction": _position,
 }

@@ -1,0 +1,79 @@
+"""A wrong shape constant of the model's own effects is no missing effect: it is said, and added."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from random_arms import SCARA_FRICTION, run_of, scara
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import as_problem
+
+EFFECTS = "rigid_body,viscous_friction,torque_offset,coulomb_friction@v_s=0.01"
+#: Truth: one in the middle of the usual range, a sharp one, the given one, one beyond the range.
+WIDTHS = (0.003, 0.0001, 0.01, 0.08)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
+    """A motion that repeats; Coulomb friction written out, over another velocity on each joint."""
+    viscous, coulomb, offset = SCARA_FRICTION
+    nothing = (np.zeros(4), np.zeros(4), np.zeros(4))
+    arm = as_problem(scara(tmp_path_factory.mktemp("arm")))
+    bare = run_of(arm, nothing, np.zeros(4), seconds=24.0, rate=500.0)
+    friction = viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(WIDTHS)) + offset
+    noise = np.random.default_rng(0).normal(size=friction.shape) * 0.02 * coulomb
+    return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
+
+
+@pytest.fixture(scope="module")
+def estimate(run: Measurements, tmp_path_factory: pytest.TempPathFactory) -> Estimate:
+    arm = as_problem(scara(tmp_path_factory.mktemp("arm")))
+    return identify(arm, run, "ols", effects=EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def found(estimate: Estimate, run: Measurements) -> Diagnosis:
+    return diagnose(estimate, run, run)
+
+
+def test_no_effect_is_named_for_a_wrong_constant(found: Diagnosis) -> None:
+    assert found.verdict == "nothing_missing"
+    assert not found.effects
+    retuned = {r.joint: r for r in found.retuned}
+    assert {1, 4} <= set(retuned) <= {1, 2, 4}
+    for joint in (1, 4):
+        assert retuned[joint].after == pytest.approx(WIDTHS[joint - 1], rel=0.15)
+        assert retuned[joint].confidence == "confident"
+        assert retuned[joint].rmse_after < retuned[joint].rmse_before
+    if 2 in retuned and retuned[2].after < 3e-5:
+        assert retuned[2].confidence == "weak"  # at the end of its range
+
+
+def test_add_applies_them_from_the_file_and_by_name(
+    found: Diagnosis, estimate: Estimate, run: Measurements
+) -> None:
+    again = Diagnosis.from_dict(json.loads(json.dumps(found.to_dict(), allow_nan=False)))
+    from_file = add(estimate, again, run)
+    by_name = add(estimate, ",".join(r.text for r in found.retuned), run)
+    np.testing.assert_array_equal(from_file.theta, by_name.theta)
+    assert from_file.model.sign_width[3] == pytest.approx(WIDTHS[3], rel=0.15)
+    with pytest.raises(InputError, match="already has coulomb_friction"):
+        add(estimate, "coulomb_friction:1", run)
+
+
+def test_findings_without_retunes_still_load(found: Diagnosis) -> None:
+    old = {k: v for k, v in found.to_dict().items() if k != "retuned"}
+    assert Diagnosis.from_dict(old).retuned == ()
+
+
+def test_the_text_tells_both_values(found: Diagnosis) -> None:
+    text = next(r.explanation for r in found.retuned if r.joint == 4)
+    assert text.startswith("joint 4: Coulomb turns over 0.0")
+    assert "not 0.01 rad/s" in text
