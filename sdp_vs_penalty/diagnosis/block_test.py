@@ -4,6 +4,7 @@ time, their robust Wald statistic, and the largest that random signs of the bloc
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.library import Key, Library
 
 Array = NDArray[np.float64]
 
@@ -108,15 +109,25 @@ def _wald(pull: Array, beta: Array, spread: Array, scores: Array) -> Array:
     return np.minimum(robust, np.sum(pull * beta, axis=2))
 
 
-def flip_threshold(fit: WhiteFit, library: Library, seed: int, draws: int = 200) -> float:
-    """99th percentile of the library's largest Wald exponent when blocks change sign at random."""
+def flip_threshold(
+    fit: WhiteFit, library: Library, eligible: Set[Key], seed: int, draws: int = 200
+) -> float:
+    """99th percentile of the largest Wald exponent of what is ``eligible`` when blocks change sign at
+    random.
+
+    What cannot be added makes no false claim, and does not hide what can: a few stretches of error that
+    resemble a finer law whatever their signs would otherwise outshine the plain one.
+    """
     rng = np.random.default_rng(seed)
     signs = rng.choice([-1.0, 1.0], (draws, fit.rows.blocks))
     n, M = fit.rows.n, len(fit.rows.block)
     Q = fit.Q.reshape(n, M, -1)
     largest: dict[int, Array] = {}
     for batch in library.batches:
-        at, index, k = batch.joint, batch.columns.ravel(), batch.columns.shape[1]
+        allowed = np.array([library.groups[g].key in eligible for g in batch.groups])
+        if not allowed.any():
+            continue
+        at, index, k = batch.joint, batch.columns[allowed].ravel(), batch.columns.shape[1]
         if at is None:
             Z = library.robot[:, :, index].reshape(n * M, -1)
             fresh = Z - fit.Q @ (fit.Q.T @ Z)

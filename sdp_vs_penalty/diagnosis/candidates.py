@@ -52,6 +52,18 @@ class Candidates:
         for g, group in enumerate(white.groups):
             self.by_key.setdefault(group.key, []).append(g)
 
+    def eligible(self, picked: Sequence[Candidate], known: frozenset[Key]) -> list[Key]:
+        """What may be added beside those ``picked`` and what the model has (``known``): nothing twice,
+        a finer form only where what it refines is there."""
+        keys = {h.key for h in picked if not h.effect.several}
+        present = {h.key for h in picked} | known
+        out = []
+        for key, members in self.by_key.items():
+            refines = self.white.groups[members[0]].effect.refines
+            if key not in keys and (not refines or any((name, key[1]) in present for name in refines)):
+                out.append(key)
+        return out
+
     def contenders(
         self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
     ) -> list[Candidate]:
@@ -59,13 +71,9 @@ class Candidates:
         shapes refined, best first."""
         plausible = self._coarse(fit, scaled)
         taken = {h.effect.text for h in picked}
-        keys = {h.key for h in picked if not h.effect.several}
-        present = {h.key for h in picked} | known
         coarse: list[tuple[float, Key, list[int]]] = []
-        for key, members in self.by_key.items():
-            refines = self.white.groups[members[0]].effect.refines
-            if key in keys or (refines and not any((name, key[1]) in present for name in refines)):
-                continue
+        for key in self.eligible(picked, known):
+            members = self.by_key[key]
             values = np.array([0.0 if self.texts[g] in taken else plausible[g] for g in members])
             coarse.append((_averaged(values), key, self._best_forms(members, values)))
         coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])

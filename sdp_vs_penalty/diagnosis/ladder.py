@@ -3,8 +3,8 @@
 A candidate is an effect on a joint. It is added only if all of these hold:
 
 - the F test's p is below FALSE_CLAIM divided by the number of columns that were searched;
-- its block-robust Wald statistic exceeds the 99th percentile of the library's maximum when the signs
-  of the blocks are drawn at random;
+- its block-robust Wald statistic exceeds the 99th percentile of the maximum over all that could be
+  added instead when the signs of the blocks are drawn at random;
 - its cross-validated gain is above MIN_GAIN (in units of white chi-square) and above MIN_SHARE of
   the excess over the noise at the start.
 """
@@ -99,7 +99,9 @@ def next_pick(state: SearchState) -> Pick | None:
         contenders = state.contenders()
     if not contenders:
         return None
-    threshold = flip_threshold(state.fit, state.scaled, state.stage.seed + len(state.picks))
+    threshold = flip_threshold(
+        state.fit, state.scaled, state.eligible, state.stage.seed + len(state.picks)
+    )
     for candidate in contenders[:_TRIES]:
         pick = accepted(state, candidate, threshold)
         if pick is None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.fit import Weighting, WhiteFit
-from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.library import Key, Library
 from sdp_vs_penalty.diagnosis.stage import MISFIT, Stage
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.signals.autoregression import ORDER, autoregression
@@ -92,6 +92,12 @@ class SearchState:
         picked = [p.candidate for p in self.picks]
         stage = self.stage
         return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known)
+
+    @property
+    def eligible(self) -> frozenset[Key]:
+        """What may be added to the picks."""
+        picked = [p.candidate for p in self.picks]
+        return frozenset(self.stage.candidates.eligible(picked, self.stage.known))
 
     def with_noise(self, noise: Noise) -> SearchState:
         """The same picks with another idea of the noise, their columns whitened anew."""

@@ -24,7 +24,7 @@ class MaxwellSlip(Effect):
     )
     reference = "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip), sec. III"
     symbol = "f_m"
-    refines = ("coulomb_friction",)
+    refines = ("presliding_hysteresis", "coulomb_friction")
     has_memory = True
     shapes = {
         "d": Shape(0.002, POSITION, grid=(0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.0002, 0.05))

@@ -7,10 +7,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from sdp_vs_penalty.diagnosis.block_test import BlockSums, largest_wald, wald, wald_exponent
+from sdp_vs_penalty.diagnosis.block_test import (
+    BlockSums,
+    flip_threshold,
+    largest_wald,
+    wald,
+    wald_exponent,
+)
 from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
+from sdp_vs_penalty.diagnosis.library import Batch, Group, Library
 from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.autoregression import autoregression, beside
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile
 from sdp_vs_penalty.simulation.challenge.judge import wilson
@@ -130,6 +139,26 @@ def test_random_signs_are_the_same_test_block_by_block(k: int) -> None:
     signs = rng.choice([-1.0, 1.0], (20, rows.blocks))
     each = [wald(BlockSums(sums.scores * s[None, :, None], sums.grams)).max() for s in signs]
     np.testing.assert_allclose(largest_wald(sums, signs), each, rtol=1e-7)
+
+
+def test_what_cannot_be_added_hides_nothing(two_link: Problem) -> None:
+    """A finer law that resembles one stretch of the error does so whatever the stretches' signs: where
+    it may not be added, what can be is held against its own chance only."""
+    rng = np.random.default_rng(12)
+    rows, A, y, weighting = problem(rng, M=480, blocks=24)
+    stretch = np.where(np.arange(480) // 20 == 7, 10.0 * rng.normal(size=480), 0.0)
+    fit = WhiteFit.of(rows, orthonormal(A), y + np.r_[stretch, np.zeros(480)], weighting)
+    effects = parse_effects("coulomb_friction:1,maxwell_slip:1", two_link.robot)
+    names = [e.name for e in effects]
+    groups = [Group((e.name, 0), e, 0, slice(i, i + 1)) for i, e in enumerate(effects)]
+    batch = Batch(0, True, np.arange(2), np.arange(2)[:, None])
+    joints = (np.column_stack([rng.normal(size=480), stretch]), np.zeros((480, 0)))
+    library = Library(tuple(groups), joints, np.zeros((2, 480, 0)), (batch,))
+    plain, both = (
+        flip_threshold(fit, library, {(name, 0) for name in names[:count]}, 0) for count in (1, 2)
+    )
+    assert plain < 5.0
+    assert both > 2.0 * plain
 
 
 def test_evidence_prefers_fewer_columns_and_needs_more_than_chance() -> None:
