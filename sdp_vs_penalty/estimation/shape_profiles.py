@@ -18,10 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
+from sdp_vs_penalty.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
@@ -244,32 +241,6 @@ def _vertex(x: Array, values: Array, top: int) -> tuple[float, float, float]:
     return float(x[inner] + shift * step), float(middle + 0.25 * (right - left) * shift), float(bend)
 
 
-class _Bank(Effect):
-    """An effect on one joint with several values of one shape constant, as columns of a regression."""
-
-    name = "shape_bank"
-    equation = explanation = reference = ""
-
-    def __init__(self, effects: Sequence[Effect]) -> None:
-        super().__init__(effects[0].robot, effects[0].joints)
-        self.effects = effects
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"{p.name}_{m}", p.unit, self.name, p.joint)
-            for m, effect in enumerate(self.effects)
-            for p in effect.parameters
-        )
-
-    def blocks(self, motion: Motion) -> list[Block]:
-        out, first = [], 0
-        for effect in self.effects:
-            out += [Block(b.joint, b.parameters + first, b.columns) for b in effect.blocks(motion)]
-            first += len(effect.parameters)
-        return out
-
-
 def alone(effect: Effect, joint: int, **shape: float) -> Effect:
     """The effect on one of its joints, with some shape constants changed."""
     return type(effect)(effect.robot, [joint], **{**effect.shape, **shape})
@@ -312,77 +283,3 @@ def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]
         else name
         for name in out
     ]
-
-
-def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
-    """The constants that `identify` estimates: of their kind and not given, joint by joint."""
-    return [
-        (effect, joint, key)
-        for effect in effects
-        for key, shape in effect.shapes.items()
-        if shape.role == "estimated" and key not in effect.given
-        for joint in effect.joints
-    ]
-
-
-def estimate_shapes(
-    model: Model,
-    measurements: Measurements,
-    settings: Preprocessing,
-    weighting: str,
-) -> list[ShapeEstimate]:
-    """The open shape constants of a model, from one pass over the measurements."""
-    wanted = open_shapes(model.effects)
-    if not wanted:
-        return []
-    fixed = [e for e in model.reference_free.effects if not any(e is effect for effect, _, _ in wanted)]
-    parts: list[_Bank] = []
-    grids = []
-    for effect, joint, key in wanted:
-        grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
-        grids.append(grid)
-        parts.append(_Bank([alone(effect, joint, **{key: value}) for value in grid]))
-    first = sum(len(e.parameters) for e in fixed)
-    base, banks = np.arange(first), []
-    for (effect, joint, key), grid, bank in zip(wanted, grids, parts, strict=True):
-        columns = first + np.arange(len(bank.parameters)).reshape(len(grid), -1)
-        first += len(bank.parameters)
-        one, ends = alone(effect, joint), (grid[0], grid[-1])
-        banks.append(ShapeBank(one, joint, key, np.array(grid), effect.shape[key], columns, ends))
-    bigger = Model(model.robot, (*fixed, *parts), gains=model.gains)
-    joints, counts, oversampling = _normals(measurements, bigger, settings)
-    data = _total(joints)
-    if weighting == "noise":
-        theta, _ = data.solved()
-        left = [max(d.left(theta), 1e-12 * d.square) for d in joints]
-        weights = [c / x if x > 0.0 else 1.0 for c, x in zip(counts, left, strict=True)]
-        data = _total([d.scaled(w) for d, w in zip(joints, weights, strict=True)])
-    theta, rank = data.solved()
-    # Exact data have no variance; their constants still have a best value.
-    error = max(data.left(theta), 1e-12 * data.square, 1e-300)
-    free = max(sum(counts) - oversampling * rank, 1.0)
-    return best_shapes(data, base, banks, oversampling * error / free)
-
-
-def _total(parts: Sequence[Normal]) -> Normal:
-    return sum(parts[1:], parts[0])
-
-
-def _normals(
-    measurements: Measurements, model: Model, settings: Preprocessing
-) -> tuple[list[Normal], list[int], float]:
-    """Normal equations of each joint's rows, how many rows, and how often rows repeat each other."""
-    p, n = len(model.parameters), model.robot.n
-    grams, rights = np.zeros((n, p, p)), np.zeros((n, p))
-    squares, count, samples = np.zeros(n), 0, 0.0
-    for run in measurements.runs():
-        repeated = rows_per_sample(run, settings)
-        for rows in filtered_rows(run, model, settings):
-            count += len(rows.torque)
-            samples += len(rows.torque) / repeated
-            for j, (indices, columns) in enumerate((c.indices, c.columns) for c in rows.columns):
-                grams[j][np.ix_(indices, indices)] += columns.T @ columns
-                rights[j][indices] += columns.T @ rows.torque[:, j]
-                squares[j] += float(rows.torque[:, j] @ rows.torque[:, j])
-    joints = [Normal(*parts) for parts in zip(grams, rights, squares.tolist(), strict=True)]
-    return joints, [count] * n, count / samples

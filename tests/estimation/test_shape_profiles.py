@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
+from random_robots import sines
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion, Sampling, smooth_sign
@@ -46,6 +47,21 @@ def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate: Estimate
         assert found["std"] < 0.2 * truth
         assert not found["at_end"]
     assert estimate.model.sign_width == tuple(s["after"] for s in estimate.details["shapes"])
+
+
+def test_exact_data_give_exact_widths(two_link: Problem) -> None:
+    """Between the values of the grid as well as at the declared one, which nothing then beats."""
+    for widths in ((0.02, 0.0031), (0.01, 0.01), (0.01, 0.005)):
+        coulomb = ",".join(f"coulomb_friction:{j + 1}@v_s={w}" for j, w in enumerate(widths))
+        model_of = f"rigid_body,viscous_friction,{coulomb},torque_offset"
+        model = two_link.model(model_of)
+        theta = two_link.nominal(model)
+        theta[len(model.rigid_indices) :] = 0.4
+        motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3), 0.1, 5)
+        tau = model.torque(theta, motion)
+        found = identify(two_link, Measurements(motion.t, motion.q, tau), "ols")
+        assert found.model.sign_width == pytest.approx(widths, rel=1e-5)
+        assert np.linalg.norm(found.torque(motion) - tau) < 1e-7 * np.linalg.norm(tau)
 
 
 def test_a_saved_model_keeps_its_widths(estimate: Estimate, run: Measurements, tmp_path: Path) -> None:

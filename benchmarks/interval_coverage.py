@@ -1,6 +1,6 @@
 """How often 95 % intervals hold the truth: simulated runs, one row a situation.
 
-    python benchmarks/coverage.py [--replications 200] [--out results/coverage]
+    python benchmarks/interval_coverage.py [--replications 200] [--out results/coverage]
 
 The truth is simulated here: rigid bodies by Pinocchio, friction and noise by the formulas below, which
 share nothing with the library's effects. Regressors are computed once, torque noise is drawn anew; what
@@ -346,7 +346,7 @@ def written(tallies: list[Tally], out: Path, seconds: float, count: int) -> None
         "number of its parameters. OLS: least squares; SDP: the default method, intervals cut to the "
         "physical set.",
         "",
-        f"    python benchmarks/coverage.py --replications {count}",
+        f"    python benchmarks/interval_coverage.py --replications {count}",
         "",
         f"{seconds:.0f} s of processor time. Width: the median of the intervals' own, in their units.",
         "",

@@ -1,0 +1,221 @@
+"""The open shape constants of a model, estimated from measurements.
+
+First their profiles on a grid of values (:mod:`~sdp_vs_penalty.estimation.shape_profiles`), whose
+columns between the grid's values are interpolated. Where the measurements tell a constant more finely
+than that, Gauss-Newton steps with columns at the value itself follow: a constant that exact data have
+is then found exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.shape_profiles import (
+    Normal,
+    ShapeBank,
+    ShapeEstimate,
+    alone,
+    best_shapes,
+)
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
+
+Array = NDArray[np.float64]
+
+#: A constant whose relative standard deviation is below this is refined: interpolation in the grid is
+#: about as good.
+_INTERPOLATED = 0.01
+#: Passes over the measurements in which constants are refined, and the relative change, beside their
+#: standard deviation, at which they have arrived.
+_STEPS, _ARRIVED = 8, 0.05
+#: Half the distance of the values, in ln u, from which a slope is taken.
+_SLOPE = 1e-3
+#: Refining corrects interpolation: it goes no farther than this, in ln u.
+_FARTHEST = 0.1
+#: Values of the grid nearer than this to the model's own, in ln u, give way to it.
+_APART = 0.1
+
+
+def estimate_shapes(
+    model: Model,
+    measurements: Measurements,
+    settings: Preprocessing,
+    weighting: str,
+) -> list[ShapeEstimate]:
+    """The open shape constants of a model, each at its best value if that explains significantly more
+    than the one the model has, else at that."""
+    wanted = open_shapes(model.effects)
+    if not wanted:
+        return []
+    ranges = [effect.shapes[key].on(effect.robot.joints[j].kind).grid for effect, j, key in wanted]
+    ends = [(grid[0], grid[-1]) for grid in ranges]
+    grids = [_with(effect.shape[key], g) for (effect, _, key), g in zip(wanted, ranges, strict=True)]
+    rows = _Rows(model, wanted, ends, measurements, settings)
+    profile = rows.at(grids, weighting)
+    found = best_shapes(profile.data, profile.base, profile.banks, profile.variance)
+    return _refined(rows, found, weighting)
+
+
+def _with(value: float, grid: Sequence[float]) -> Array:
+    """The grid with one more value, where the columns are then exact as well."""
+    if not grid[0] <= value <= grid[-1]:
+        return np.array(grid)
+    kept = [g for g in grid if g in (grid[0], grid[-1]) or abs(np.log(g / value)) > _APART]
+    return np.array(sorted({*kept, value}))
+
+
+def _refined(rows: _Rows, found: list[ShapeEstimate], weighting: str) -> list[ShapeEstimate]:
+    """Gauss-Newton steps of the constants that have moved and are told more finely than a grid's."""
+    free = [
+        k
+        for k, s in enumerate(found)
+        if s.after != s.before and not s.at_end and s.std < _INTERPOLATED * s.after
+    ]
+    values = np.array([s.after for s in found])
+    low, high = np.array(rows.ends).T
+    low, high = (
+        np.maximum(low, values * np.exp(-_FARTHEST)),
+        np.minimum(high, values * np.exp(_FARTHEST)),
+    )
+    std = np.array([s.std / s.after for s in found])
+    for _ in range(_STEPS if free else 0):
+        near = [v * np.exp([-_SLOPE, 0.0, _SLOPE]) if k in free else [v] for k, v in enumerate(values)]
+        step = np.zeros(len(values))
+        step[free] = _gauss_newton(rows.at(near, weighting), free)
+        values = np.clip(values * np.exp(step), low, high)
+        if np.all(np.abs(step[free]) < _ARRIVED * std[free]):
+            break
+    # As many digits as a written effect has.
+    return [replace(s, after=float(f"{values[k]:.6g}")) if k in free else s for k, s in enumerate(found)]
+
+
+def _gauss_newton(rows: _Profile, free: Sequence[int]) -> Array:
+    """The step of ln u of the free constants, whose banks hold a value below, the value, one above."""
+    middle = [bank.columns[len(bank.columns) // 2] for bank in rows.banks]
+    linear = np.concatenate([rows.base, *middle])
+    coefficients = np.zeros(len(rows.data.right))
+    coefficients[linear] = rows.data.part(linear).solved()[0]
+    slopes = np.zeros((len(coefficients), len(free)))
+    for m, k in enumerate(free):
+        below, _, above = rows.banks[k].columns
+        theta = coefficients[middle[k]] / (2.0 * _SLOPE)
+        slopes[below, m], slopes[above, m] = -theta, theta
+    columns = np.hstack([np.eye(len(coefficients))[:, linear], slopes])
+    left = rows.data.right - rows.data.gram @ coefficients
+    steps = Normal(columns.T @ rows.data.gram @ columns, columns.T @ left, 0.0).solved()[0]
+    return steps[len(linear) :]
+
+
+def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
+    """The constants that `identify` estimates: of their kind and not given, joint by joint."""
+    return [
+        (effect, joint, key)
+        for effect in effects
+        for key, shape in effect.shapes.items()
+        if shape.role == "estimated" and key not in effect.given
+        for joint in effect.joints
+    ]
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """Normal equations of a model with several values of each constant; base : all other columns."""
+
+    data: Normal
+    base: NDArray[np.intp]
+    banks: list[ShapeBank]
+    variance: float
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Measurements in the columns of a model, at any values of its open constants."""
+
+    model: Model
+    wanted: list[tuple[Effect, int, str]]
+    ends: list[tuple[float, float]]
+    measurements: Measurements
+    settings: Preprocessing
+
+    def at(self, values: Sequence[Sequence[float] | Array], weighting: str) -> _Profile:
+        """From one pass over the measurements."""
+        effects, own = self.model.reference_free.effects, [effect for effect, _, _ in self.wanted]
+        fixed = [e for e in effects if not any(e is effect for effect in own)]
+        first = sum(len(e.parameters) for e in fixed)
+        base, banks, parts = np.arange(first), [], []
+        for (effect, joint, key), tried, ends in zip(self.wanted, values, self.ends, strict=True):
+            part = _Bank([alone(effect, joint, **{key: float(value)}) for value in tried])
+            columns = first + np.arange(len(part.parameters)).reshape(len(tried), -1)
+            first += len(part.parameters)
+            one, grid, now = alone(effect, joint), np.array(tried, float), effect.shape[key]
+            banks.append(ShapeBank(one, joint, key, grid, now, columns, ends))
+            parts.append(part)
+        bigger = Model(self.model.robot, (*fixed, *parts), gains=self.model.gains)
+        joints, counts, oversampling = _normals(self.measurements, bigger, self.settings)
+        data = _total(joints)
+        if weighting == "noise":
+            theta, _ = data.solved()
+            left = [max(d.left(theta), 1e-12 * d.square) for d in joints]
+            weights = [c / x if x > 0.0 else 1.0 for c, x in zip(counts, left, strict=True)]
+            data = _total([d.scaled(w) for d, w in zip(joints, weights, strict=True)])
+        theta, rank = data.solved()
+        # Exact data have no variance; their constants still have a best value.
+        error = max(data.left(theta), 1e-12 * data.square, 1e-300)
+        free = max(sum(counts) - oversampling * rank, 1.0)
+        return _Profile(data, base, banks, oversampling * error / free)
+
+
+class _Bank(Effect):
+    """An effect on one joint with several values of one shape constant, as columns of a regression."""
+
+    name = "shape_bank"
+    equation = explanation = reference = ""
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        super().__init__(effects[0].robot, effects[0].joints)
+        self.effects = effects
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(f"{p.name}_{m}", p.unit, self.name, p.joint)
+            for m, effect in enumerate(self.effects)
+            for p in effect.parameters
+        )
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        out, first = [], 0
+        for effect in self.effects:
+            out += [Block(b.joint, b.parameters + first, b.columns) for b in effect.blocks(motion)]
+            first += len(effect.parameters)
+        return out
+
+
+def _total(parts: Sequence[Normal]) -> Normal:
+    return sum(parts[1:], parts[0])
+
+
+def _normals(
+    measurements: Measurements, model: Model, settings: Preprocessing
+) -> tuple[list[Normal], list[int], float]:
+    """Normal equations of each joint's rows, how many rows, and how often rows repeat each other."""
+    p, n = len(model.parameters), model.robot.n
+    grams, rights = np.zeros((n, p, p)), np.zeros((n, p))
+    squares, count, samples = np.zeros(n), 0, 0.0
+    for run in measurements.runs():
+        repeated = rows_per_sample(run, settings)
+        for rows in filtered_rows(run, model, settings):
+            count += len(rows.torque)
+            samples += len(rows.torque) / repeated
+            for j, (indices, columns) in enumerate((c.indices, c.columns) for c in rows.columns):
+                grams[j][np.ix_(indices, indices)] += columns.T @ columns
+                rights[j][indices] += columns.T @ rows.torque[:, j]
+                squares[j] += float(rows.torque[:, j] @ rows.torque[:, j])
+    joints = [Normal(*parts) for parts in zip(grams, rights, squares.tolist(), strict=True)]
+    return joints, [count] * n, count / samples
