@@ -28,6 +28,8 @@ _RATES = (0.3, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.3)
 _SMALLEST_RATE = 0.07
 #: The weight against inertia tells the clock's rate, and slow motion has little inertia.
 _RATE_NEEDED = 2.0
+#: Share of a delay that may be left, either way, once it has been corrected.
+_COMES_BACK = 0.35
 
 
 def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -75,6 +77,9 @@ def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A delay so long that it spoils the test of everything else."""
     seconds = events.long_delay(physics)
     if seconds == 0.0:
+        return
+    # What lags like friction that bends before it slides is no delay: undone, it comes back reversed.
+    if abs(events.long_delay(physics.with_delay(seconds))) > _COMES_BACK * abs(seconds):
         return
     yield propose(
         lambda p: p.with_delay(seconds),

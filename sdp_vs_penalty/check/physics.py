@@ -332,7 +332,7 @@ def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:
     """Cubic interpolation of x (M,) with known slopes; constant beyond the ends."""
     at = np.clip(at, t[0], t[-1])
     k = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)
-    h = t[k + 1] - t[k]
+    h = np.maximum(t[k + 1] - t[k], np.finfo(float).tiny)  # a clock that stands still for a sample
     u = (at - t[k]) / h
     value = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * x[k] + u**2 * (3.0 - 2.0 * u) * x[k + 1]
     return np.asarray(value + h * (u * (1.0 - u) ** 2 * slope[k] - u**2 * (1.0 - u) * slope[k + 1]))
