@@ -257,6 +257,9 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     uncertainty = Uncertainty.unknown(model, theta)
     if "uncertainty" in data:  # files from before intervals were kept have none
         uncertainty = Uncertainty.from_dict(data["uncertainty"], [entries[name] for name in names])
+    details = data["details"]
+    if not isinstance(details, dict) or not isinstance(details.get("undetermined", {}), dict):
+        raise ValueError("details: undetermined names who decides which parameter")
     return Estimate(
         problem,
         model,
@@ -266,7 +269,7 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         Certificate(**data["certificate"]),
         Preprocessing(**data["preprocessing"]),
         data["settings"],
-        data["details"],
+        details,
         data["provenance"],
         motion,
     )
