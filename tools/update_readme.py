@@ -133,7 +133,8 @@ def headline() -> str:
             "Speed and memory on one thread, each pair measured in one run (from "
             "[benchmarks](results/benchmarks.md), made by `benchmarks/run.py`):",
             markdown(["what", "this program", "the other way", "ratio"], speed()),
-            "How often `diagnose` is right on simulated runs in which an effect is hidden, with "
+            "How often an earlier `diagnose` was right on simulated runs that shared its assumptions "
+            "(the challenge has worlds of its own since, in which false claims are more frequent), with "
             "Wilson's 95 % intervals (from [challenge](results/challenge.md)):",
             markdown(["class", "counted", "cases", "share", "interval", "to reach"], challenge()),
             "![Error on unseen motion against seconds of training data](results/data.png)",
