@@ -15,12 +15,23 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check import clock, dynamics, events, excitation, residual, samples, scale, signals
+from sdp_vs_penalty.check import (
+    clock,
+    dynamics,
+    events,
+    excitation,
+    last_joint,
+    residual,
+    samples,
+    scale,
+    signals,
+)
 from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import as_problem
@@ -182,6 +193,13 @@ class _Work:
         if stuck:  # of a motion that is not the arm's nothing else can be asked
             self.mend(stuck)
             return None
+        if beside_range(self.problem.robot, self.run.q):
+            out = list(signals.implausible(self.run, self.problem.robot))
+            if (
+                out[0].severity == "error"
+            ):  # so far beside its range that a fit would blame something else
+                self.mend(out)
+                return None
         before = len(self.found)
         assert settings.torque_cutoff is not None
         self.mend(dynamics.find(self.physics(settings), moving, settings.torque_cutoff))
@@ -189,7 +207,8 @@ class _Work:
             if issue.gravity is not None:
                 self.problem = self.problem.with_gravity(issue.gravity)
         self.mend(signals.find(self.run, self.problem.robot, settings))
-        self.mend(signals.implausible(self.run, self.problem.robot))
+        if not any(f.kind == "encoder offset" for f in self.found):
+            self.mend(signals.implausible(self.run, self.problem.robot))
         # Each on the data as the one before it has mended them.
         self.mend(scale.find(self.run, self.physics(settings), self.problem))
         self.mend(events.delay(self.run, self.physics(settings)))
@@ -199,6 +218,8 @@ class _Work:
         named = any(f.kind == "torque not explained" for f in self.found)
         if not named and physics.determined(settings.torque_cutoff):
             self.mend(residual.find(evidence, self.problem, moving, tried=True))
+            if not any(f.kind == "encoder offset" for f in self.found):
+                self.mend(last_joint.find(physics, self.problem))
         if not thorough:
             return residual.overall(evidence)
         # A knock is faster than the motion: looked for in a wider band.
