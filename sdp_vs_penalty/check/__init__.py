@@ -53,13 +53,15 @@ _WIDER = 3.0
 
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
-    """issues : of one run, the gravest first; mended : the run with every safe repair made;
-    unexplained : share of the torques' energy that the arm's dynamics leave over, after mending.
+    """issues : of one run, the gravest first; mended : the run with every repair made, those that are
+    only likely included, as later checks see it; fixed : with the certain ones only; unexplained :
+    share of the torques' energy that the arm's dynamics leave over, after mending.
     """
 
     run: str
     issues: tuple[Issue, ...]
     mended: Measurements
+    fixed: Measurements
     unexplained: float | None
 
     @property
@@ -88,11 +90,22 @@ class Report(Shown):
         rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
         return (("kind", "where", "certainty", "remedy"), rows) if rows else None
 
+    def changes(self, name: str) -> str:
+        """What a repaired copy of the file of this name differs in from it, and what is left to do."""
+        done = [f for f in self.issues if f.mends]
+        left = [f for f in self.problems if not f.mends]
+        lines = [f"Repaired copy of {name}, in the order of repair:" if done else f"Copy of {name}:"]
+        lines += [f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})" for f in done]
+        lines += [] if done else ["- nothing was changed"]
+        lines += ["Not repaired:"] if left else []
+        lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]
+        return "\n".join(lines) + "\n"
+
     def to_dict(self) -> dict[str, Any]:
         return {
             "run": self.run,
             "meaningless": self.meaningless,
-            "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained,
+            "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained**0.5,
             "findings": [f.to_dict() for f in self.issues],
         }
 
@@ -153,7 +166,7 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         )
     order = ("error", "warning", "note")
     issues = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))
-    return Report(run.names[0], issues, work.run, unexplained)
+    return Report(run.names[0], issues, work.run, work.fixed, unexplained)
 
 
 class _Work:
@@ -161,7 +174,7 @@ class _Work:
 
     def __init__(self, problem: Problem, run: Measurements, settings: Preprocessing) -> None:
         self.problem = problem
-        self.run = run
+        self.run = self.fixed = run
         self.settings = settings
         self.found: list[Issue] = []
         self._physics: dict[tuple[int, Preprocessing, int], Physics] = {}
@@ -169,8 +182,11 @@ class _Work:
     def mend(self, issues: Iterable[Issue]) -> None:
         for issue in issues:
             self.found.append(issue)
-            if issue.repair is not None:
-                self.run = issue.repair(self.run)
+            if issue.repair is None:
+                continue
+            self.run = issue.repair(self.run)
+            if issue.mends:
+                self.fixed = issue.repair(self.fixed)
 
     def physics(self, settings: Preprocessing, rows: int = _ROWS) -> Physics:
         """The test's data of the run as it is now; made again only after something was mended."""

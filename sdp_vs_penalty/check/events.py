@@ -131,7 +131,7 @@ def shifted(run: Measurements, seconds: float) -> Measurements:
 
 
 def _own_reversal(physics: Physics, j: int, k: int) -> bool:
-    """Whether joint j turns round at row k as slowly as hardly anywhere else: friction, then, errs once."""
+    """Whether joint j turns round at row k as slowly as hardly ever: there friction errs once."""
     t, dq, ddq = physics.motion.t, physics.motion.dq[:, j], np.abs(physics.motion.ddq[:, j])
     turns = np.flatnonzero(np.signbit(dq[1:]) != np.signbit(dq[:-1]))
     if not len(turns):

@@ -160,13 +160,14 @@ class Physics:
         whole, rows = self.parent or (self, np.arange(len(self.channels)))
         if whole.own is None or self.own is None:
             return self
-        t, columns = whole.motion.t, list(self.columns)
+        t, columns, grams = whole.motion.t, list(self.columns), self.grams.copy()
         for j in np.flatnonzero(seconds):
             late = [np.interp(t[rows] - seconds[j], t, x) for x in whole.own.columns[j].T]
             columns[j] = columns[j].copy()
             columns[j][:, self.own.indices[j]] = np.column_stack(late)
+            grams[j] = columns[j].T @ columns[j]
         made = replace(self, parent=None)
-        made.__dict__["columns"] = columns
+        made.__dict__.update(columns=columns, grams=grams)
         return made
 
     def friction_lag(self, joints: Array) -> float:

@@ -16,9 +16,10 @@ from typing import Any
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.jobs import JOBS
+from sdp_vs_penalty.page.workshop import AT_ONCE
 
-#: Of the computer's memory, how much a job may use.
-_SHARE = 0.75
+#: Of the computer's memory, how much all jobs together may use, and what each has at least [bytes].
+_SHARE, _LEAST = 0.75, 2**31
 
 
 def main(connection: Connection) -> None:
@@ -59,7 +60,8 @@ def limit_memory() -> None:
         import resource
 
         total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        resource.setrlimit(resource.RLIMIT_AS, (int(_SHARE * total), resource.RLIM_INFINITY))
+        limit = max(int(_SHARE * total / AT_ONCE), min(_LEAST, int(_SHARE * total)))
+        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
     except (ImportError, AttributeError, ValueError, OSError):
         return  # a system without such limits
 

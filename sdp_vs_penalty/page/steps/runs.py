@@ -144,6 +144,12 @@ def _list(view: View) -> None:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")
+        if any(found["mends"] for found in run["findings"]):
+            button(
+                f"Repair {run['name']}",
+                lambda file=run["file"]: session.mend(file),  # type: ignore[misc]
+                f"mend-{run['file']}",
+            )
     if session.runs and all(run["use"] == "train" for run in session.runs):
         tag(
             "p",
