@@ -77,7 +77,7 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
         if name not in everyone:
             raise unknown("solver", name, everyone)
         if everyone[name].absent:
-            raise InputError(f"solver {name} cannot be used here: {everyone[name].absent}.")
+            raise InputError(f"solver {name} cannot be used here", everyone[name].absent)
     return [everyone[name] for name in names], []
 
 

@@ -280,7 +280,7 @@ def test_a_search_couples_neighbours() -> None:
         ("stribeck_friction@vs=0", "vs must be above 0"),
         ("viscous_friction:9", "joint 9 does not exist"),
         ("viscous_friction:0", "joint 0 does not exist"),
-        ("viscous_friction:a", "joints are whole numbers"),
+        ("viscous_friction:a", "write numbers from 1"),
         ("coulomb_friction@v_s", "write a shape constant"),
         ("coulomb_friction@w=3", "no shape constant 'w'"),
         ("coulomb_friction@v_s=inf", "must be finite"),
