@@ -159,11 +159,11 @@ def test_dahl_is_fast_on_a_long_record() -> None:
 
     t = np.arange(20544) * 1e-3
     q = 0.5 * np.sin(np.outer(t, 0.5 + 0.3 * np.arange(7)))
-    begin = time.perf_counter()
+    begin = time.process_time()
     for d in (0.001, 0.002, 0.004, 0.008, 0.016):
         for j in range(7):
             dahl(q[:, j], d)
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0
 
 
 def test_a_model_computes_its_current_torque_from_its_own_reference(
