@@ -89,7 +89,7 @@ class Model:
         """For each joint the indices into theta that its torque can depend on."""
         zero = np.zeros((1, self.robot.n))
         current = CurrentModel(self.robot, np.zeros((self.robot.links, 10)))
-        motion = Motion(np.zeros(1), zero, zero, zero, zero, current)
+        motion = Motion(np.zeros(1), zero, zero, zero, zero, current, temperature=zero)
         return tuple(c.indices for c in self.columns(motion))
 
     @cached_property
