@@ -266,14 +266,6 @@ class Robot:
         high = [j.upper if np.isfinite(j.upper) else s for j, s in zip(self.joints, span, strict=True)]
         return np.random.default_rng(seed).uniform(low, high, (count, self.n))
 
-    def joint_origins(self) -> Array:
-        """(links, 3) origin of each link frame in the base frame, every joint of the tree at 0."""
-        poses: list[Array] = []
-        for joint in self.tree:
-            parent = np.eye(4) if joint.parent < 0 else poses[joint.parent]
-            poses.append(parent @ joint.placement)
-        return np.array([(poses[k] @ self.tree[k].link_frame)[:3, 3] for k in self.link_joints])
-
     def link_reach(self) -> Array:
         """(links,) distance [m] from each link frame's origin to the farthest joint that the link bears.
 

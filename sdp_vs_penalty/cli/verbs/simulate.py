@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug, Problem, Seed
+from sdp_vs_penalty.cli.options import Problem, Seed
 
 
 def verb(
@@ -26,7 +26,6 @@ def verb(
         typer.Option(help="Size: strong, medium, weak, or the hidden torque's RMS over the raw noise."),
     ] = "strong",
     seed: Seed = 0,
-    debug: Debug = False,
 ) -> None:
     """Simulate runs in which an effect is hidden; truth.json says which.
 
