@@ -48,22 +48,27 @@ class Robot:
     def __post_init__(self) -> None:
         if self.transmission is not None and self.transmission.n != self.n:
             raise InputError(
-                f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors."
+                f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors",
+                "give one motor a joint",
             )
         names = [joint.name for joint in self.joints]
         for name in names:
             if names.count(name) > 1:
-                raise InputError(f"robot {self.name}: joint {name} appears {names.count(name)} times.")
+                raise InputError(
+                    f"robot {self.name}: joint {name} appears {names.count(name)} times", "rename one"
+                )
         if self.mechanism is not None and self.mechanism.matrix.shape[1] != self.n:
-            raise InputError(f"robot {self.name} has {self.n} joints, its mechanism others.")
+            raise InputError(
+                f"robot {self.name} has {self.n} joints, its mechanism others", "give it the same joints"
+            )
         open_branch: list[int] = []  # from the base to the last joint
         for i, joint in enumerate(self.tree):
             while open_branch and open_branch[-1] != joint.parent:
                 open_branch.pop()
             if not open_branch and joint.parent != -1:
                 raise InputError(
-                    f"robot {self.name}: joint {joint.name} must come after its parent and before "
-                    "any other branch (depth first)."
+                    f"robot {self.name}: joint {joint.name} comes before its parent, or splits a branch",
+                    "order the joints depth first",
                 )
             open_branch.append(i)
 
@@ -278,14 +283,6 @@ class Robot:
         high = [j.upper if np.isfinite(j.upper) else s for j, s in zip(self.joints, span, strict=True)]
         return np.random.default_rng(seed).uniform(low, high, (count, self.n))
 
-    def joint_origins(self) -> Array:
-        """(links, 3) origin of each link frame in the base frame, every joint of the tree at 0."""
-        poses: list[Array] = []
-        for joint in self.tree:
-            parent = np.eye(4) if joint.parent < 0 else poses[joint.parent]
-            poses.append(parent @ joint.placement)
-        return np.array([(poses[k] @ self.tree[k].link_frame)[:3, 3] for k in self.link_joints])
-
     def link_reach(self) -> Array:
         """(links,) distance [m] from each link frame's origin to the farthest joint that the link bears.
 
@@ -360,6 +357,6 @@ class Robot:
 
 def _vector3(values: Sequence[float]) -> tuple[float, float, float]:
     if len(values) != 3 or not np.all(np.isfinite(values)):
-        raise InputError(f"gravity {values!r}: three finite numbers in m/s^2 are needed.")
+        raise InputError(f"gravity {values!r} is not three finite numbers", "write x,y,z in m/s^2")
     x, y, z = (float(v) for v in values)
     return x, y, z

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import PROBLEM_HELP, Debug, Seed, json_option
+from sdp_vs_penalty.cli.options import PROBLEM_HELP, Seed, json_option
 from sdp_vs_penalty.errors import InputError
 
 
@@ -46,7 +46,6 @@ def verb(
     ] = "torque",
     json_file: Annotated[Path | None, json_option("errors of --follow")] = None,
     seed: Seed = 0,
-    debug: Debug = False,
 ) -> None:
     """Simulate runs in which an effect is hidden, or run a model forward along measured runs.
 
