@@ -19,8 +19,8 @@ from sdp_vs_penalty.errors import InputError
 #: Jobs of all tabs together that run at once, each with its part of the memory; the others wait.
 AT_ONCE = max(1, min(4, os.cpu_count() or 1))
 #: A dead worker without an answer: the system ends processes that want too much memory.
-_DIED = (
-    "The job was killed, probably for lack of memory: nothing was changed; use fewer or shorter runs."
+_DIED = InputError(
+    "the job was killed, probably for lack of memory; nothing was changed", "use fewer or shorter runs"
 )
 
 
@@ -54,7 +54,7 @@ class Work:
                     raise InputError(message["error"])
                 else:
                     return dict(message["result"])
-            raise Cancelled if self.cancelled else InputError(_DIED)
+            raise Cancelled if self.cancelled else _DIED
         finally:
             self.kill()
 
