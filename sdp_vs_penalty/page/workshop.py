@@ -119,7 +119,7 @@ class Workshop:
             await asyncio.sleep(0.1)
         self._running += 1
         try:
-            return await work.do(request, progress)
+            return await work.do({**request, "jobs": AT_ONCE}, progress)
         finally:
             self._running -= 1
 
