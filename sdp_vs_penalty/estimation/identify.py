@@ -19,6 +19,7 @@ from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.known_load import GAIN_PRIOR, as_known_loads, gains_from_loads
+from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -53,7 +54,8 @@ def identify(
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
-    method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
+    method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings; "output-error"
+        refines the default method's estimate by simulation (:mod:`~estimation.output_error`).
     effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
         round is estimated joint by joint, where motion left out confirms it, unless it is given
         (``coulomb_friction@v_s=``).
@@ -84,8 +86,11 @@ def identify(
             ),
             "choose the problem that belongs to the file",
         )
-    estimator = make_estimator(method)
+    refined = method == OUTPUT_ERROR
+    estimator = make_estimator(DEFAULT_METHOD if refined else method)
     if isinstance(measurements, BlackBox):
+        if refined:
+            raise InputError(f"method {OUTPUT_ERROR} needs measured runs", "choose another method")
         if proof is not None:
             raise InputError(
                 "proof: a black box's answers are fitted without constraints", "leave it out"
@@ -129,6 +134,8 @@ def identify(
     estimate = build_estimate(
         problem, task, estimator, fit, regression, settings, measurements, weighting, errors
     )
+    if refined:
+        estimate = refine(estimate, measurements, estimator, regression, weighting, seed, progress)
     if shapes:
         shown = {"shapes": [s.to_dict() for s in shapes]}
         estimate = replace(estimate, details={**estimate.details, **shown})
