@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.files import read_json, write_text
@@ -196,13 +195,7 @@ class Estimate(Shown):
     def require_joints(self, measurements: Measurements, what: str = "measurements") -> None:
         """Raises InputError unless the measurements have as many joints as the robot."""
         if measurements.n != self.robot.n:
-            raise InputError(
-                (
-                    f"The {what} have {show.count(measurements.n, 'joint')}, the model's robot has "
-                    f"{self.robot.n}"
-                ),
-                "choose the model that belongs to them",
-            )
+            raise other_robot(measurements.n, self.robot.n, what, "model")
 
     def save(self, path: str | Path) -> None:
         """Write model.json, whole or not at all."""

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.errors import Infeasible, InputError, other_robot
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
@@ -126,11 +125,7 @@ def _usable(
             measurements, n, names, "identify(measurements=...)"
         )
     if measurements.n != n:
-        joints = show.count(measurements.n, "joint")
-        raise InputError(
-            f"The measurements have {joints}, the robot {problem.name} has {n}",
-            "choose the problem that belongs to the file",
-        )
+        raise other_robot(measurements.n, n, f"measurements for {problem.name}")
     if isinstance(measurements, BlackBox):
         if proof:
             what = "proof: a black box's answers are fitted without constraints"
