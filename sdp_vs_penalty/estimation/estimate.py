@@ -106,11 +106,12 @@ class Estimate(Shown):
         for name, x in zip(names, states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (self.robot.n,):
                 raise InputError(
-                    (f"predict({name}=...) has shape {np.shape(x)}"),
+                    f"predict({name}=...) has shape {np.shape(x)}",
                     f"give q, dq and ddq as (N, {self.robot.n})",
                 )
         if t is None:
-            timed = [e.name for e in self.model.effects if e.has_memory or "t0" in e.shape]
+            clocks = {e.name for e in self.model.effects for s in e.shapes.values() if s.role == "clock"}
+            timed = [e.name for e in self.model.effects if e.has_memory or e.name in clocks]
             if timed:
                 raise InputError(f"predict(): {timed[0]} depends on time", "pass t, (N,) in seconds")
             t = np.zeros(len(states[0]))
