@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from random_robots import uicker_torques
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.drift_offset import DriftOffset
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.presliding_hysteresis import bristle, dahl
+from sdp_vs_penalty.effects.presliding_hysteresis import bristle
 from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
