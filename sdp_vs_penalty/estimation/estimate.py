@@ -16,6 +16,7 @@ from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.files import read_json, write_text
@@ -25,7 +26,6 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.motion import MotionRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.certificate import Certificate
 
 if TYPE_CHECKING:
     import pandas
