@@ -176,9 +176,9 @@ class Effect(ABC):
     #: True where a column depends on earlier motion: it is then computed over whole runs.
     has_memory: bool = False
     #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
-    follows_clock: ClassVar[bool] = False
+    follows_clock: bool = False
     #: True where the columns need Motion.torque.
-    needs_torque: ClassVar[bool] = False
+    needs_torque: bool = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
 
