@@ -56,8 +56,9 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
             end = "its end" if np.isinf(stop) else f"{stop:g} s"
             if np.count_nonzero((since >= start) & (since < stop)) < 2:
                 raise InputError(
-                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
-                    where=run.names[0],
+                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s",
+                    "choose a window inside it",
+                    run.names[0],
                 )
             part = run.window(start, stop)
             name = f"{run.names[0]}, {start:.4g} s to {end}"
@@ -156,5 +157,5 @@ def save(measurements: Measurements, path: str | Path) -> None:
     home = format_of(path)
     if not hasattr(home, "write"):
         known = ", ".join(sorted(s for h in formats() if hasattr(h, "write") for s in h.SUFFIXES))
-        raise InputError(f"the suffix chooses the format: {known}.", where=path)
+        raise InputError("cannot be written: its suffix names no format", f"choose one of {known}", path)
     home.write(measurements, path)  # type: ignore[union-attr]

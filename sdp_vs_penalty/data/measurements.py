@@ -93,9 +93,9 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
     runs = [run for part in parts for run in part.runs()]
     if len({run.n for run in runs}) > 1:
         raise InputError(
-            "The runs have different numbers of joints: "
-            + ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
-            + "."
+            "the runs have different numbers of joints: "
+            + ", ".join(f"{r.names[0]} has {r.n}" for r in runs),
+            "name runs of one robot",
         )
     dq = None
     if all(r.dq is not None for r in runs):

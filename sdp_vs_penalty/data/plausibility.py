@@ -35,7 +35,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """InputError where positions cannot be this robot's, or are not in radians and metres."""
     for run in measurements.runs():
         if not np.any(run.tau):
-            raise InputError("every torque is zero: log the torque, or the current.", where=run.names[0])
+            raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
         _check_derivative(robot, run)
         _check_side(robot, run)
         for j, joint in enumerate(robot.joints):
@@ -45,8 +45,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
             elif joint.kind == "revolute" and np.ptp(q) > _UNLIMITED and _returns(q):
                 raise InputError(
                     f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} "
-                    f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees; "
-                    f"convert to radians{_MOTORS}."
+                    f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees",
+                    f"convert to radians{_MOTORS}",
                 )
 
 

@@ -73,7 +73,9 @@ def add(
     estimate.require_joints(measurements)
     if isinstance(effects, Diagnosis):
         # What a curve stands instead of is not added beside it.
-        named = [f for f in effects.effects if not (effects.curves and CURVE in f.indistinguishable_from)]
+        named = [
+            f for f in effects.effects if not (effects.curves and CURVE in f.indistinguishable_from)
+        ]
         frozen = frozen or effects.frozen
         effects = (*effects.retuned, *named, *(c.effect(estimate.robot).text for c in effects.curves))
     texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
@@ -155,7 +157,7 @@ def _refuse_twice(estimate: Estimate, wanted: Sequence[Effect]) -> None:
             if free and not effect.whole_robot:
                 advice += f", or the joints without it: {effect.name}:{_joints(free)}"
             where = "" if effect.whole_robot else f" on joints {_joints(twice)}"
-            raise InputError(f"The model already has {effect.name}{where}: {advice}.")
+            raise InputError(f"the model already has {effect.name}{where}", advice)
 
 
 def _joints(joints: Sequence[int]) -> str:

@@ -138,9 +138,7 @@ def conclude(
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(
-            stage.noise.source, tuple(doubted.values()), held_out.source, new_share
-        ),
+        explanations.remarks(stage.noise.source, tuple(doubted.values()), held_out.source, new_share),
         held_out.before if retuned else held_out.ladder[0],
         held_out.source,
         stage.frozen,

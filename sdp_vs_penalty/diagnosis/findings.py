@@ -155,7 +155,10 @@ class Diagnosis(Shown):
         """
         for number in numbers or ():
             if not 1 <= number <= len(self.effects):
-                raise InputError(f"finding {number} does not exist, there are {len(self.effects)}.")
+                raise InputError(
+                    f"finding {number} does not exist, there are {len(self.effects)}",
+                    "number them from 1 in the order of the list",
+                )
         chosen = tuple(
             f
             for k, f in enumerate(self.effects, start=1)
@@ -165,7 +168,9 @@ class Diagnosis(Shown):
         curves = self.curves if numbers is None else ()
         if not chosen and not retuned and not curves:
             kind = "confident finding" if confident and self.effects else "finding"
-            raise InputError(f"there is no {kind} to add.")
+            raise InputError(
+                f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
+            )
         return replace(self, effects=chosen, retuned=retuned, curves=curves)
 
     @property

@@ -30,8 +30,8 @@ FALSE_UNKNOWN = 5e-4
 class Remainder:
     """share (n,) : variance above the noise over that of the noise; p : smallest p value, corrected
     for the number of tests (1 where only the residual shows the noise: nothing can be tested then);
-    remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat; joints (from 0) :
-    those on which it is."""
+    remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat; joints : those
+    on which it is, from 0."""
 
     share: Array
     p: float

@@ -216,15 +216,22 @@ class Effect(ABC):
         for j in self.joints:
             if not 0 <= j < robot.n:
                 raise InputError(
-                    f"effect {self.name}: joint {j + 1} does not exist, the robot has {robot.n}."
+                    f"effect {self.name}: joint {j + 1} does not exist, the robot has {robot.n}",
+                    f"choose from 1 to {robot.n}",
                 )
         for key, value in shape.items():
             if key not in self.shapes:
                 known = ", ".join(self.shapes) or "none"
-                raise InputError(f"effect {self.name}: no shape constant {key!r} (it has: {known}).")
+                raise InputError(
+                    f"effect {self.name}: no shape constant {key!r} (it has: {known})",
+                    "leave it out, or correct its name",
+                )
             complaint = self.shapes[key].complaint(value)
             if complaint is not None:
-                raise InputError(f"effect {self.name}: shape constant {key} {complaint}.")
+                raise InputError(
+                    f"effect {self.name}: shape constant {key} {complaint}",
+                    "correct it, or leave it out",
+                )
         self.shape: dict[str, float] = {k: s.default for k, s in self.shapes.items()} | shape
 
     @property

@@ -30,13 +30,11 @@ def variable(motion: Motion, word: str, joint: int) -> Array:
     return np.asarray({"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}[word][:, joint])
 
 
-def variable_unit(robot: Robot, word: str, joint: int) -> str:
-    """Unit of one of VARIABLES of a joint."""
-    position = robot.position_units[joint]
+def variable_unit(torque_units: Sequence[str], word: str, joint: int) -> str:
+    """Unit of one of VARIABLES of a joint, from the units of the joints' torques."""
+    position = "m" if torque_units[joint] == "N" else "rad"
     rates = {"q": position, "dq": f"{position}/s", "ddq": f"{position}/s^2"}
-    return {**rates, "abs(ddq)": f"{position}/s^2", "t": "s", "tau": robot.torque_units[joint]}.get(
-        word, "-"
-    )
+    return {**rates, "abs(ddq)": f"{position}/s^2", "t": "s", "tau": torque_units[joint]}.get(word, "-")
 
 
 def hats(x: Array, low: float, high: float, count: int) -> Array:
@@ -88,7 +86,9 @@ class MeasuredCurve(JointEffect):
         values = {f"v{k}" for k in range(1, count + 1)}
         missing = sorted(values - set(own))
         if missing:
-            raise InputError(f"effect {self.name}: the table has {count} values, {missing[0]} is missing")
+            raise InputError(
+                f"effect {self.name}: the table has {count} values, {missing[0]} is missing"
+            )
         if not (own["xlow"] < own["xhigh"] and own["ylow"] < own["yhigh"]):
             raise InputError(f"effect {self.name}: a table's low end must lie below its high end")
         at = 0 if joints is None else min(joints, default=0)
@@ -112,13 +112,11 @@ class MeasuredCurve(JointEffect):
             known = own[axis] in cls.shapes[axis].choices
             word = cls.shapes[axis].written(own[axis]) if known else ""
             partner = int(own[f"{axis}j"]) - 1 if 0 < own[f"{axis}j"] <= robot.n else joint
-            unit = variable_unit(robot, word, partner)
+            unit = variable_unit(robot.torque_units, word, partner)
             for end in ("low", "high"):
                 shape = cls.shapes[axis + end]
                 out[axis + end] = Shape(shape.default, unit, signed=True)
-        return out | {
-            v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values
-        }
+        return out | {v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values}
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:

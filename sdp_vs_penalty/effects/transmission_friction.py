@@ -167,7 +167,9 @@ def _ratios(row: Array) -> dict[str, float]:
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     n = world.robot.n
     if n < 2:
-        raise InputError("effect transmission_friction needs a robot with two joints or more.")
+        raise InputError(
+            "effect transmission_friction needs a robot with two joints or more", "leave it out"
+        )
     first, law = min(joint, n - 2), int(rng.integers(1, 6))
     ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
     shape: dict[str, float] = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio, "law": law}

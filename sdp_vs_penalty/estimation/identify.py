@@ -92,8 +92,8 @@ def identify(
         return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
     if estimator.needs_black_box:
         raise InputError(
-            f"method {estimator.name} needs a black box's answers: an .npz file with q, gravity and "
-            "mass_matrix; for measured runs choose another method."
+            f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix",
+            "choose another method for measured runs",
         )
     check_plausible(problem.robot, measurements)
     model = problem.model(effects)

@@ -36,7 +36,9 @@ def base_parameters(
     rigid = [model.parameters[k].name for k in model.rigid_indices]
     for name in independent:
         if name not in rigid:
-            raise InputError(f"base_parameters: {name!r} is not a parameter of a link, like Izz1.")
+            raise InputError(
+                f"base_parameters: {name!r} is no parameter of a link", "write names like Izz1"
+            )
     return _base_of(stacked, tuple(rigid.index(name) for name in independent))
 
 

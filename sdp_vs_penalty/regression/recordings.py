@@ -42,7 +42,7 @@ def compress_files(
     The filters are those of the file that needs the lowest cut-offs, for all files alike.
     """
     if not files:
-        raise InputError("compress_files: no files are given.")
+        raise InputError("compress_files: no files are given", "name one or more")
     robot = load_problem(problem)
     start = settings or robot.preprocessing
     items = [_File(k, str(f), problem, effects, start) for k, f in enumerate(files)]

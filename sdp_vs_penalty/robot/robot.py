@@ -48,22 +48,27 @@ class Robot:
     def __post_init__(self) -> None:
         if self.transmission is not None and self.transmission.n != self.n:
             raise InputError(
-                f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors."
+                f"robot {self.name} has {self.n} joints, its transmission {self.transmission.n} motors",
+                "give one motor a joint",
             )
         names = [joint.name for joint in self.joints]
         for name in names:
             if names.count(name) > 1:
-                raise InputError(f"robot {self.name}: joint {name} appears {names.count(name)} times.")
+                raise InputError(
+                    f"robot {self.name}: joint {name} appears {names.count(name)} times", "rename one"
+                )
         if self.mechanism is not None and self.mechanism.matrix.shape[1] != self.n:
-            raise InputError(f"robot {self.name} has {self.n} joints, its mechanism others.")
+            raise InputError(
+                f"robot {self.name} has {self.n} joints, its mechanism others", "give it the same joints"
+            )
         open_branch: list[int] = []  # from the base to the last joint
         for i, joint in enumerate(self.tree):
             while open_branch and open_branch[-1] != joint.parent:
                 open_branch.pop()
             if not open_branch and joint.parent != -1:
                 raise InputError(
-                    f"robot {self.name}: joint {joint.name} must come after its parent and before "
-                    "any other branch (depth first)."
+                    f"robot {self.name}: joint {joint.name} comes before its parent, or splits a branch",
+                    "order the joints depth first",
                 )
             open_branch.append(i)
 
@@ -343,6 +348,6 @@ class Robot:
 
 def _vector3(values: Sequence[float]) -> tuple[float, float, float]:
     if len(values) != 3 or not np.all(np.isfinite(values)):
-        raise InputError(f"gravity {values!r}: three finite numbers in m/s^2 are needed.")
+        raise InputError(f"gravity {values!r} is not three finite numbers", "write x,y,z in m/s^2")
     x, y, z = (float(v) for v in values)
     return x, y, z

@@ -75,9 +75,14 @@ class Preprocessing:
         for name in ("state_cutoff", "torque_cutoff"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < np.inf:
-                raise InputError(f"preprocessing: {name} {value!r} is not a frequency above 0 Hz.")
+                raise InputError(
+                    f"preprocessing: {name} {value!r} is not a frequency above 0 Hz", "give one in Hz"
+                )
         if not 0.0 <= self.standstill < 1.0:
-            raise InputError(f"preprocessing: standstill {self.standstill!r} is not a share below 1.")
+            raise InputError(
+                f"preprocessing: standstill {self.standstill!r} is not a share below 1",
+                "give a number from 0 to below 1",
+            )
 
     def resolve(self, measurements: Measurements) -> Preprocessing:
         """The same settings with every number filled in for these measurements."""

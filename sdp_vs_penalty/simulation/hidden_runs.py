@@ -107,7 +107,7 @@ def hidden_runs(
                 hidden.append(sized)
             elif joints or not one.joints:
                 where = f"on joint {joint + 1}" if one.joints else "on this robot"
-                raise InputError(f"{name} makes no torque {where}: hide it elsewhere, or hide another.")
+                raise InputError(f"{name} makes no torque {where}", "hide it elsewhere, or hide another")
     hidden += [_sized(one, world, trajectories, setup, factor) for one in made]
     measured = [_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
     logged, ideal, plain = zip(*measured, strict=True)

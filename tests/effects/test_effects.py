@@ -159,11 +159,11 @@ def test_dahl_is_fast_on_a_long_record() -> None:
 
     t = np.arange(20544) * 1e-3
     q = 0.5 * np.sin(np.outer(t, 0.5 + 0.3 * np.arange(7)))
-    begin = time.perf_counter()
+    begin = time.process_time()
     for d in (0.001, 0.002, 0.004, 0.008, 0.016):
         for j in range(7):
             dahl(q[:, j], d)
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0
 
 
 def test_a_model_computes_its_current_torque_from_its_own_reference(
@@ -280,7 +280,7 @@ def test_a_search_couples_neighbours() -> None:
         ("stribeck_friction@vs=0", "vs must be above 0"),
         ("viscous_friction:9", "joint 9 does not exist"),
         ("viscous_friction:0", "joint 0 does not exist"),
-        ("viscous_friction:a", "joints are whole numbers"),
+        ("viscous_friction:a", "write numbers from 1"),
         ("coulomb_friction@v_s", "write a shape constant"),
         ("coulomb_friction@w=3", "no shape constant 'w'"),
         ("coulomb_friction@v_s=inf", "must be finite"),

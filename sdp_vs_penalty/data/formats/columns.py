@@ -44,15 +44,13 @@ def check_size(path: Path, unpacked: int, packed: int) -> None:
     """InputError for a compressed file that would fill the memory; sizes in bytes."""
     if unpacked > 8 * LARGEST:
         raise InputError(
-            f"unpacks to {unpacked / 2**30:.0f} GiB; split it into files below 4 GiB.", where=path
+            f"unpacks to {unpacked / 2**30:.0f} GiB", "split it into files below 4 GiB", path
         )
     if unpacked > _WORTH_A_LOOK and unpacked > _TIGHTEST * packed:
         raise InputError(
-            (
-                f"unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB: measurements "
-                "never compress that much, so this file holds something else."
-            ),
-            where=path,
+            (f"unpacks from {packed / 2**20:.1f} to {unpacked / 2**20:.0f} MiB, unlike measurements"),
+            "name a file of measurements",
+            path,
         )
 
 
@@ -75,7 +73,11 @@ def from_columns(
     for ours, theirs in names.items():
         if theirs not in columns:
             known = ", ".join(sorted(columns)) or "none"
-            raise InputError(f"no column {theirs!r} to take as {ours} (columns: {known}).", where=what)
+            raise InputError(
+                f"no column {theirs!r} to take as {ours} (columns: {known})",
+                "give --rename a name of the file",
+                what,
+            )
     named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
 
     given = {"t": named.get("t"), **{group: _block(named, group) for group in ("q", "dq", "tau")}}
@@ -84,9 +86,7 @@ def from_columns(
         known = ", ".join(sorted(columns)) or "none"
         pairs = ",".join(f"{group}=NAME" for group in missing)
         command = f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`"
-        raise InputError(
-            f"no column {' or '.join(missing)} (columns: {known}): {remedy or command}.", where=what
-        )
+        raise InputError(f"no column {' or '.join(missing)} (columns: {known})", remedy or command, what)
     t = np.ravel(named["t"])
     blocks = {}
     for group in ("q", "dq", "tau"):
@@ -96,14 +96,16 @@ def from_columns(
         if block.shape[0] != len(t) and block.ndim == 2 and block.shape[1] == len(t):
             block = block.T
         if block.shape[0] != len(t):
-            raise InputError(f"{group} has {block.shape[0]} rows, t has {len(t)}.", where=what)
+            raise InputError(
+                f"{group} has {block.shape[0]} rows, t has {len(t)}", "give each as many rows as t", what
+            )
         blocks[group] = np.ascontiguousarray(block)
     widths = {group: block.shape[1] for group, block in blocks.items()}
     if len(set(widths.values())) != 1:
         raise InputError(
-            f"{what}: the groups have different numbers of joints: "
-            + ", ".join(f"{group} {width}" for group, width in widths.items())
-            + "."
+            "the groups have different numbers of joints: "
+            + ", ".join(f"{group} {width}" for group, width in widths.items()),
+            "give q, dq and tau a column a joint",
         )
     return Measurements(t, blocks["q"], blocks["tau"], blocks.get("dq"), None, (Path(path).name,))
 
@@ -137,7 +139,7 @@ def joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     """Number of joints and whether dq is there, from a header; InputError where it is incomplete."""
     found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
     if not found:
-        raise InputError(f"row 1 names no column q1; the header must read {HEADER}.", where=path)
+        raise InputError("row 1 names no column q1", f"write the header {HEADER}", path)
     n = max(found)
     has_dq = any(re.fullmatch(r"dq[0-9]+", name) for name in names)
     wanted = [
@@ -147,10 +149,14 @@ def joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
     for name in wanted:
         if names.count(name) != 1:
             problem = "is missing" if names.count(name) == 0 else "comes twice"
-            raise InputError(f"column {name} {problem} (header: {','.join(names)[:120]}).", where=path)
+            raise InputError(
+                f"column {name} {problem} (header: {','.join(names)[:120]})",
+                f"write the header {HEADER}",
+                path,
+            )
     for name in names:
         if name not in wanted:
             raise InputError(
-                f"column {name!r} is unknown; expected t, q, dq, tau with numbers.", where=path
+                f"column {name!r} is unknown", "keep t, q, dq and tau with joint numbers only", path
             )
     return n, has_dq

@@ -42,14 +42,16 @@ def _read_npz(path: Path) -> Measurements:
                     block = block[:, None]
                 if block.ndim != 2:
                     raise InputError(
-                        f"array {name} has {block.ndim} dimensions, 2 are needed.", where=path
+                        f"array {name} has {block.ndim} dimensions",
+                        "give it 2: samples and joints",
+                        path,
                     )
                 arrays |= {f"{name}{j + 1}": block[:, j] for j in range(block.shape[1])}
     n, has_dq = joints_of(path, list(arrays))
     lengths = {name: a.shape for name, a in arrays.items()}
     if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
         raise InputError(
-            f"the arrays differ in length ({lengths}); all need one entry per sample.", where=path
+            f"the arrays differ in length ({lengths})", "give each one entry a sample", path
         )
 
     def group(prefix: str) -> Array:
@@ -72,11 +74,17 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
             for name in file.files:
                 array = file[name]
                 if array.dtype.kind not in "fiu":
-                    raise InputError(f"array {name} holds {array.dtype}, not real numbers.", where=path)
+                    raise InputError(
+                        f"array {name} holds {array.dtype}, not real numbers",
+                        "save it as floating-point numbers",
+                        path,
+                    )
                 arrays[name] = np.atleast_1d(np.asarray(array, float))
     except InputError:
         raise
     except Exception as error:  # zip, zlib and array headers each fail in ways of their own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"not a readable .npz file of numbers ({what}).", where=path) from error
+        raise InputError(
+            f"not a readable .npz file of numbers ({what})", "write it anew with numpy.savez", path
+        ) from error
     return arrays

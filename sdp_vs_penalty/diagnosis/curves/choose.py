@@ -159,7 +159,9 @@ def _chosen(close: Sequence[Fitted]) -> Fitted:
     inside = [
         c
         for c in close
-        if c.joint == best.joint and c is not best and _contains(best.basis, c.basis)
+        if c.joint == best.joint
+        and c is not best
+        and _contains(best.basis, c.basis)
         and _as_good(c, best)
     ]
     return min(inside, key=lambda c: (c.basis.size, -c.gain)) if inside else best

@@ -80,10 +80,10 @@ class Curve:
         """The curve as an effect that can be added to a model."""
         return table_effect(robot, self.joint - 1, self.of, self.points, self.torque)
 
-    def sentence(self, robot: Robot) -> str:
-        """What was measured, in one or two sentences."""
-        unit = robot.torque_units[self.joint - 1].replace("*", " ")
-        units = [variable_unit(robot, *parse_variable(v)) for v in self.of]
+    def sentence(self, torque_units: Sequence[str]) -> str:
+        """What was measured, in one or two sentences; torque_units : of all joints."""
+        unit = torque_units[self.joint - 1].replace("*", " ")
+        units = [variable_unit(torque_units, *parse_variable(v)) for v in self.of]
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         ranges = " and ".join(
             f"{v} from {a:.3g} to {b:.3g}{'' if u == '-' else ' ' + u}"

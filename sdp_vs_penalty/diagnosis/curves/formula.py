@@ -17,7 +17,6 @@ from scipy import optimize
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.choose import Fitted
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable_name, variable_unit
-from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -41,7 +40,9 @@ class _Recognised:
     cost: float
 
 
-def formula_of(f: Fitted, points: Array, half: Array, projector: Array, robot: Robot) -> str | None:
+def formula_of(
+    f: Fitted, points: Array, half: Array, projector: Array, torque_units: Sequence[str]
+) -> str | None:
     """The law as text with units, or None where none of the dictionary lies within the band.
 
     points (P, v), half (P,) : where the band is and how wide; projector (k, k) : onto what the model
@@ -64,15 +65,13 @@ def formula_of(f: Fitted, points: Array, half: Array, projector: Array, robot: R
             best = _Recognised(law.text(amplitudes, constants), cost)
     if best is None:
         return None
-    unit = robot.torque_units[f.joint].replace("*", " ")
-    units = {v: variable_unit(robot, *parse_variable(v)) for v in f.basis.of}
+    unit = torque_units[f.joint].replace("*", " ")
+    units = {v: variable_unit(torque_units, *parse_variable(v)) for v in f.basis.of}
     said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
     return f"{best.text} {unit}" + (f" ({said})" if said else "")
 
 
-def _fit(
-    law: Law, f: Fitted, every: Array, inverse: Array
-) -> tuple[Array, Array, Array, float] | None:
+def _fit(law: Law, f: Fitted, every: Array, inverse: Array) -> tuple[Array, Array, Array, float] | None:
     """Coefficients, amplitudes, constants and chi2 of a law."""
 
     def solved(constants: Array) -> tuple[Array, Array, float]:

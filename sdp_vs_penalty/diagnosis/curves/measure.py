@@ -94,7 +94,9 @@ def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding
 def _explains(state: SearchState, joint: int) -> bool:
     """Whether what is left of a joint is little more than noise."""
     fit = state.fit
-    return bool(fit.joint_chi2[joint] < MISFIT * fit.degrees[joint] * fit.weighting.noise_variance[joint])
+    return bool(
+        fit.joint_chi2[joint] < MISFIT * fit.degrees[joint] * fit.weighting.noise_variance[joint]
+    )
 
 
 def _cost(state: SearchState, joint: int, found: Found) -> float:
@@ -127,7 +129,7 @@ def _curve(f: Fitted, effect: MeasuredCurve, look: Look, judge: HeldOutCurves, s
         torque - half,
         torque + half,
         _share(look, f, level2),
-        formula_of(f, points, half, projector, effect.robot),
+        formula_of(f, points, half, projector, effect.robot.torque_units),
         before,
         after,
     )

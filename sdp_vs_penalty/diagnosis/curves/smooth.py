@@ -148,7 +148,9 @@ def _without(
     return c, change.reshape(-1, len(c))
 
 
-def fold_coefficients(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> list[Array]:
+def fold_coefficients(
+    fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int
+) -> list[Array]:
     """Per fold (k,) the coefficients from the other folds."""
     M = len(fit.rows.block)
     pull_all = Z.T @ fit.target[joint * M : (joint + 1) * M]
