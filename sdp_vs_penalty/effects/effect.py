@@ -302,6 +302,10 @@ class Effect(ABC):
 
     # What a reader is told.
 
+    def outside(self, motion: Motion) -> NDArray[np.bool_]:
+        """(N,) where a motion leaves what the effect is known for; nowhere, but for measured tables."""
+        return np.zeros(len(motion.t), bool)
+
     @property
     def constants(self) -> str:
         """The shape constants that measurements can tell, with their units: "vs = 0.1 rad/s"."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import Shape
@@ -35,6 +36,11 @@ def variable_unit(torque_units: Sequence[str], word: str, joint: int) -> str:
     position = "m" if torque_units[joint] == "N" else "rad"
     rates = {"q": position, "dq": f"{position}/s", "ddq": f"{position}/s^2"}
     return {**rates, "abs(ddq)": f"{position}/s^2", "t": "s", "tau": torque_units[joint]}.get(word, "-")
+
+
+def _is_value(key: str) -> bool:
+    """Whether a shape constant is a value of the table: v1, v2, ..."""
+    return key[0] == "v" and key[1:].isdigit()
 
 
 def hats(x: Array, low: float, high: float, count: int) -> Array:
@@ -79,28 +85,47 @@ class MeasuredCurve(JointEffect):
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         own: dict[str, float] = {k: s.default for k, s in type(self).shapes.items()} | shape
-        for key in ("xn", "yn"):
-            if own[key] != int(own[key]) or not 1 <= own[key] <= _MOST:
-                raise InputError(f"effect {self.name}: {key} is a whole number from 1 to {_MOST}.")
-        count = int(own["xn"] * own["yn"])
-        values = {f"v{k}" for k in range(1, count + 1)}
-        missing = sorted(values - set(own))
-        if missing:
-            raise InputError(
-                f"effect {self.name}: the table has {count} values, {missing[0]} is missing"
-            )
-        if not (own["xlow"] < own["xhigh"] and own["ylow"] < own["yhigh"]):
-            raise InputError(f"effect {self.name}: a table's low end must lie below its high end")
+        if any(_is_value(key) for key in shape):
+            own = {k: v for k, v in own.items() if k in shape or not _is_value(k)}
+        known = sorted(int(key[1:]) for key in own if _is_value(key))
+        self._refuse(robot, own, known)
         at = 0 if joints is None else min(joints, default=0)
-        self.shapes = self._own_shapes(robot, at, own, sorted(values, key=lambda v: int(v[1:])))
+        self.shapes = self._own_shapes(robot, at, own, [f"v{k}" for k in known])
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
-        for key in ("xj", "yj"):
-            if own[key] != int(own[key]) or not 0 <= own[key] <= robot.n:
-                raise InputError(f"effect {self.name}: {key} is a joint from 1 to {robot.n}, or 0.")
         self.needs_torque = "tau" in (self._word("x"), self._word("y"))
         self.follows_clock = "t" in (self._word("x"), self._word("y"))
-        self._table = np.array([self.shape[f"v{k}"] for k in range(1, count + 1)])
+        # What is missing of the table (no measurement lay there) is as the nearest that is known.
+        every = np.array(list(np.ndindex(int(own["xn"]), int(own["yn"]))), float)
+        there = np.array(known) - 1
+        apart = np.sum((every[:, None, :] - every[there]) ** 2, axis=2)
+        self._table = np.array([self.shape[f"v{k}"] for k in known])[np.argmin(apart, axis=1)]
+        self._missing = np.ones(len(every))
+        self._missing[there] = 0.0
+
+    def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
+        """InputError for a table that cannot be one; known : the places of its values."""
+        for key in ("xn", "yn"):
+            if own[key] != int(own[key]) or not 1 <= own[key] <= _MOST:
+                raise InputError(
+                    f"effect {self.name}: {key} = {own[key]:g}", f"give a whole number from 1 to {_MOST}"
+                )
+        count = int(own["xn"] * own["yn"])
+        if not known or not 1 <= known[0] <= known[-1] <= count:
+            raise InputError(
+                f"effect {self.name}: the values do not fit a table of {count}",
+                f"name those that are known among v1 to v{count}",
+            )
+        if not (own["xlow"] < own["xhigh"] and own["ylow"] < own["yhigh"]):
+            raise InputError(
+                f"effect {self.name}: a table's low end is not below its high end", "swap the ends"
+            )
+        for key in ("xj", "yj"):
+            if own[key] != int(own[key]) or not 0 <= own[key] <= robot.n:
+                raise InputError(
+                    f"effect {self.name}: {key} = {own[key]:g} is no joint",
+                    f"give one from 1 to {robot.n}, or 0 for its own",
+                )
 
     @classmethod
     def _own_shapes(
@@ -137,7 +162,8 @@ class MeasuredCurve(JointEffect):
 
     @property
     def constants(self) -> str:
-        return f"a table of {len(self._table)} values over {', '.join(self.of(self.joints[0]))}"
+        count = int(np.sum(self._missing == 0.0))
+        return f"a table of {count} values over {', '.join(self.of(self.joints[0]))}"
 
     def of(self, joint: int) -> tuple[str, ...]:
         """The variables as they are written: q4, sign(dq4), t."""
@@ -147,17 +173,23 @@ class MeasuredCurve(JointEffect):
         return f"{self.symbol}{joint + 1}_{'_'.join(self.of(joint))}"
 
     def column(self, motion: Motion, joint: int) -> Array:
+        return np.asarray(self._weights(motion, joint) @ self._table)
+
+    def _weights(self, motion: Motion, joint: int) -> Array:
+        """(N, values) of linear interpolation in the table."""
         weights = np.ones((len(motion.t), 1))
         for axis, (word, partner) in zip("xy", self.variables(joint), strict=False):
             low, high, count = (self.shape[axis + key] for key in ("low", "high", "n"))
             own = hats(variable(motion, word, partner), low, high, int(count))
             weights = (weights[:, :, None] * own[:, None, :]).reshape(len(motion.t), -1)
-        return np.asarray(weights @ self._table)
+        return weights
 
-    def outside(self, motion: Motion) -> Array:
-        """(N,) where a variable lies outside of the table, on any of the joints."""
+    def outside(self, motion: Motion) -> NDArray[np.bool_]:
+        """(N,) where a variable lies outside of the table, or in a part of it of which nothing is known,
+        on any of the joints."""
         out = np.zeros(len(motion.t), bool)
         for joint in self.joints:
+            out |= self._weights(motion, joint) @ self._missing > 0.5
             for axis, (word, partner) in zip("xy", self.variables(joint), strict=False):
                 x = variable(motion, word, partner)
                 out |= (x < self.shape[f"{axis}low"]) | (x > self.shape[f"{axis}high"])

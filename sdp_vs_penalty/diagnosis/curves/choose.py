@@ -194,7 +194,7 @@ def effect_of(look: Look, found: Fitted) -> MeasuredCurve:
 
 
 def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> SearchState:
-    """The state with the curve among its picks, the joints' levels and a guessed noise brought up to date."""
+    """The state with the curve among its picks; levels and a guessed noise are brought up to date."""
     picks = state.picks
     if state.stage.noise.source == RESIDUAL:
         state = state.with_noise(state.stage.noise_beside([*state.effects, effect]))

@@ -63,13 +63,22 @@ class Curve:
         of = tuple(str(name) for name in data["of"])
         for name in of:
             parse_variable(name)
-        x, *rest = (np.array(data[key], float) for key in ("x", "torque", "lower", "upper"))
-        if x.shape != (len(x),) + (len(of),) * (len(of) > 1) or any(r.shape != (len(x),) for r in rest):
+        x, torque, lower, upper = (np.array(data[k], float) for k in ("x", "torque", "lower", "upper"))
+        each = (len(x),)
+        if x.shape != each + (len(of),) * (len(of) > 1) or not torque.shape == lower.shape == each:
             raise ValueError("a curve has a value and a band for each x")
-        shares = (float(data[k]) for k in ("held_out_rmse_before", "held_out_rmse_after"))
-        formula = None if data["formula"] is None else str(data["formula"])
-        share = float(data["explained_share"])
-        return cls(int(data["joint"]), of, x, *rest, share, formula, *shares)
+        return cls(
+            int(data["joint"]),
+            of,
+            x,
+            torque,
+            lower,
+            upper,
+            float(data["explained_share"]),
+            None if data["formula"] is None else str(data["formula"]),
+            float(data["held_out_rmse_before"]),
+            float(data["held_out_rmse_after"]),
+        )
 
     @property
     def points(self) -> Array:
@@ -92,7 +101,7 @@ class Curve:
         said = f" Within the band: {self.formula}." if self.formula else " No simple law fits its band."
         return (
             f"joint {self.joint} misses a torque over {ranges}: {np.ptp(self.torque):.3g} {unit} from "
-            f"peak to peak, {100.0 * self.explained_share:.0f} % of the error beyond the noise; held-out "
+            f"peak to peak, {100.0 * self.explained_share:.0f} % of the error beyond noise; held-out "
             f"error {self.held_out_rmse_before:.3g} to {self.held_out_rmse_after:.3g} {unit}.{said}"
         )
 
@@ -100,8 +109,8 @@ class Curve:
 def table_effect(
     robot: Robot, joint: int, of: Sequence[str], points: Array, values: Array
 ) -> MeasuredCurve:
-    """The table of values (P,) at points (P, variables) of an equally spaced grid, some of which may be
-    missing: there stands the value of the nearest. joint : from 0."""
+    """The table of values (P,) at points (P, variables) of an equally spaced grid, of which some may be
+    missing. joint : from 0."""
     shape: dict[str, float] = {}
     places, counts = [], []
     for axis, name, x in zip("xy", of, points.T, strict=False):
@@ -114,8 +123,6 @@ def table_effect(
         shape[f"{axis}n"] = float(count)
         places.append(np.rint((x - low) / (high - low) * (count - 1)))
         counts.append(count)
-    known = np.column_stack(places)
-    every = np.array(list(np.ndindex(*counts)), float)
-    nearest = np.argmin(np.sum((every[:, None, :] - known) ** 2, axis=2), axis=1)
-    shape |= {f"v{k}": float(f"{v:.6g}") for k, v in enumerate(values[nearest], start=1)}
+    known = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
+    shape |= {f"v{k + 1}": float(f"{v:.6g}") for k, v in zip(known, values, strict=True)}
     return MeasuredCurve(robot, [joint], **shape)

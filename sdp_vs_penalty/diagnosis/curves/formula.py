@@ -2,7 +2,8 @@
 
 A law a g(x; b) is put into the curve's own splines, c_g, and fitted to the measurements through their
 compressed factors: a = c_g's / c_g'D c_g, with what the model's own columns can make left open. Among
-those that stay within the band the one with the least -chi2 + (constants) log M is named.
+those that stay within the band, and explain less only by what noise may do, the one with the least
+-chi2 + (constants) log M is named.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
+from scipy import optimize, special
 
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.choose import Fitted
@@ -22,6 +23,9 @@ Array = NDArray[np.float64]
 
 #: Steps of a scan over a constant, and over each of two.
 _SCAN, _SCAN_TWO = 60, 14
+#: Share of the points of a curve at which a law lies in its band: where few measurements lie, the
+#: smoothing shows; and the probability that noise alone makes a true law explain so much less.
+_INSIDE, _WORSE = 0.95, 0.01
 
 
 @dataclass(frozen=True)
@@ -49,16 +53,18 @@ def formula_of(
     cannot make.
     """
     every = f.basis.points
-    inverse = np.linalg.pinv(f.basis.at(*every.T), rcond=1e-10)
+    inverse = np.asarray(np.linalg.pinv(f.basis.at(*every.T), rcond=1e-10), float)
     at = f.basis.at(*points.T) @ projector
     torque = at @ f.smooth.c
+    worst = float(special.chdtri(max(f.smooth.edf, 1.0), _WORSE))
     best: _Recognised | None = None
     for law in _dictionary(f.basis.axes):
         found = _fit(law, f, every, inverse)
         if found is None:
             continue
         coefficients, amplitudes, constants, chi2 = found
-        if np.any(np.abs(at @ coefficients - torque) > half):
+        inside = np.mean(np.abs(at @ coefficients - torque) <= half)
+        if inside < _INSIDE or f.smooth.chi2 - chi2 > worst:
             continue
         cost = -chi2 + (len(amplitudes) + len(constants)) * np.log(max(f.factors.count, 2.0))
         if best is None or cost < best.cost:

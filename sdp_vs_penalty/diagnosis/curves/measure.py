@@ -41,12 +41,13 @@ class Measured:
 def measured_curves(
     state: SearchState, left: Remainder, doubted: Sequence[int] = (), test: TestRun | None = None
 ) -> Measured:
-    """The curves of those joints on which the search leaves error that repeats, or names what is doubted.
+    """The curves of those joints on which the search leaves error that repeats, or that it doubts.
 
     left : what is known of the rest; where nothing repeats, so that nothing is, all joints are looked
-    at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test run with the model attached, for the held-out errors; without one
-    they are those of folds. What a search without curves has named on such a joint is kept, unless
-    curves without it explain the joint better by the Bayesian information criterion (Schwarz 1978).
+    at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
+    run with the model attached, for the held-out errors; without one they are those of folds. What a
+    search without curves has named on such a joint is kept, unless curves without it explain the joint
+    better by the Bayesian information criterion (Schwarz 1978).
     """
     joints = sorted({*left.joints, *doubted})
     if state.stage.noise.source == RESIDUAL:

@@ -161,7 +161,7 @@ def fold_coefficients(
 
 
 def identifiable(f: Factors) -> Array:
-    """(k, k) projector onto what the model's own columns cannot make, orthogonal in the metric of Z'Z."""
+    """(k, k) projector onto what the model's own columns cannot make, in the metric of Z'Z."""
     k = len(f.s)
     metric = f.raw + 1e-9 * np.trace(f.raw) * np.eye(k)
     values, vectors = scipy.linalg.eigh(f.D, metric)
@@ -176,7 +176,7 @@ def draws(fit: WhiteFit, Z: Array, C: Array, found: Smooth, joint: int, seed: in
     smoothing may have cost, a normal with the covariance that the prior leaves beyond the noise's,
     (D + P)^-1 - (D + P)^-1 D (D + P)^-1 (Nychka, JASA 1988).
     """
-    n, M = fit.rows.n, len(fit.rows.block)
+    M = len(fit.rows.block)
     partialled = np.negative(fit.Q @ C)
     partialled[joint * M : (joint + 1) * M] += Z
     left = fit.residual - partialled @ found.c
