@@ -15,7 +15,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,11 @@ class Motion:
         """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
         width = self.width(joint) if width is None else width
         return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
+
+    def sign_along(self, ratios: Array) -> Array:
+        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width."""
+        width = max(self.width(int(j)) for j in np.flatnonzero(ratios))
+        return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
 
     def width(self, joint: int) -> float:
         """The velocity over which a joint's sign is smoothed [rad/s, m/s]."""
@@ -182,6 +187,10 @@ class Effect(ABC):
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
 
+    #: What the effect is when the model runs forward: a torque, a property of the measuring channel (see
+    #: :meth:`undone`), or nothing that a state of positions and velocities can tell.
+    forward: ClassVar[Literal["torque", "channel", "left out"]] = "torque"
+
     #: True where one parameter acts on the whole robot: there is nothing to choose joints from.
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.
@@ -267,6 +276,15 @@ class Effect(ABC):
     def nominal(self) -> Array:
         """(k,) plausible parameters, strictly inside the constraints that are no mere bounds."""
         return np.zeros(len(self.parameters))
+
+    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+        """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) : its own."""
+        return torque
+
+    @property
+    def contact(self) -> Array | None:
+        """(n,) the combination of joints along which it is dry friction; None: along its own joints."""
+        return None
 
     # What a search asks.
 
