@@ -90,6 +90,17 @@ class Motion:
     sign_width: float | tuple[float, ...] = 0.01
     #: The samples of the log that each of these instants stands for, if not itself.
     within: Sampling | None = None
+    #: (N, n) of each joint's gear or motor [degrees Celsius], where the log holds them.
+    temperature: Array | None = None
+
+    @cached_property
+    def joint_temperature(self) -> Array:
+        """``temperature``; InputError where the measurements hold none."""
+        if self.temperature is None:
+            raise InputError(
+                "these measurements hold no temperatures", "add columns temp1..tempn to the log"
+            )
+        return self.temperature
 
     def sign(self, joint: int, width: float | None = None) -> Array:
         """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
@@ -186,6 +197,8 @@ class Effect(ABC):
     needs_torque: bool = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
+    #: True where the columns need Motion.temperature.
+    needs_temperature: bool = False
 
     #: What the effect is when the model runs forward: a torque, a property of the measuring channel (see
     #: :meth:`undone`), or nothing that a state of positions and velocities can tell.
