@@ -17,7 +17,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
 
 FIELDS = {"model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz"} | {
-    "new_motion_share"
+    "new_motion_share",
+    "outside",
 }
 
 
