@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Course:
-    """A stretch of a run: t (N,) s, states (N, n), the friction's states z and the joints' torque."""
+    """A stretch of a run: t (N,) s, states (N, n), the friction's states z, the joints'
+    temperature (NaN: not needed) and torque."""
 
     name: str
     t: Array
@@ -26,6 +27,7 @@ class Course:
     dq: Array
     ddq: Array
     z: Array
+    temperature: Array
     torque: Array
     moving: NDArray[np.bool_]
 
@@ -34,13 +36,13 @@ class Course:
         return float(self.t[1] - self.t[0])
 
     def state(self, at: NDArray[np.intp]) -> State:
-        return State(self.t[at], self.q[at], self.dq[at], self.ddq[at], self.z[at])
+        return State(self.t[at], self.q[at], self.dq[at], self.ddq[at], self.z[at], self.temperature[at])
 
 
 def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: float) -> list[Course]:
     """The stretches of a run that last ``shortest`` [s] or more behind the state filter.
 
-    Raises InputError where there is none.
+    Raises InputError where there is none, or an effect needs temperatures that were not logged.
     """
     filters = RunFilter(run, estimate.preprocessing.resolve(run), every_sample=True)
     half, out = filters.state.half, []
@@ -52,7 +54,10 @@ def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: fl
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
         z, moving = plant.remembered(motion), filters.movement.at(motion.t)
         states = (motion.q, motion.dq, motion.ddq)
-        out.append(Course(run.names[0], motion.t, *states, z, torque, moving))
+        warm = np.full_like(motion.q, np.nan)
+        if any(effect.needs_temperature for effect in estimate.model.effects):
+            warm = motion.joint_temperature
+        out.append(Course(run.names[0], motion.t, *states, z, warm, torque, moving))
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
     return out
