@@ -48,6 +48,7 @@ class Answer:
 
     dimacs : the largest DIMACS error of the conic problem that was sent; own_error : the same relative
         to all terms of each sum, as solvers' own criteria are. None where no conic problem was sent.
+    attempts : runs that went into it, as far as the contestant starts several.
     """
 
     theta: Array
@@ -60,6 +61,7 @@ class Answer:
     entropy_slopes: Array | None = None
     dimacs: float | None = None
     own_error: float | None = None
+    attempts: int = 1
 
 
 @dataclass(frozen=True)
