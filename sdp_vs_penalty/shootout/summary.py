@@ -201,8 +201,8 @@ def write_summary(
         "a claim of success that is further off and also misses the solver's own promise, errors "
         "of that conic problem relative to all terms, by a factor of 10; where it is kept the "
         "answer is inaccurate. Contestants without a conic problem of their own (cvxpy, penalty, "
-        "log-cholesky) have no such promise to measure: they are held to what was asked. Times are those "
-        f"of set-up and solve, a run that is not right counts {time_limit:g} s. Made by "
+        "log-cholesky) have no such promise to measure: they are held to what was asked. Times are "
+        f"those of set-up and solve, a run that is not right counts {time_limit:g} s. Made by "
         "`sdp-vs-penalty shootout`; the runs are in runs.csv.",
         "",
         "## Alone, and inside our loop",
