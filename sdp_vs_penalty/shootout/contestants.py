@@ -73,7 +73,7 @@ def _conic(name: str, module: ModuleType) -> Contestant:
             solution.solve_seconds,
             multipliers,
             sdp.entropy_slopes(solution),
-            *conic_errors(sdp.conic, solution),
+            *conic_errors(*(solution.seen or (sdp.conic, solution.x, solution.z))),
         )
 
     return Contestant(

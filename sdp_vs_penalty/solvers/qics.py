@@ -83,10 +83,11 @@ def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
     end = time.perf_counter()
     x = np.asarray(info["x_opt"]).ravel()
     z = signs * np.concatenate([np.asarray(info["y_opt"]).ravel(), _stacked(info["z_opt"])])
-    x, z = ordered.back(*full.back(x, z))
+    seen = (p, *full.back(x, z))
+    x, z = ordered.back(*seen[1:])
     status = f"{info['sol_status']} ({info['exit_status']})"
     claims = _CLAIMS.get(info["sol_status"], "failed")
-    return Solution(x, z, claims, status, int(info["num_iter"]), ready - start, end - ready)
+    return Solution(x, z, claims, status, int(info["num_iter"]), ready - start, end - ready, seen)
 
 
 def _stacked(point: object) -> np.ndarray:

@@ -16,6 +16,8 @@ NAME = "sdpa-program"
 EXTRA = "a system package: sdpa"
 REQUIRES = ("program", "sdpa")
 CONES = frozenset({"nonnegative", "psd"})
+#: What it asks of itself by default; what our loop asks of it.
+FINEST = 1e-7
 
 #: SDPA's phases; our problem is its primal (P): minimise c^T x, X = sum F_i x_i - F_0 >= 0.
 _CLAIMS = {

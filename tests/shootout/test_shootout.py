@@ -259,16 +259,16 @@ def test_conic_errors_see_each_kind_of_mistake(two_link: Instance) -> None:
     for made in (two_link, instance("two_link one-step regulariser")):
         conic = made.sdp.conic
         answer = clarabel.solve(conic, 1e-10)
-        assert max(conic_errors(conic, answer)) < 1e-7
+        assert max(conic_errors(conic, answer.x, answer.z)) < 1e-7
         nothing = replace(answer, x=np.full_like(answer.x, np.nan))
-        assert conic_errors(conic, nothing) == (np.inf, np.inf)
+        assert conic_errors(conic, nothing.x, nothing.z) == (np.inf, np.inf)
         shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
         for wrong in (
             replace(answer, z=answer.z + 1e-2),
             replace(answer, z=answer.z - 1e-2),
             replace(answer, x=shifted),
         ):
-            dimacs, own = conic_errors(conic, wrong)
+            dimacs, own = conic_errors(conic, wrong.x, wrong.z)
             assert min(dimacs, own) > 1e-4
 
 
