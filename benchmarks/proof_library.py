@@ -102,7 +102,8 @@ def _changed(value: Any, rng: random.Random) -> Any:
         at = rng.randrange(len(value))
         return [*value[:at], _changed(value[at], rng), *value[at + 1 :]]
     try:
-        return str(Fraction(value) * Fraction(1000001, 1000000) + Fraction(1, 10**6))
+        number = Fraction(value)
+        return str(number + (1 + abs(number)) / 10**6)  # never the same
     except (TypeError, ValueError):
         return f"{value}x"
 
