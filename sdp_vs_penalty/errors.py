@@ -73,7 +73,7 @@ def install_command(extra: str) -> str:
 
 def missing_extra(what: str, extra: str) -> InputError:
     """The error of a verb whose optional part is not installed; ``what`` needs it."""
-    return InputError(f"{what} the extra [{extra}]: {install_command(extra)}.")
+    return InputError(f"{what} the extra [{extra}]", install_command(extra))
 
 
 def given(value: object) -> str:

@@ -80,7 +80,9 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         if isinstance(error, InputError):
             raise
         what = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"cannot be written ({what}).", where=path) from error
+        raise InputError(
+            f"cannot be written ({what})", "choose another place, or free this one", path
+        ) from error
 
 
 def _there(path: Path) -> os.stat_result | None:
@@ -170,14 +172,20 @@ def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str,
     except OSError as error:
         raise unreadable(error, path) from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"not a JSON file ({error}).", where=path) from error
+        raise InputError(
+            f"not a JSON file ({error})", "name a file that this program wrote", path
+        ) from error
     if not isinstance(data, dict) or mark not in data:
-        raise InputError(f"not a {kind} of this program (no field {mark!r}).", where=path)
+        raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}", path)
     try:
         return build(data)
     except InputError as error:
         raise error.within(path) from error
     except KeyError as error:
-        raise InputError(f"the field {error.args[0]!r} is missing.", where=path) from error
+        raise InputError(
+            f"the field {error.args[0]!r} is missing", "write the file anew", path
+        ) from error
     except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(f"a field has the wrong content ({error}).", where=path) from error
+        raise InputError(
+            f"a field has the wrong content ({error})", "write the file anew", path
+        ) from error

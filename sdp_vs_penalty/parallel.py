@@ -57,5 +57,6 @@ def _connected(scheduler: str) -> Any:
         return Client(scheduler, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
-            f"--scheduler {scheduler}: no Dask scheduler answers there ({error})."
+            f"--scheduler {scheduler}: no Dask scheduler answers there ({error})",
+            "start one, or correct its address",
         ) from error

@@ -209,7 +209,10 @@ def bad_calls(estimate: Estimate) -> list[tuple[Callable[[], object], str]]:
         (lambda: diagnose(estimate, object()), r"^diagnose\(measurements=<object"),
         (lambda: add(estimate, "joint_spring:1", 2.5), r"^add\(measurements=2.5\)"),
         (lambda: check("two_link", {"a": 1}), r"^check\(measurements=...\): no column t or q or tau"),
-        (lambda: simulate("two_link", "joint_spring:1", level="loud"), "^level 'loud': strong, medium"),
+        (
+            lambda: simulate("two_link", "joint_spring:1", level="loud"),
+            "^level 'loud' is unknown: write strong, medium",
+        ),
         (lambda: excite(None), r"^excite\(problem=None\)"),
         (lambda: export(None, "x.urdf"), r"^export\(estimate=None\)"),
         (lambda: report(4, run, "x.html"), r"^report\(models=4\)"),
@@ -263,7 +266,7 @@ def test_pictures_are_drawn(estimate: Estimate, files: list[Path]) -> None:
     line = one.lines[0]
     assert np.array_equal(line.get_xdata(), comparisons[0].signals.q[:, 1])
     assert np.isclose(np.sqrt(np.mean(line.get_ydata() ** 2)), comparisons[0].rmse[1])
-    with pytest.raises(InputError, match="joints 1 to 2"):
+    with pytest.raises(InputError, match="from 1 to 2"):
         comparisons[0].plot(joint=3)
     with pytest.raises(InputError, match="time, position or velocity"):
         comparisons[0].plot(joint=1, against="mood")

@@ -1,4 +1,4 @@
-"""Mutation testing: change one operator or number of a file at a time and see whether a test notices.
+"""Mutation testing: change one operator or number of some files at a time and see which tests notice.
 
     python tools/mutate.py sdp_vs_penalty/effects/drift.py --tests tests/effects --sample 40 --seed 1
 
@@ -23,6 +23,7 @@ import resource
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -131,16 +132,16 @@ class _Import(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
 
 
 class _Seen:
-    """A pytest plugin: which test ran which line of a file."""
+    """A pytest plugin: which test ran which lines of which file."""
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.lines, self.seconds = str(path), {}, {}
-        self.now: set[int] = set()
+    def __init__(self, paths: list[Path]) -> None:
+        self.paths, self.lines, self.seconds = set(map(str, paths)), {}, {}
+        self.now: set[tuple[str, int]] = set()
 
     def trace(self, frame: FrameType, event: str, _: Any) -> Any:
-        if frame.f_code.co_filename != self.path:
+        if frame.f_code.co_filename not in self.paths:
             return None
-        self.now.add(frame.f_lineno)
+        self.now.add((frame.f_code.co_filename, frame.f_lineno))
         return self.trace
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
@@ -176,12 +177,12 @@ def _forked(work: Callable[[], int], seconds: float) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def baseline(path: Path, tests: list[str]) -> dict[str, Any]:
+def baseline(paths: list[Path], tests: list[str]) -> dict[str, Any]:
     """Lines and seconds of each test, and the modules that they import; the tests must be green."""
     with tempfile.NamedTemporaryFile("r", suffix=".json") as file:
 
         def work() -> int:
-            seen = _Seen(path)
+            seen = _Seen(paths)
             code = _pytest(tests, [seen])
             found = {"lines": seen.lines, "seconds": seen.seconds, "modules": sorted(sys.modules)}
             Path(file.name).write_text(json.dumps(found))
@@ -196,7 +197,7 @@ def baseline(path: Path, tests: list[str]) -> dict[str, Any]:
 def survives(path: Path, mutant: Mutant, known: dict[str, Any]) -> bool:
     """Whether no test that ran the mutant's line notices it (all tests, for lines run on import)."""
     lines, seconds = known["lines"], known["seconds"]
-    tests = [t for t, ran in lines.items() if mutant.line in ran] or list(lines)
+    tests = [t for t, ran in lines.items() if [str(path), mutant.line] in ran] or list(lines)
     tests.sort(key=lambda t: seconds[t])
 
     def work() -> int:
@@ -210,32 +211,30 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="+", type=Path, help="modules to change")
     parser.add_argument("--tests", nargs="+", required=True, help="what must notice")
-    parser.add_argument("--sample", type=int, default=0, help="mutants a file (0: all)")
+    parser.add_argument("--sample", type=int, default=0, help="mutants of all files together (0: all)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sample")
     options = parser.parse_args()
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
-    survivors = count = 0
-    for path in (p.resolve() for p in options.files):
-        made = list(mutants(path.read_text()))
-        if 0 < options.sample < len(made):
-            made = sorted(
-                random.Random(f"{options.seed} {path.name}").sample(made, options.sample),
-                key=lambda m: m.line,
-            )
-        known = baseline(path, options.tests)
-        for name in known["modules"]:  # what all share is imported once, before the forks
-            if name.partition(".")[0] in ("numpy", "scipy", "pinocchio", "hypothesis", "clarabel"):
-                with suppress(Exception):
-                    importlib.import_module(name)
-        text, left = path.read_text().splitlines(), 0
-        for m in made:
-            if survives(path, m, known):
-                left += 1
-                print(f"  {m.line}: {m.word}: {text[m.line - 1].strip()}", flush=True)
-        print(f"{path.relative_to(ROOT)}: {left} of {len(made)} survive", flush=True)
-        survivors, count = survivors + left, count + len(made)
-    print(f"{survivors} of {count} survive")
+    paths = [p.resolve() for p in options.files]
+    made = [(path, m) for path in paths for m in mutants(path.read_text())]
+    if 0 < options.sample < len(made):
+        chosen = random.Random(options.seed).sample(range(len(made)), options.sample)
+        made = [made[k] for k in sorted(chosen)]
+    known = baseline(paths, options.tests)
+    for name in known["modules"]:  # what all share is imported once, before the forks
+        if name.partition(".")[0] in ("numpy", "scipy", "pinocchio", "hypothesis", "clarabel"):
+            with suppress(Exception):
+                importlib.import_module(name)
+    left: Counter[Path] = Counter()
+    for path, m in made:
+        if survives(path, m, known):
+            left[path] += 1
+            text = path.read_text().splitlines()[m.line - 1].strip()
+            print(f"  {path.name} {m.line}: {m.word}: {text}", flush=True)
+    for path, count in Counter(path for path, _ in made).items():
+        print(f"{path.relative_to(ROOT)}: {left[path]} of {count} survive")
+    print(f"{left.total()} of {len(made)} survive")
 
 
 if __name__ == "__main__":

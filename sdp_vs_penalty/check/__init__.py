@@ -108,9 +108,7 @@ def check(
         measurements, problem.robot.n, problem.robot.joint_names, "check(measurements=...)", usable=False
     )
     if not np.any(measurements.tau):
-        raise InputError(
-            "every torque is zero: log the torque, or the current.", where=measurements.names[0]
-        )
+        raise InputError("every torque is zero", "log the torque, or the current", measurements.names[0])
     if measurements.n != problem.robot.n:
         raise InputError(
             (

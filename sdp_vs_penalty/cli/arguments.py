@@ -17,7 +17,9 @@ def numbers(option: str, text: str, count: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count:
-        raise InputError(f"{option} {text!r}: {count} numbers separated by commas are needed.")
+        raise InputError(
+            f"{option} {text!r} is not {count} numbers", f"write {count} numbers separated by commas"
+        )
     return values
 
 

@@ -56,8 +56,9 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
             end = "its end" if np.isinf(stop) else f"{stop:g} s"
             if np.count_nonzero((since >= start) & (since < stop)) < 2:
                 raise InputError(
-                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s.",
-                    where=run.names[0],
+                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s",
+                    "choose a window inside it",
+                    run.names[0],
                 )
             part = run.window(start, stop)
             name = f"{run.names[0]}, {start:.4g} s to {end}"
@@ -113,9 +114,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     """
     if len(m.t) < 2:
         raise InputError(f"the run has {show.count(len(m.t), 'sample')}", "record longer", path)
-    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
-        if values is None:
-            continue
+    for name, values in {"t": m.t[:, None], **m.groups}.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             row, joint = bad[0]
@@ -137,9 +136,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
             "delete them, or cut the file there",
             path,
         )
-    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
-        if values is None:
-            continue
+    for name, values in {"t": m.t[:, None], **m.groups}.items():
         if values.size and np.abs(values).max() > LARGEST_VALUE[name]:
             row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
             column = name if name == "t" else f"{name}{joint + 1}"
@@ -156,5 +153,5 @@ def save(measurements: Measurements, path: str | Path) -> None:
     home = format_of(path)
     if not hasattr(home, "write"):
         known = ", ".join(sorted(s for h in formats() if hasattr(h, "write") for s in h.SUFFIXES))
-        raise InputError(f"the suffix chooses the format: {known}.", where=path)
+        raise InputError("cannot be written: its suffix names no format", f"choose one of {known}", path)
     home.write(measurements, path)  # type: ignore[union-attr]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 
 
@@ -18,19 +18,27 @@ def read_headless(path: str | Path, rate: float) -> Measurements:
     """
     path = Path(path)
     if not 0.0 < rate < np.inf:
-        raise InputError(f"rate {rate!r} is not a frequency above 0 Hz.")
+        raise InputError(
+            f"rate {rate!r} is not a frequency above 0 Hz", "give the samples a second, like --rate 1000"
+        )
     opened(path)
     try:
-        rows = np.loadtxt(path, delimiter=",", ndmin=2)
+        with path.open(encoding="utf-8") as file:
+            rows = np.loadtxt(file, delimiter=",", ndmin=2)
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or 'no such file'}).", where=path) from error
+        raise unreadable(error, path) from error
     except ValueError as error:
-        raise InputError(f"not rows of as many numbers each ({error}).", where=path) from error
+        raise InputError(
+            f"not rows of as many numbers each ({error})",
+            "give each row a number for every column",
+            path,
+        ) from error
     n, rest = divmod(rows.shape[1], 3)
     if rest or not n:
         raise InputError(
-            f"{rows.shape[1]} columns: q, dq and tau of each joint are needed, three a joint.",
-            where=path,
+            f"{rows.shape[1]} columns are not three a joint",
+            "keep q, dq and tau of each joint",
+            path,
         )
     q, dq, tau = (np.ascontiguousarray(rows[:, k * n : (k + 1) * n]) for k in range(3))
     return Measurements(np.arange(len(rows)) / rate, q, tau, dq, None, (path.name,))

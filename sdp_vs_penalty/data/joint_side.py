@@ -22,7 +22,8 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
         raise InputError(
             f"the file has {show.count(measurements.n, 'joint')}, the transmission "
             f"{show.count(transmission.n, 'motor')}",
-            where=measurements.names[0],
+            "name a log with one column a motor",
+            measurements.names[0],
         )
     dq = measurements.dq
     return replace(

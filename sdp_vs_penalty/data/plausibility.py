@@ -35,7 +35,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """InputError where positions cannot be this robot's, or are not in radians and metres."""
     for run in measurements.runs():
         if not np.any(run.tau):
-            raise InputError("every torque is zero: log the torque, or the current.", where=run.names[0])
+            raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
         _check_derivative(robot, run)
         _check_side(robot, run)
         for j, joint in enumerate(robot.joints):
@@ -45,8 +45,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
             elif joint.kind == "revolute" and np.ptp(q) > _UNLIMITED and _returns(q):
                 raise InputError(
                     f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} "
-                    f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees; "
-                    f"convert to radians{_MOTORS}."
+                    f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees",
+                    f"convert to radians{_MOTORS}",
                 )
 
 
@@ -96,12 +96,15 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         return
     steps = np.diff(run.t)[:, None]
     travelled, expected = np.diff(run.q, axis=0), 0.5 * (run.dq[1:] + run.dq[:-1]) * steps
+    energies, ways, shared = (
+        np.einsum("kj,kj->j", a, b)
+        for a, b in ((expected, expected), (travelled, travelled), (travelled, expected))
+    )
     for j, joint in enumerate(robot.joints):
-        energy = float(expected[:, j] @ expected[:, j])
-        if joint.kind != "revolute" or energy == 0.0 or not np.any(travelled[:, j]):
+        energy, common, way = energies[j], shared[j], ways[j]
+        if joint.kind != "revolute" or energy == 0.0 or way == 0.0:
             continue
-        common = float(travelled[:, j] @ expected[:, j])
-        if common**2 < 0.5 * energy * float(travelled[:, j] @ travelled[:, j]):
+        if common**2 < 0.5 * energy * way:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):

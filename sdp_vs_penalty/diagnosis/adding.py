@@ -151,7 +151,7 @@ def _refuse_twice(estimate: Estimate, wanted: Sequence[Effect]) -> None:
             if free and not effect.whole_robot:
                 advice += f", or the joints without it: {effect.name}:{_joints(free)}"
             where = "" if effect.whole_robot else f" on joints {_joints(twice)}"
-            raise InputError(f"The model already has {effect.name}{where}: {advice}.")
+            raise InputError(f"the model already has {effect.name}{where}", advice)
 
 
 def _joints(joints: Sequence[int]) -> str:

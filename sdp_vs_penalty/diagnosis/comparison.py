@@ -94,11 +94,13 @@ class Comparison(Shown):
         if joint is None:
             return plot_errors(axes, {self.name: self.rmse}, self.noise_floor)
         if joint not in range(1, len(self.rmse) + 1):
-            raise InputError(f"plot(joint={joint}): the robot has joints 1 to {len(self.rmse)}.")
+            raise InputError(
+                f"plot(joint={joint}): there is no such joint", f"choose one from 1 to {len(self.rmse)}"
+            )
         j, s = joint - 1, self.signals
         x = {"time": s.t, "position": s.q[:, j], "velocity": s.dq[:, j]}.get(against)
         if x is None:
-            raise InputError(f"plot(against={against!r}): time, position or velocity is needed.")
+            raise InputError(f"plot(against={against!r}) is unknown", "write time, position or velocity")
         unit = {"time": "s", "position": "rad or m", "velocity": "rad/s or m/s"}[against]
         label = f"{against} of joint {joint} [{unit}]" if against != "time" else "time [s]"
         title = f"{self.name}: RMSE {self.rmse[j]:.3g}"

@@ -151,7 +151,10 @@ class Diagnosis(Shown):
         """
         for number in numbers or ():
             if not 1 <= number <= len(self.effects):
-                raise InputError(f"finding {number} does not exist, there are {len(self.effects)}.")
+                raise InputError(
+                    f"finding {number} does not exist, there are {len(self.effects)}",
+                    "number them from 1 in the order of the list",
+                )
         chosen = tuple(
             f
             for k, f in enumerate(self.effects, start=1)
@@ -160,7 +163,9 @@ class Diagnosis(Shown):
         retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
         if not chosen and not retuned:
             kind = "confident finding" if confident and self.effects else "finding"
-            raise InputError(f"there is no {kind} to add.")
+            raise InputError(
+                f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
+            )
         return replace(self, effects=chosen, retuned=retuned)
 
     @property

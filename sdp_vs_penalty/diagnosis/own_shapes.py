@@ -26,7 +26,7 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     alone,
     beside,
     best_shapes,
-    error_at,
+    fitted,
     with_shapes,
 )
 
@@ -147,7 +147,7 @@ def _together(
         tried = [(own, values, ends, value), (partner, *_values(partner, was), was)]
         data, banks, base = _compressed(now, state, (), tried, width=value)
         found = best_shapes(data, base, banks, 1.0)
-        error = error_at(data, base, banks, [f.after for f in found])
+        error = data.left(fitted(data, base, banks, [f.after for f in found]))
         value, other = (f.after for f in found)
         partner = replace(partner, effect=alone(partner.effect, own.joint, **{partner.name: other}))
     return error, value
@@ -251,6 +251,12 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
     refitted = replace(stage, columns=columns, residual=residual)
     step = refitted.least_squares(np.concatenate([columns, *picks], axis=2), balanced=True)
     return replace(now, model=model, theta=now.theta + step[: len(now.theta)])
+
+
+def moved(before: Estimate, after: Estimate) -> frozenset[int]:
+    """The joints on which a shape constant of the model has changed."""
+    old, new = _values_of(before), _values_of(after)
+    return frozenset(key[1] for key, value in new.items() if abs(np.log(value / old[key])) > _MOVES)
 
 
 def _constants(estimate: Estimate) -> list[_Own]:

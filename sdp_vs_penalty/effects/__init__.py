@@ -55,7 +55,8 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
             joints = [int(word) - 1 for word in joints_text.split("+")]
         except ValueError:
             raise InputError(
-                f"effect {text!r}: joints are whole numbers from 1 joined by +, like {name}:5+7."
+                f"effect {text!r}: {joints_text!r} are no joints",
+                f"write numbers from 1 joined by +, like {name}:5+7",
             ) from None
     shape: dict[str, float] = {}
     for item in shapes:
@@ -78,7 +79,7 @@ def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
 
 def _lookup(name: str) -> type[Effect]:
     if name in _MADE_OF:
-        raise InputError(f"effect {name!r}: {_MADE_OF[name]}.")
+        raise InputError(f"effect {name!r}: {_MADE_OF[name]}", "name these two")
     try:
         return effect_types()[name]
     except KeyError:

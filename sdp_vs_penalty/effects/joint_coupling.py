@@ -33,11 +33,15 @@ class JointCoupling(JointEffect):
         super().__init__(robot, joints, **shape)
         i = self.shape["i"]
         if i != int(i) or not 0 <= i <= robot.n:
-            raise InputError(f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}.")
+            raise InputError(
+                f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}", "name another joint"
+            )
         if joints is None:
             self.joints = tuple(j for j in self.joints if j + 1 != i and robot.n > 1)
         elif any(j + 1 == i for j in self.joints) or robot.n < 2:
-            raise InputError(f"effect {self.name}: a joint cannot be coupled to itself.")
+            raise InputError(
+                f"effect {self.name}: a joint cannot be coupled to itself", "name another joint as i"
+            )
 
     def partner(self, joint: int) -> int:
         """The joint i (from 0) whose motion acts on ``joint``."""
@@ -74,7 +78,7 @@ class JointCoupling(JointEffect):
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < world.robot.n]
     if not neighbours:
-        raise InputError("effect joint_coupling needs a robot with two joints or more.")
+        raise InputError("effect joint_coupling needs a robot with two joints or more", "leave it out")
     i, form = int(rng.choice(neighbours)), int(rng.integers(1, 5))
 
     def law(w: World, m: Motion) -> Array:

@@ -174,9 +174,9 @@ def cross_validate(
     runs = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
     estimator = make_estimator(method)
     if estimator.needs_black_box:
-        raise InputError(f"method {estimator.name} needs a black box's answers: choose another method.")
+        raise InputError(f"method {estimator.name} needs a black box's answers", "choose another method")
     if folds < 2:
-        raise InputError(f"cross_validate(folds={folds}): at least 2 are needed.")
+        raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
     check_plausible(problem.robot, runs)
     settings = (preprocessing or problem.preprocessing).resolve(runs)
     split = phase_folds(runs, settings, folds)

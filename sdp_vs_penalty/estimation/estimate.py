@@ -107,8 +107,8 @@ class Estimate(Shown):
         for name, x in zip(names, states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (self.robot.n,):
                 raise InputError(
-                    f"predict({name}=...): shape {np.shape(x)}, but q, dq and ddq must all be "
-                    f"(N, {self.robot.n})."
+                    (f"predict({name}=...) has shape {np.shape(x)}"),
+                    f"give q, dq and ddq as (N, {self.robot.n})",
                 )
         if t is None:
             timed = [e.name for e in self.model.effects if e.has_memory or "t0" in e.shape]
@@ -117,7 +117,10 @@ class Estimate(Shown):
             t = np.zeros(len(states[0]))
         times = np.asarray(t, float)
         if times.shape != (len(states[0]),):
-            raise InputError(f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows.")
+            raise InputError(
+                f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows",
+                "give one time a row",
+            )
         return self.torque(Motion(times, states[0], states[1], states[2]))
 
     def plot(self, axes: Any = None) -> Any:

@@ -68,13 +68,13 @@ class Limits:
         ):
             if not (np.isfinite(low) and np.isfinite(high) and low < high):
                 raise InputError(
-                    f"joint {j + 1}: no trajectory fits between {low:g} and {high:g}: the lower limit "
-                    "must be below the upper one, and both finite."
+                    f"joint {j + 1}: no trajectory fits between {low:g} and {high:g}",
+                    "give finite limits, the lower below the upper",
                 )
             if not (np.isfinite(v) and np.isfinite(a) and v > 0.0 and a > 0.0):
                 raise InputError(
-                    f"joint {j + 1}: velocity limit {v:g} and acceleration limit {a:g} admit no "
-                    "trajectory: both must be positive."
+                    f"joint {j + 1}: velocity limit {v:g} or acceleration limit {a:g} is not above 0",
+                    "correct it",
                 )
 
     @classmethod

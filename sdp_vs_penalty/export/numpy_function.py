@@ -173,7 +173,8 @@ class _Bundle:
             return
         if self._known[name] != id(thing):
             raise InputError(
-                f"{name} is the name of two things: the model cannot be written as one file."
+                f"{name} is the name of two things: the model cannot be written as one file",
+                "rename one of them",
             )
         self._done.add(name)
         source = _for_torque(textwrap.dedent(inspect.getsource(thing)))
@@ -245,7 +246,10 @@ class _Bundle:
         line = f"{name} = {text}"
         if line not in self.sources:
             if self._known.setdefault(name, hash(text)) != hash(text):
-                raise InputError(f"{name} means two things: the model cannot be written as one file.")
+                raise InputError(
+                    f"{name} means two things: the model cannot be written as one file",
+                    "rename one of them",
+                )
             self.sources.append(line)
 
 

@@ -48,7 +48,9 @@ class Document:
         try:
             root = etree.fromstring(source, parser)
         except (etree.XMLSyntaxError, ValueError) as error:
-            raise InputError(f"not an XML file ({error}).", where=path) from error
+            raise InputError(
+                f"not an XML file ({error})", "repair it, or name another file", path
+            ) from error
         encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
         if encoding not in ("UTF-8", "ASCII", "US-ASCII", "ISO-8859-1", "LATIN-1"):
             raise InputError(f"the encoding {encoding} is not edited", "save the file as UTF-8", path)

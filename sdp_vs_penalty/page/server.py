@@ -206,7 +206,7 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
     try:
         if kind != "runs" and session.busy:
             raise InputError(
-                "wait until the job is done, or cancel it, and drop the file again.", where=name
+                "a job is running", "wait until it is done or cancel it, then drop the file again", name
             )
         announced = int(length) if length.isdigit() else None
         path = await uploads.receive(session.folder, name, announced, _body(request), kind)

@@ -95,8 +95,8 @@ class Session(State):
                 raise InputError("No effect is chosen", "choose at least rigid_body")
             if self.meaningless and not self.anyway:
                 raise InputError(
-                    f"{self.meaningless[0]} (`sdp-vs-penalty check RUN --fix` repairs what it can); "
-                    'or tick "Identify anyway".'
+                    self.meaningless[0],
+                    'repair it with `sdp-vs-penalty check RUN --fix`, or tick "Identify anyway"',
                 )
             answer = await self._job(
                 "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()

@@ -43,9 +43,7 @@ def suffix_of(name: str, allowed: tuple[str, ...]) -> str:
     suffix = Path(name).suffix.lower()
     if suffix in allowed:
         return suffix
-    raise InputError(
-        f"files of this kind cannot be read; choose one of: {', '.join(allowed)}.", where=name
-    )
+    raise InputError("files of this kind cannot be read", f"choose one of {', '.join(allowed)}", name)
 
 
 def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:

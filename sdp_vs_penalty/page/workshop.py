@@ -17,8 +17,8 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError
 
 #: A dead worker without an answer: the system ends processes that want too much memory.
-_DIED = (
-    "The job was killed, probably for lack of memory: nothing was changed; use fewer or shorter runs."
+_DIED = InputError(
+    "the job was killed, probably for lack of memory; nothing was changed", "use fewer or shorter runs"
 )
 
 
@@ -52,7 +52,7 @@ class Work:
                     raise InputError(message["error"])
                 else:
                     return dict(message["result"])
-            raise Cancelled if self.cancelled else InputError(_DIED)
+            raise Cancelled if self.cancelled else _DIED
         finally:
             self.kill()
 

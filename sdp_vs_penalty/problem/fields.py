@@ -100,10 +100,10 @@ def _table(section: str, data: Mapping[str, Any], fields: Mapping[str, Field]) -
     where = section or "the top level"
     for key in data:
         if key not in fields:
-            raise InputError(f"{key!r} is unknown in {where}; there are: {', '.join(fields)}.")
+            raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}")
     for key, field in fields.items():
         if field.needed and key not in data:
-            raise InputError(f"the field {key!r} is missing in {where}.")
+            raise InputError(f"the field {key!r} is missing in {where}", "add it")
     joints = data.get("a")
     for name, value in data.items():
         field = fields[name]
@@ -116,25 +116,25 @@ def _table(section: str, data: Mapping[str, Any], fields: Mapping[str, Field]) -
             length = len(joints) if isinstance(joints, list) else None
         if length is not None and len(value) != length:
             needed = "one per joint, as in a" if field.length == "joints" else f"write {field.hint}"
-            raise InputError(f"{label} has {len(value)} entries, {length} are needed: {needed}.")
+            raise InputError(f"{label} has {len(value)} entries, {length} are needed", needed)
 
 
 def _kind(label: str, value: Any, field: Field) -> None:
-    hint = f": write {field.hint}" if field.hint else ""
+    hint = f"write {field.hint}" if field.hint else ""
     if field.kind in ("texts", "numbers"):
         if not isinstance(value, list):
             hint = hint or _EXAMPLE[field.kind]
-            raise InputError(f"{label} is {_shown(value)}, not a list of {field.kind}{hint}.")
+            raise InputError(f"{label} is {_shown(value)}, not a list of {field.kind}", hint)
         one = field.kind[:-1]
         for k, entry in enumerate(value, start=1):
             if not _is(entry, one):
                 raise InputError(f"entry {k} is {_shown(entry)}, not a {one}", "correct it", label)
     elif not _is(value, field.kind):
         a = {"text": "a text", "whole": "a whole number", "number": "a number"}[field.kind]
-        raise InputError(f"{label} is {_shown(value)}, not {a}{hint or ': correct it'}.")
+        raise InputError(f"{label} is {_shown(value)}, not {a}", hint or "correct it")
 
 
-_EXAMPLE = {"numbers": ": write [0.0, 0.1]", "texts": ': write ["one", "two"]'}
+_EXAMPLE = {"numbers": "write [0.0, 0.1]", "texts": 'write ["one", "two"]'}
 
 
 def _is(value: Any, kind: str) -> bool:

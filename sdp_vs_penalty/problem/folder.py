@@ -38,7 +38,7 @@ def load_folder(folder: Path) -> Problem:
     except OSError as error:
         raise unreadable(error, file) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"not a TOML file ({error}).", where=file) from error
+        raise InputError(f"not a TOML file ({error})", "correct it there", file) from error
     try:
         return _from_toml(folder, data)
     except InputError as error:
@@ -46,9 +46,11 @@ def load_folder(folder: Path) -> Problem:
             raise
         raise error.within(file) from error
     except KeyError as error:
-        raise InputError(f"the field {error.args[0]!r} is missing.", where=file) from error
+        raise InputError(f"the field {error.args[0]!r} is missing", "add it", file) from error
     except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(f"a field has the wrong content ({error}).", where=file) from error
+        raise InputError(
+            f"a field has the wrong content ({error})", "compare it with a built-in problem.toml", file
+        ) from error
 
 
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
@@ -75,7 +77,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         )
     if "mechanism" in data:
         if robot.mechanism is not None:
-            raise InputError("the URDF has mimic joints of its own: leave out [mechanism].")
+            raise InputError("the URDF has mimic joints of its own", "leave out [mechanism]")
         robot = _with_mechanism(robot, data["mechanism"])
         kept = robot.link_joints
         given = None if given is None else given[list(kept)]
@@ -83,7 +85,10 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
     if data.get("links", robot.links) != robot.links:
-        raise InputError(f"links = {data['links']}, the kinematics have {robot.links}.")
+        raise InputError(
+            f"links = {data['links']}, the kinematics have {robot.links}",
+            "correct links, or leave it out",
+        )
     bounds = data.get("bounds", {})
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = 0.0
@@ -133,15 +138,14 @@ def _fill_box(box: Array, path: Path) -> None:
             lower, upper = float(row["lower"]), float(row["upper"])
         except (ValueError, KeyError, TypeError):
             raise InputError(
-                (
-                    f"row {number}: parameter {name!r} is not m1, c1x or I1xx of a link of this "
-                    "robot with numbers as lower and upper."
-                ),
-                where=path,
+                f"row {number}: {name!r} has no bounds, or is no parameter of a link of this robot",
+                "write m1, c1x or I1xx with numbers as lower and upper",
+                path,
             ) from None
         if not lower <= upper:
             raise InputError(
-                f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}.",
-                where=path,
+                f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}",
+                "swap them",
+                path,
             )
         box[place] = lower, upper

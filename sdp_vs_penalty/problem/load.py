@@ -56,12 +56,12 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
         problem = _from_urdf(path)
     else:
         raise InputError(
-            f"problem {str(source)!r} is neither a built-in name ({', '.join(problem_names())}), nor "
-            "a folder with a problem.toml, nor a URDF file."
+            f"problem {str(source)!r} does not exist",
+            f"name a folder with a problem.toml, a URDF file, or one of {', '.join(problem_names())}",
         )
     if gravity is not None:
         if len(gravity) != 3 or not np.all(np.isfinite(gravity)):
-            raise InputError(f"gravity {gravity!r}: three finite numbers in m/s^2 are needed, x,y,z.")
+            raise InputError(f"gravity {gravity!r} is not three finite numbers", "write x,y,z in m/s^2")
         problem = problem.with_gravity(gravity)
     return problem
 

@@ -81,21 +81,31 @@ class Problem(Shown):
             ("default bounds", self.defaults, (n, 2)),
         ):
             if value is not None and value.shape != shape:
-                raise InputError(f"the {name} are of another robot than {self.robot.name} ({n} links).")
+                raise InputError(
+                    f"the {name} are of another robot than {self.robot.name} ({n} links)",
+                    "give a row a link",
+                )
         for what, items in (
             ("bodies", self.bodies),
             ("nominal_from", self.nominal_from),
             ("gains", self.gains),
         ):
             if items is not None and len(items) != n:
-                raise InputError(f"the {what} are of another robot than {self.robot.name} ({n} links).")
+                raise InputError(
+                    f"the {what} are of another robot than {self.robot.name} ({n} links)",
+                    "give one a link",
+                )
         if not np.all(self.box[..., 0] <= self.box[..., 1]):
-            raise InputError("a bound has its lower end above its upper.")
+            raise InputError("a bound has its lower end above its upper", "swap them")
         if not low <= high:
-            raise InputError(f"total_mass has its lower bound {low:g} above its upper {high:g}.")
+            raise InputError(
+                f"total_mass has its lower bound {low:g} above its upper {high:g}", "swap them"
+            )
         for cone in self.cones:
             if not 0 <= cone.link < n:
-                raise InputError(f"centre_of_mass_cone names link {cone.link + 1}, there are {n}.")
+                raise InputError(
+                    f"centre_of_mass_cone names link {cone.link + 1}, there are {n}", "correct the link"
+                )
         if self.torque_side not in ("link", "motor"):
             raise unknown("torque_side", self.torque_side, ("link", "motor"))
 

@@ -93,7 +93,9 @@ def published_links(problem: Problem, column: str, corrected: bool = True) -> Ar
     """
     values = published_values(problem, column, corrected)
     if not values or all(np.isnan(v) for v in values.values()):
-        raise InputError(f"problem {problem.name}: no published parameters {column!r}.")
+        raise InputError(
+            f"problem {problem.name}: no published parameters {column!r}", "choose another problem"
+        )
     rows = []
     for link in range(problem.robot.n):
         entries = np.array([values[name] for name in barycentric_names(link + 1)])

@@ -62,7 +62,9 @@ def commanded_coefficients(problem: Problem) -> tuple[Array, Array] | None:
     try:
         rows = np.loadtxt(file, ndmin=2)
     except ValueError as error:
-        raise InputError(f"not rows of numbers ({error}).", where=file) from error
+        raise InputError(
+            f"not rows of numbers ({error})", "give each row as many numbers", file
+        ) from error
     if len(rows) != 2 * n:
-        raise InputError(f"{len(rows)} rows, {2 * n} are needed (a and b of each joint).", where=file)
+        raise InputError(f"{len(rows)} rows instead of {2 * n}", "give a and b of each joint", file)
     return rows[:n], rows[n:]

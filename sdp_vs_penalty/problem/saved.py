@@ -64,14 +64,18 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
     for name, pair in data["bounds"].items():
         if name not in places:
-            raise InputError(f"bounds: {name!r} is no parameter of a link of this robot.")
+            raise InputError(
+                f"bounds: {name!r} is no parameter of a link of this robot", "write the file anew"
+            )
         box[places[name]] = _ends(pair)
     texts = _texts(data["effects"])
     parse_effects(texts, robot)
     base = data["base_parameters"]
     defaults = _finite("link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]])
     if not np.all(defaults > 0.0):
-        raise InputError("link_defaults: a mass or a radius is not above 0.")
+        raise InputError(
+            "link_defaults: a mass or a radius is not above 0", "correct it, or write the file anew"
+        )
     (name, title) = _texts([data["name"], data["title"]])
     return Problem(
         name,
@@ -105,7 +109,7 @@ def _ends(pair: Sequence[float | None]) -> tuple[float, float]:
 def _finite(what: str, rows: Any) -> Array:
     values = np.array(rows, float)
     if not np.all(np.isfinite(values)):
-        raise InputError("a number is not finite.", where=what)
+        raise InputError("a number is not finite", "write the file anew", what)
     return values
 
 

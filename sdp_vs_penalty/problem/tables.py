@@ -17,4 +17,4 @@ def read_table(path: Path) -> list[dict[str, str]]:
     except OSError as error:
         raise unreadable(error, path) from error
     except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"not a CSV table ({error}).", where=path) from error
+        raise InputError(f"not a CSV table ({error})", "write it anew as UTF-8 text", path) from error

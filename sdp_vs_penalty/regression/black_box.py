@@ -93,11 +93,9 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
     missing = [name for name in _ARRAYS if name not in arrays]
     if missing:
         raise InputError(
-            (
-                f"array {missing[0]} is missing; a black box is an .npz file with q (K, n), gravity "
-                "(K, n) and mass_matrix (K, n, n)."
-            ),
-            where=path,
+            f"array {missing[0]} is missing",
+            "give q (K, n), gravity (K, n) and mass_matrix (K, n, n)",
+            path,
         )
     q, gravity, mass_matrix = (arrays[name] for name in _ARRAYS)
     if q.ndim != 2 or not q.size:
@@ -108,18 +106,14 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
         ("mass_matrix", mass_matrix, (count, n, n)),
     ):
         if a.shape != shape:
-            raise InputError(
-                f"array {name} has shape {a.shape}; with this q it must be {shape}.", where=path
-            )
+            raise InputError(f"array {name} has shape {a.shape}", f"with this q give it {shape}", path)
     for name, a in (("q", q), ("gravity", gravity), ("mass_matrix", mass_matrix)):
         bad = np.argwhere(~np.isfinite(a))
         if len(bad):
             raise InputError(
-                (
-                    f"array {name}, configuration {bad[0][0] + 1}: not a finite number; leave that "
-                    "configuration out."
-                ),
-                where=path,
+                f"array {name}, configuration {bad[0][0] + 1}: not a finite number",
+                "leave that configuration out",
+                path,
             )
     if joints is not None and n != joints:
         raise InputError(
@@ -147,8 +141,8 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     """
     if [effect.name for effect in model.effects] != ["rigid_body"]:
         raise InputError(
-            "A black box answers gravity torque and inertia matrix only: the one effect to identify is "
-            "rigid_body."
+            "A black box answers gravity torque and inertia matrix only",
+            "identify the one effect rigid_body",
         )
     robot, n = model.robot, model.robot.n
     rest = np.zeros_like(box.q)
@@ -182,9 +176,15 @@ def load_configurations(path: str | Path, joints: int) -> Array:
     try:
         q = np.loadtxt(path, ndmin=2)
     except (OSError, ValueError) as error:
-        raise InputError(f"not a table of numbers ({error}).", where=path) from error
+        raise InputError(
+            f"not a table of numbers ({error})", "give each line as many numbers", path
+        ) from error
     if q.shape[1] != joints or not np.all(np.isfinite(q)):
-        raise InputError(f"{q.shape[1]} finite numbers a line where {joints} are needed.", where=path)
+        raise InputError(
+            f"{q.shape[1]} numbers a line, or one that is not finite",
+            f"give {joints} finite numbers a line",
+            path,
+        )
     return q
 
 
@@ -206,6 +206,6 @@ def load_answers(paths: Sequence[str | Path], joints: int | None = None) -> Blac
         return None
     if len(paths) > 1:
         raise InputError(
-            f"a black box is identified from one file, {len(paths)} are given.", where=found[0]
+            f"a black box is identified from one file, not {len(paths)}", "name one", found[0]
         )
     return load_black_box(found[0], joints)

@@ -39,18 +39,23 @@ class Joint:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name):
-            raise InputError(f"a joint's name must be text, not {self.name!r}.")
+            raise InputError(f"a joint's name is {self.name!r}", "give it as text")
         for name, shape in (("placement", (4, 4)), ("axis", (3,)), ("link_frame", (4, 4))):
             value = getattr(self, name)
             if value.shape != shape or not np.all(np.isfinite(value)):
-                raise InputError(f"joint {self.name}: {name} must hold {shape} finite numbers.")
+                raise InputError(
+                    f"joint {self.name}: {name} does not fit", f"give {shape} finite numbers"
+                )
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
-            raise InputError(f"joint {self.name}: the axis must be a unit vector.")
+            raise InputError(f"joint {self.name}: the axis is no unit vector", "divide it by its length")
         if self.kind not in ("revolute", "prismatic"):
-            raise InputError(f"joint {self.name}: kind {self.kind!r} is not revolute or prismatic.")
+            raise InputError(
+                f"joint {self.name}: kind {self.kind!r} is unknown", "write revolute or prismatic"
+            )
         if not self.lower <= self.upper:
             raise InputError(
-                f"joint {self.name}: the lower limit {self.lower:g} is above the upper {self.upper:g}."
+                f"joint {self.name}: the lower limit {self.lower:g} is above the upper {self.upper:g}",
+                "swap them",
             )
 
     def to_dict(self) -> dict[str, Any]:
@@ -83,8 +88,13 @@ class Mechanism:
     def __post_init__(self) -> None:
         L = len(self.tree)
         if self.matrix.ndim != 2 or len(self.matrix) != L or self.offset.shape != (L,):
-            raise InputError(f"a mechanism of {L} joints needs a matrix of {L} rows and {L} offsets.")
+            raise InputError(
+                f"the matrix or the offsets do not fit a mechanism of {L} joints",
+                "give a row and an offset a joint",
+            )
         if not (np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.offset))):
-            raise InputError("a mechanism's ratios and offsets must be finite.")
+            raise InputError("a mechanism's ratio or offset is not finite", "correct it")
         if not set(self.massless) < set(range(L)):
-            raise InputError("every link is declared massless: there is nothing to identify.")
+            raise InputError(
+                "every link is declared massless", "leave those with a mass out of massless"
+            )

@@ -37,10 +37,11 @@ def following(
             shift += ratio * constant
             ratio *= multiplier
             if leader in seen:
-                raise InputError(f"joint {name!r} mimics itself through others.")
+                raise InputError(f"joint {name!r} mimics itself through others", "correct its <mimic>")
             if leader not in names:
                 raise InputError(
-                    f"joint {at!r} mimics {leader!r}, which is no moving joint of the robot."
+                    f"joint {at!r} mimics {leader!r}, which is no moving joint of the robot",
+                    "correct its <mimic>",
                 )
             seen.add(leader)
             at = leader
@@ -72,7 +73,9 @@ def parse_mechanism(
     massless : links without mass, by their number in the tree from 1. Raises InputError.
     """
     if len(formulas) != len(tree):
-        raise InputError(f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints.")
+        raise InputError(
+            f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints", "write one a joint"
+        )
     rows = np.array([parse_formula(text, len(tree)) for text in formulas])
     used = np.flatnonzero(rows[:, :-1].any(axis=0))
     n = int(used.max(initial=-1)) + 1
@@ -83,6 +86,8 @@ def parse_mechanism(
             raise InputError(f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one')
         own.append(same[0])
     if not all(1 <= k <= len(tree) for k in massless):
-        raise InputError(f"mechanism: massless names links from 1 to {len(tree)}.")
+        raise InputError(
+            "mechanism: massless names a link that is not there", f"choose from 1 to {len(tree)}"
+        )
     places = tuple(sorted({k - 1 for k in massless}))
     return tuple(tree[k] for k in own), Mechanism(tuple(tree), rows[:, :n], rows[:, -1], places)

@@ -43,12 +43,15 @@ class Transmission:
     def __post_init__(self) -> None:
         n = len(self.matrix)
         if self.matrix.shape != (n, n) or self.offset.shape != (n,):
-            raise InputError("transmission: as many motors as joints are needed.")
+            raise InputError("transmission: motors and joints differ in number", "write one sum a motor")
         if not (np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.offset))):
-            raise InputError("transmission: a ratio or an offset is not finite.")
+            raise InputError("transmission: a ratio or an offset is not finite", "correct it")
         for name, sides in (("positions", self.positions), ("torques", self.torques)):
             if len(sides) != n or not set(sides) <= set(SIDES):
-                raise InputError(f"transmission: {name} needs {n} words, each motor or joint.")
+                raise InputError(
+                    f"transmission: {name} does not fit {n} motors",
+                    "write motor or joint for each",
+                )
         rows = np.linalg.norm(self.matrix, axis=1)
         mixed = (self._position_rows, self._torque_rows)
         if not np.all(rows > 0.0) or any(np.linalg.cond(m) > _SINGULAR for m in mixed):
@@ -133,9 +136,11 @@ def parse_formula(text: str, n: int) -> Array:
         match = _TERM.match(text, place)
         sign, number, joint = match.groups() if match else (None, None, None)
         if match is None or (number is None and joint is None) or (place > 0 and sign is None):
-            raise InputError(f"{text[:60]!r} is no sum like 32 q5 + 32 q6 - 0.1.")
+            raise InputError(f"{text[:60]!r} is no sum of joints", "write one like 32 q5 + 32 q6 - 0.1")
         if joint is not None and int(joint) > n:
-            raise InputError(f"{text[:60]!r} names joint {joint}, there are {n}.")
+            raise InputError(
+                f"{text[:60]!r} names joint {joint}, there are {n}", f"choose from q1 to q{n}"
+            )
         value = float(number or 1.0) * (-1.0 if sign == "-" else 1.0)
         out[n if joint is None else int(joint) - 1] += value
         place = match.end()

@@ -37,8 +37,8 @@ class _Reader:
     parts: list[list[tuple[Any, Array]]] = field(default_factory=list)
     reached: set[str] = field(default_factory=set)
 
-    def fail(self, what: str) -> InputError:
-        return InputError(f"{what}.", where=self.path)
+    def fail(self, what: str, remedy: str = "correct the file") -> InputError:
+        return InputError(what, remedy, self.path)
 
     def checked(self, build: Callable[[], T]) -> T:
         """What is built of the file; an InputError names it."""
@@ -138,8 +138,8 @@ class _Reader:
         kind, name = element.get("type"), element.get("name")
         if kind not in _MOVING:
             raise self.fail(
-                f"joint {name!r} is of type {kind!r}; revolute, continuous, prismatic and fixed "
-                "joints can be identified (for a floating base, fix it)"
+                f"joint {name!r} is of type {kind!r}, none of revolute, continuous, prismatic and fixed",
+                "make it one of these (fix a floating base)",
             )
         axis = np.array(self.numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0)))
         length = np.linalg.norm(axis)
@@ -228,7 +228,7 @@ def _read(path: str | Path) -> tuple[_Reader, Any]:
         if name not in reader.reached:
             raise reader.fail(f"link {name!r} is in a loop of joints apart from the base {base!r}")
     if not reader.joints:
-        raise reader.fail("no moving joint: there is nothing to identify")
+        raise reader.fail("no moving joint, so nothing to identify", "name another file")
     return reader, root
 
 
@@ -265,8 +265,8 @@ def _tree(reader: _Reader, root: Any) -> tuple[dict[str, Any], dict[str, list[An
         parent, child = reader.end(element, "parent", links), reader.end(element, "child", links)
         if child in carried:
             raise reader.fail(
-                f"link {child!r} has two parent joints (joint {element.get('name')!r} closes a "
-                "loop); only trees can be identified: cut the loop"
+                f"link {child!r} has two parent joints (joint {element.get('name')!r} closes a loop)",
+                "cut the loop, for only trees can be identified",
             )
         carried.add(child)
         children[parent].append(element)
@@ -279,7 +279,7 @@ def _base(reader: _Reader, links: dict[str, Any], children: dict[str, list[Any]]
     roots = [name for name in links if name not in carried]
     if len(roots) != 1:
         found = ", ".join(roots) if roots else "none, the joints form a loop"
-        raise reader.fail(f"one base link is needed, a link without a parent joint (found: {found})")
+        raise reader.fail(f"one link without a parent joint is needed (found: {found})", "give one base")
     return roots[0]
 
 

@@ -45,8 +45,8 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     for name in names:
         if name not in everyone:
             raise unknown("solver", name, everyone)
-        if everyone[name].absent:
-            raise InputError(f"solver {name} cannot be used here: {everyone[name].absent}.")
+        if why := everyone[name].absent:
+            raise InputError(f"solver {name} cannot be used here", why)
     return [everyone[name] for name in names], []
 
 

@@ -73,8 +73,8 @@ def selected(groups: list[str], quick: bool = False) -> tuple[list[Entry], list[
     for group in groups:
         if group not in GROUPS and group not in entries:
             raise InputError(
-                f"--problems {group!r} is unknown; there are the groups {', '.join(GROUPS)} and the "
-                "names that `sdp-vs-penalty shootout --list` shows."
+                f"--problems {group!r} is unknown",
+                f"choose from {', '.join(GROUPS)} and the names of `sdp-vs-penalty shootout --list`",
             )
     chosen = [
         e for e in entries.values() if (e.group in groups and (e.quick or not quick)) or e.name in groups

@@ -68,11 +68,9 @@ class Results:
         head, _, body = text.partition("\n")
         if head.split(",") != list(COLUMNS):
             raise InputError(
-                (
-                    f"holds the results of something else (its columns are {head[:60]}...); give "
-                    "--out another folder."
-                ),
-                where=self.path,
+                f"holds the results of something else (its columns are {head[:60]}...)",
+                "give --out another folder",
+                self.path,
             )
         whole = body[: body.rfind("\n") + 1]
         self.torn = whole != body
@@ -83,11 +81,9 @@ class Results:
                     self.torn = True
                     break
                 raise InputError(
-                    (
-                        f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}; delete "
-                        "that row, and the run is done again."
-                    ),
-                    where=self.path,
+                    f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}",
+                    "delete that row, and the run is done again",
+                    self.path,
                 )
             self.rows.append(parsed(dict(zip(COLUMNS, cells, strict=True))))
         if self.torn:

@@ -44,7 +44,7 @@ class Shootout:
                 "--accuracy takes numbers between 1e-14 and 1", "separate them by commas: 1e-4,1e-8"
             )
         if not self.time_limit > 0.0 or not self.memory > 0.0:
-            raise InputError("--time-limit and --memory must be positive.")
+            raise InputError("--time-limit or --memory is not above 0", "correct it")
         if not hasattr(os, "fork"):
             raise InputError("The shootout forks a process for each run", "use Linux or macOS")
 
@@ -122,7 +122,10 @@ def _references(
     ):
         reply = replies[0]
         if "error" in reply:
-            raise InputError(f"instance {task.problem!r} cannot be used: {reply['error']}.")
+            raise InputError(
+                f"instance {task.problem!r} cannot be used: {reply['error']}",
+                "leave it out of --problems",
+            )
         if reply["hash"] != task.hash:
             raise InputError(
                 f"instance {task.problem!r} differs between this machine and a worker",

@@ -75,9 +75,14 @@ class Preprocessing:
         for name in ("state_cutoff", "torque_cutoff"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < np.inf:
-                raise InputError(f"preprocessing: {name} {value!r} is not a frequency above 0 Hz.")
+                raise InputError(
+                    f"preprocessing: {name} {value!r} is not a frequency above 0 Hz", "give one in Hz"
+                )
         if not 0.0 <= self.standstill < 1.0:
-            raise InputError(f"preprocessing: standstill {self.standstill!r} is not a share below 1.")
+            raise InputError(
+                f"preprocessing: standstill {self.standstill!r} is not a share below 1",
+                "give a number from 0 to below 1",
+            )
 
     def resolve(self, measurements: Measurements) -> Preprocessing:
         """The same settings with every number filled in for these measurements."""
@@ -128,7 +133,10 @@ class RunFilter:
         around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
         q, dq, ddq = (x[:: self.stride] for x in self.state.states(around))
         clock = part.clock(np.arange(first, last + 1, self.stride))
-        return Motion(clock, q, dq, ddq, within=Sampling(self.stride, self.dt))
+        warm = part.temperature
+        if warm is not None:  # slow: it needs no filter
+            warm = np.column_stack([np.interp(clock, part.t, x) for x in warm.T])
+        return Motion(clock, q, dq, ddq, within=Sampling(self.stride, self.dt), temperature=warm)
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""

@@ -85,9 +85,9 @@ def experiment(problem: Problem) -> Experiment:
     try:
         return _described(problem, tomllib.loads(file.read_text()))
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not a TOML file ({error}).", where=file) from error
+        raise InputError(f"not a TOML file ({error})", "correct it there", file) from error
     except KeyError as error:
-        raise InputError(f"the field {error.args[0]!r} is missing.", where=file) from error
+        raise InputError(f"the field {error.args[0]!r} is missing", "add it", file) from error
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:

@@ -31,7 +31,7 @@ def make_hidden(effect: str, joint: int, world: World, rng: np.random.Generator)
     """
     known = makers()
     if effect not in known:
-        raise InputError(f"effect {effect!r} cannot be hidden; there are: {', '.join(known)}.")
+        raise InputError(f"effect {effect!r} cannot be hidden", f"choose from {', '.join(known)}")
     return known[effect](joint, world, rng)
 
 

@@ -80,7 +80,9 @@ def simulate(
         except ValueError:
             size = -1.0
         if not 0.0 < size < 1e6:
-            raise InputError(f"level {level!r}: {', '.join(LEVELS)} or a positive number is needed.")
+            raise InputError(
+                f"level {level!r} is unknown", f"write {', '.join(LEVELS)} or a positive number"
+            )
     effects = [(e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)]
     made = hidden_runs(robot, effects, size, seed, must_show=True)
     return SimulatedRuns(made.runs[:-1], made.runs[-1], made.truth)

@@ -84,7 +84,8 @@ class Sensor:
             roots = np.roots(np.concatenate([[1.0], -row]))
             if np.any(np.abs(roots) >= 1.0):
                 raise InputError(
-                    "sensor: the coefficients of the torque noise describe no stable process."
+                    "sensor: the coefficients of the torque noise describe no stable process",
+                    "make its poles smaller than 1",
                 )
 
     @classmethod

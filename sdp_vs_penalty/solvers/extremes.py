@@ -74,7 +74,7 @@ class Slice:
         """
         free = _null_space(equalities / np.linalg.norm(equalities, axis=1, keepdims=True))
         if free.shape[1] == 0:
-            raise InputError("The equalities leave no parameter free: there is nothing to vary.")
+            raise InputError("the equalities leave no parameter free", "leave some of them out")
         interior = _interior(constraints, free, theta, bound)
         cones, rows, b = _scaled(constraints.convex, free, interior)
         q, r = np.linalg.qr(rows)

@@ -178,7 +178,7 @@ def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions: Sess
         s.simulate("joint_spring", [1], "strong", 0)
         assert await put(s, "arm.urdf", "robot") == 400
         assert s.notice is not None
-        assert s.notice.texts[0].startswith("arm.urdf: wait until the job is done")
+        assert s.notice.texts[0].startswith("arm.urdf: a job is running")
         assert await put(s, "run.csv", "runs") == 200  # read when the work is done
         assert s.task is not None
         s.cancel()

@@ -66,5 +66,5 @@ def test_tables_without_header_are_read_at_their_rate(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(InputError, match=words):
             convert(path, rate=200.0)
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="No such file"):
         convert(tmp_path / "none.csv", rate=200.0)

@@ -173,7 +173,7 @@ REFUSALS = {
         "carriage.*two parent joints",
     ),
     "two bases": (change('<link name="frame_only"/>', '<link name="frame_only"/><link name="b"/>'),
-        "one base link.*pedestal, b"),
+        "one link without a parent.*pedestal, b"),
     "loop apart": (change('<parent link="pedestal"/>', '<parent link="frame_only"/>'), "loop.*pedestal"),
     "same link": (change('<link name="upper"/>', '<link name="upper"/><link name="upper"/>'), "2 times"),
     "same joint": (change('name="a_pan"', 'name="elbow"'), "joint 'elbow' appears 2 times"),

@@ -330,7 +330,7 @@ def test_a_run_ends_in_its_own_process() -> None:
 def test_names_that_do_not_exist_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match=r"'gurobi' is unknown: there are: clarabel"):
         chosen(["gurobi"])
-    with pytest.raises(InputError, match=r"groups panda, two_link"):
+    with pytest.raises(InputError, match=r"choose from panda, two_link"):
         selected(["pandas"])
     absent = [c.name for c in CONTESTANTS.values() if c.absent]
     if absent:

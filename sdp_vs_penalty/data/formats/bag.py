@@ -44,12 +44,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise
     except Exception as error:  # storage, schema and decoding each fail in ways of their own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        cut = ""
-        if "end magic" in what or "Truncated" in what:
-            cut = "; it is truncated: `mcap recover` saves what is left"
-        raise InputError(
-            f"not a readable ROS bag or MCAP file ({what[:200]}){cut}.", where=path
-        ) from error
+        cut = "end magic" in what or "Truncated" in what
+        remedy = "save what is left with `mcap recover`" if cut else "name a bag's folder or .mcap file"
+        raise InputError(f"not a readable ROS bag or MCAP file ({what[:200]})", remedy, path) from error
 
 
 def _stay_inside(path: Path) -> None:
@@ -61,7 +58,11 @@ def _stay_inside(path: Path) -> None:
     data = YAML(typ="safe").load((path / "metadata.yaml").read_text())
     for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
         if Path(name).name != name:
-            raise InputError(f"{name!r} is not a file of this folder.", where=path / "metadata.yaml")
+            raise InputError(
+                f"{name!r} is not a file of this folder",
+                "keep a bag's files in one folder",
+                path / "metadata.yaml",
+            )
 
 
 def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
@@ -73,7 +74,7 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         found = ", ".join(topics) or "none"
         wanted = f"topic {choice.topic!r}" if choice.topic else "one topic"
         raise InputError(
-            f"{wanted} with {_TYPE} is needed, choose it with --topic (there are: {found}).", where=path
+            f"{wanted} with {_TYPE} is needed", f"choose it with --topic (there are: {found})", path
         )
     names = list(choice.joints) if choice.joints else None
     # Packed: a list of Python's numbers would take four times the memory.
@@ -133,10 +134,10 @@ def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> l
             raise InputError(
                 (
                     f"a message has {show.count(len(values), 'value')} of {field} for "
-                    f"{len(message.name)} joints; identification needs position and effort of every "
-                    "joint."
+                    f"{show.count(len(message.name), 'joint')}"
                 ),
-                where=path,
+                "record position and effort of every joint",
+                path,
             )
         else:
             out += [float("nan")] * len(names)

@@ -61,7 +61,9 @@ def _ros1(file: Path) -> None:
         while len(head := stream.read(4)) == 4:
             (length,) = struct.unpack("<I", head)
             if length > _LONGEST_HEADER:
-                raise InputError("not a readable ROS bag (a header of a record is too long)", "", file)
+                raise InputError(
+                    "not a readable ROS bag (a header of a record is too long)", "record it again", file
+                )
             fields = dict(_fields(stream.read(length)))
             size = stream.read(4)
             if len(size) < 4:

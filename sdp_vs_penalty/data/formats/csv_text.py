@@ -19,31 +19,31 @@ Array = NDArray[np.float64]
 
 #: Characters of a line above which a file is no table.
 _LONGEST = 1_000_000
+_FORMATS = "give measurements as CSV text or .npz"
 
 
 def lines(path: Path) -> Iterator[str]:
     """The lines of a text file without their ends; InputError for what is not text."""
     number = 0
-    binary = f"{path}: a binary file; measurements are CSV text or .npz."
+    binary = InputError("a binary file", _FORMATS, path)
     try:
         with path.open("rb") as start:
             if b"\0" in start.read(1 << 16):
-                raise InputError(binary)
+                raise binary
         with path.open(encoding="utf-8-sig") as file:
             while line := file.readline(_LONGEST):
                 number += 1
                 if "\0" in line:
-                    raise InputError(binary)
+                    raise binary
                 if len(line) == _LONGEST:
                     raise InputError(
-                        (f"row {number} is too long for a table; measurements are CSV text or .npz."),
-                        where=path,
+                        f"row {number} is too long for a table",
+                        _FORMATS,
+                        path,
                     )
                 yield line.rstrip("\n")
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"not UTF-8 text (near row {number + 1}); measurements are CSV text or .npz.", where=path
-        ) from error
+        raise InputError(f"not UTF-8 text (near row {number + 1})", _FORMATS, path) from error
     except OSError as error:
         raise unreadable(error, path) from error
 
@@ -52,11 +52,11 @@ def header(path: Path) -> list[str]:
     """The names in row 1; InputError where it is empty, holds numbers, or has other separators."""
     line = next(lines(path), "")
     if not line.strip():
-        raise InputError(f"row 1 is empty; it must hold the header {HEADER}.", where=path)
+        raise InputError("row 1 is empty", f"write the header {HEADER}", path)
     names = [name.strip() for name in line.split(",")]
     cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
     if cells and all(_is_number(cell) for cell in cells):
-        raise InputError(f"{_no_header(path, len(cells))}", where=path)
+        raise InputError("row 1 holds numbers instead of a header", _no_header(path), path)
     if len(names) == 1 and len(cells) > 1:
         what = "semicolons" if ";" in line else "white space"
         raise InputError(
@@ -67,17 +67,17 @@ def header(path: Path) -> list[str]:
     return names
 
 
-def _no_header(path: Path, count: int) -> str:
-    """What is wrong with a file that starts with numbers, and what to do about it."""
+def _no_header(path: Path) -> str:
+    """What to do about a file that starts with numbers."""
     known = [d.name for d in DATASETS.values() if path.name in {Path(f.path).name for f in d.files}]
     if known:
         return (
-            "row 1 holds numbers instead of a header: this is a raw file of the data set "
-            f"{known[0]}, which `sdp-vs-penalty fetch {known[0]}` downloads and writes as RUN.csv."
+            f"this is a raw file of the data set {known[0]}, which `sdp-vs-penalty fetch {known[0]}` "
+            "downloads and writes as RUN.csv"
         )
     return (
-        f"row 1 holds {count} numbers instead of a header: put {HEADER} above them and separate "
-        "cells by commas, or use any column names and `sdp-vs-penalty convert --rename`."
+        f"put {HEADER} above them and separate cells by commas, or use any column names and "
+        "`sdp-vs-penalty convert --rename`"
     )
 
 
@@ -107,7 +107,7 @@ def numbers(path: Path, width: int, first: int = 2) -> Array:
         return table
     for number, line in enumerate(_without_tail(islice(lines(path), first - 1, None)), start=first):
         _check_row(path, number, line, width)
-    raise InputError("the rows cannot be read as numbers.", where=path)
+    raise InputError("the rows cannot be read as numbers", "write numbers in all cells", path)
 
 
 def _without_tail(rows: Iterator[str]) -> Iterator[str]:

@@ -40,7 +40,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise unreadable(error, path) from error
     except Exception as error:  # the reader has no exception of its own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"not a readable .mat file ({what}).", where=path) from error
+        raise InputError(
+            f"not a readable .mat file ({what})", "save it again, as version 7 or earlier", path
+        ) from error
     named = {name: value for name, value in content.items() if not name.startswith("__")}
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
@@ -94,7 +96,7 @@ def write(measurements: Measurements, path: Path) -> None:
     from scipy.io import savemat
 
     m = measurements
-    content = {"t": m.t[:, None], "q": m.q, "tau": m.tau, **({} if m.dq is None else {"dq": m.dq})}
+    content = {"t": m.t[:, None], **m.groups}
     buffer = io.BytesIO()
     savemat(buffer, content, do_compression=True)
     write_bytes(path, buffer.getvalue())

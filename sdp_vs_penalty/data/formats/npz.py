@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.formats.columns import Choice, check_size, columns_of, from_columns, joints_of
+from sdp_vs_penalty.data.formats.columns import (
+    Choice,
+    check_size,
+    columns_of,
+    from_columns,
+    groups_of,
+    run_of,
+)
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import opened, write_bytes
@@ -35,28 +42,29 @@ def write(measurements: Measurements, path: Path) -> None:
 def _read_npz(path: Path) -> Measurements:
     arrays = numeric_arrays(path)
     if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
-        for name in ("q", "dq", "tau"):
+        for name in ("q", "dq", "tau", "temp"):
             block = arrays.pop(name, None)
             if block is not None:
                 if block.ndim == 1:
                     block = block[:, None]
                 if block.ndim != 2:
                     raise InputError(
-                        f"array {name} has {block.ndim} dimensions, 2 are needed.", where=path
+                        f"array {name} has {block.ndim} dimensions",
+                        "give it 2: samples and joints",
+                        path,
                     )
                 arrays |= {f"{name}{j + 1}": block[:, j] for j in range(block.shape[1])}
-    n, has_dq = joints_of(path, list(arrays))
+    n, groups = groups_of(path, list(arrays))
     lengths = {name: a.shape for name, a in arrays.items()}
     if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
         raise InputError(
-            f"the arrays differ in length ({lengths}); all need one entry per sample.", where=path
+            f"the arrays differ in length ({lengths})", "give each one entry a sample", path
         )
 
     def group(prefix: str) -> Array:
         return np.column_stack([arrays[f"{prefix}{j + 1}"] for j in range(n)])
 
-    dq = group("dq") if has_dq else None
-    return Measurements(arrays["t"], group("q"), group("tau"), dq, None, (path.name,))
+    return run_of(path, arrays["t"], {name: group(name) for name in groups})
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
@@ -72,11 +80,17 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
             for name in file.files:
                 array = file[name]
                 if array.dtype.kind not in "fiu":
-                    raise InputError(f"array {name} holds {array.dtype}, not real numbers.", where=path)
+                    raise InputError(
+                        f"array {name} holds {array.dtype}, not real numbers",
+                        "save it as floating-point numbers",
+                        path,
+                    )
                 arrays[name] = np.atleast_1d(np.asarray(array, float))
     except InputError:
         raise
     except Exception as error:  # zip, zlib and array headers each fail in ways of their own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"not a readable .npz file of numbers ({what}).", where=path) from error
+        raise InputError(
+            f"not a readable .npz file of numbers ({what})", "write it anew with numpy.savez", path
+        ) from error
     return arrays

@@ -30,16 +30,18 @@ def read(folder: Path, choice: Choice) -> Measurements:
         path = folder / f"exciting_traj_{name}.txt"
         if not path.exists():
             raise InputError(
-                f"a folder is read as the authors' Panda log, and {path.name} is missing.", where=folder
+                f"{path.name} is missing, and a folder is read as the authors' Panda log",
+                "name the file of the run",
+                folder,
             )
         columns[key] = _one_column(path)
     t = columns.pop("t")
     if len(t) == 0:
-        raise InputError("the log is empty.", where=folder)
+        raise InputError("the log is empty", "name a folder with samples", folder)
     for key, values in columns.items():
         if len(values) % len(t) or len(values) != len(columns["q"]):
             raise InputError(
-                f"{len(values)} numbers of {key} do not fit {len(t)} instants.", where=folder
+                f"{len(values)} numbers of {key} do not fit {len(t)} instants", "fetch it again", folder
             )
     q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
     return Measurements(t, q, tau, dq, None, (folder.name,))

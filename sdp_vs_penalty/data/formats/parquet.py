@@ -35,7 +35,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise
     except Exception as error:  # every layer of the library has exceptions of its own
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"not a readable Parquet file ({what}).", where=path) from error
+        raise InputError(
+            f"not a readable Parquet file ({what})", "write it anew, or convert it to CSV", path
+        ) from error
     columns = {}
     for name in table.column_names:
         values = table.column(name).to_numpy()

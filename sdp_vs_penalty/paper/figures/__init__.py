@@ -49,7 +49,7 @@ def make_figures(
         if number not in modules:
             why = f" ({LEFT_OUT[number]})" if number in LEFT_OUT else ""
             raise InputError(
-                f"figure {number} is not made{why}; there are: {', '.join(map(str, modules))}."
+                f"figure {number} is not made{why}", f"choose from {', '.join(map(str, modules))}"
             )
     _require_matplotlib()
     studies: dict[str, Study] = {}

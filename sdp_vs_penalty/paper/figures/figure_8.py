@@ -79,7 +79,10 @@ def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
     """
     cones = [c for c in problem.cones if c.link == link]
     if not cones:
-        raise InputError(f"link {link + 1}: the problem gives it no shape to draw.")
+        raise InputError(
+            f"link {link + 1}: the problem gives it no shape to draw",
+            "give it bounds on its centre of mass",
+        )
     along = cones[0].axis
     low, high = problem.box[link, 1 + along]
     x = np.linspace(low, high, _SLICES)

@@ -28,5 +28,5 @@ def engine(name: str) -> type[Engine]:
     if name not in kinds:
         raise unknown("engine", name, kinds)
     if kinds[name].version() is None:
-        raise InputError(f"engine {name} is absent: {kinds[name].install}.")
+        raise InputError(f"engine {name} is absent", kinds[name].install)
     return kinds[name]

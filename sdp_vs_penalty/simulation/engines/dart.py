@@ -35,7 +35,7 @@ class Dart(Engine):
         text = make_urdf(self.robot, self.content).decode()
         self.skeleton: Any = loader.parseSkeletonString(text, "")
         if self.skeleton is None:
-            raise InputError(f"DART rejects the robot {self.robot.name}.")
+            raise InputError(f"DART rejects the robot {self.robot.name}", "leave that engine out")
         self.world: Any = dartpy.simulation.World()
         self.world.addSkeleton(self.skeleton)
         self.world.setGravity(np.array(self.robot.gravity))

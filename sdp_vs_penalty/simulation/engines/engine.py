@@ -56,7 +56,9 @@ class Engine(ABC):
     def __init__(self, robot: Robot, links: ArrayLike) -> None:
         """links (n, 10) standard parameters. Raises InputError naming the link that it rejects."""
         if robot.mechanism is not None:
-            raise InputError("engines are compared on robots whose joints move by themselves.")
+            raise InputError(
+                "engines take no robot with joints that follow others", "choose another robot"
+            )
         own = np.asarray(links, float).reshape(robot.n, 10)
         self.robot = robot
         #: (n, 10) about the joint frames.
@@ -67,7 +69,7 @@ class Engine(ABC):
             label = f"link {k + 1} (on joint {joint.name!r})"
             require_consistent(link, label)
             if link[0] <= 0.0:
-                raise InputError("it has no mass, which physics engines refuse.", where=label)
+                raise InputError("it has no mass, which physics engines refuse", "give it one", label)
         self.load()
 
     @classmethod
