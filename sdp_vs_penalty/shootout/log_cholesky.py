@@ -212,7 +212,7 @@ class Barrier:
         for c in (c for stack in self.stacks for c in stack.members):
             value = c.value(theta)
             if c.cone == "psd":
-                out.append((c, np.linalg.inv(value)))
+                out.append((c, np.asarray(np.linalg.inv(value), float)))
             elif c.cone == "soc":
                 out.append((c, _mirrored(value)))
             else:
