@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.known_load import GAIN_PRIOR, as_known_loads, gains_from_loads
-from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
+from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
