@@ -26,6 +26,7 @@ from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.export import export, plain_robot
@@ -38,7 +39,6 @@ from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.certificate import Certificate
 
 PARITY = 1e-9  # N m
 
@@ -346,7 +346,8 @@ def test_numpy_function_holds_every_effect(effect: str, tmp_path: Path) -> None:
     export(estimate, out)
     t = np.arange(300) * 0.01
     motion = random_robots.sines(np.random.default_rng(2), robot.n, t, 0.2)
-    made = imported(out).torque(motion.q, motion.dq, motion.ddq, t)
+    motion = replace(motion, temperature=30.0 + 0.1 * np.outer(t, [1.0, 2.0]))
+    made = imported(out).torque(motion.q, motion.dq, motion.ddq, t, motion.temperature)
     expected = estimate.torque(motion)
     assert np.abs(made - expected).max() <= PARITY * max(1.0, np.abs(expected).max())
 
