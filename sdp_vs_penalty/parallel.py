@@ -43,7 +43,7 @@ def spread(
 
         backend = "threading" if threads else "loky"
         parallel = Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", batch_size=1)
-        work = function if threads else Guarded(function, os.getpid())
+        work: Callable[[Item], Result] = function if threads else Guarded(function, os.getpid())
         yield from parallel(delayed(work)(item) for item in items)
         return
     with _connected(scheduler) as client:

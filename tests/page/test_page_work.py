@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -522,7 +523,7 @@ def test_jobs_of_all_tabs_wait_for_each_other(
     async def story() -> tuple[str, Session]:
         first, second = sessions.new(), sessions.new()
         for s in (first, second):
-            await finish(s, lambda s=s: s.choose_robot("panda"))  # type: ignore[misc]
+            await finish(s, partial(s.choose_robot, "panda"))
         first.simulate("joint_spring", [3], "strong", 0)
         await asyncio.sleep(0.05)
         second.simulate("joint_spring", [3], "strong", 0)

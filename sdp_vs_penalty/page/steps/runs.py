@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import show
@@ -143,7 +144,7 @@ def _list(view: View) -> None:
         if any(found["mends"] for found in run["findings"]):
             button(
                 f"Repair {run['name']}",
-                lambda file=run["file"]: session.mend(file),  # type: ignore[misc]
+                partial(session.mend, run["file"]),
                 f"mend-{run['file']}",
             )
     if session.runs and all(run["use"] == "train" for run in session.runs):
