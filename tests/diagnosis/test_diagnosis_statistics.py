@@ -264,3 +264,13 @@ def test_a_group_of_columns_does_not_depend_on_their_units() -> None:
         np.testing.assert_allclose(beta * units, expected, rtol=1e-6)
         assert chi2 == pytest.approx(np.sum((Z @ expected) ** 2), rel=1e-6)
         assert absorbed == 0.0
+
+
+def test_the_block_robust_test_does_not_depend_on_units() -> None:
+    rng = np.random.default_rng(5)
+    rows, A, y, weighting = problem(rng)
+    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+    Z = fit.partialled(rng.normal(size=(len(y), 2)))
+    expected = wald(BlockSums.of(fit, Z, 2))
+    for unit in (1e-6, 1e6):
+        np.testing.assert_allclose(wald(BlockSums.of(fit, unit * Z, 2)), expected, rtol=1e-6)
