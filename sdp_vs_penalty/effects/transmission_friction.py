@@ -167,9 +167,9 @@ def _worth_a_guess(
 ) -> bool:
     """Whether a law is tried on a combination that nobody knows of.
 
-    On three joints plain laws only: finer ones fit by chance among so many. Of what is linear in the
-    velocity or acceleration (f c c^T) the joints' own friction and rotors absorb all but the cross terms,
-    whose signs tell no ratio: it is tried with ratios of one, and where the ratios are known, with those.
+    On three joints plain laws only: finer ones fit by chance among so many. Of what is linear in
+    velocity or acceleration (f c c^T) the joints' own friction and rotors absorb all but the cross
+    terms, whose signs tell no ratio: it is tried with ratios of one, or the known ones.
     """
     if len(ratios) > 2 and not set(shape) <= {"law", *given}:
         return False
