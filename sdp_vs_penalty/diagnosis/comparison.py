@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -23,7 +22,7 @@ from sdp_vs_penalty.diagnosis.show import (
     plot_residual,
     repeatability_warning,
 )
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.show import Shown, Summary
@@ -208,13 +207,7 @@ def compare(
     settings = settings.resolve(measurements)
     for name, model in models.items():
         if model.robot.n != measurements.n:
-            raise InputError(
-                (
-                    f"model {name} is of a robot with {show.count(model.robot.n, 'joint')}, the "
-                    f"measurements have {measurements.n}"
-                ),
-                "choose the model that belongs to them",
-            )
+            raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
     given = measurements if noise_from is None else as_measurements(noise_from)
     last = list(models.values())[-1]

@@ -33,6 +33,7 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot.point_trajectory import PointTrajectory
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.show import Shown, Summary
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -98,13 +99,18 @@ class Limits:
         return float(max(ratio.max() for ratio in ratios))
 
 
-@dataclass(frozen=True)
-class Excitation:
+@dataclass(frozen=True, repr=False)
+class Excitation(Shown):
     """An optimised trajectory; condition : of its base regressor, history : after each iteration."""
 
     trajectory: FourierTrajectory
     condition: float
     history: tuple[float, ...]
+
+    def _summary(self) -> Summary:
+        n = self.trajectory.a.shape[0]
+        rows = [("length", f"{self.trajectory.duration:g} s"), ("joints", str(n))]
+        return f"Excitation: condition number {self.condition:.4g} of the base regressor", rows
 
     def save(self, path: str | Path) -> None:
         """Write t, q, dq, ddq at 1 kHz as CSV, whole or not at all."""

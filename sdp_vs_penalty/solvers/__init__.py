@@ -11,23 +11,18 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import pkgutil
 import shutil
 import subprocess
 from importlib import metadata
 from types import ModuleType
 
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.registration import marked
 
 
 def solver_modules() -> dict[str, ModuleType]:
     """Every solver of the library by name; :func:`absent` says which are not installed."""
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        home = importlib.import_module(f"{__name__}.{module.name}")
-        if hasattr(home, "NAME"):
-            found[home.NAME] = home
-    return dict(sorted(found.items()))
+    return marked(__name__, __path__)
 
 
 def solver(name: str) -> ModuleType:
