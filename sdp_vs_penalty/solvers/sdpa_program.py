@@ -16,6 +16,8 @@ NAME = "sdpa-program"
 EXTRA = "a system package: sdpa"
 REQUIRES = ("program", "sdpa")
 CONES = frozenset({"nonnegative", "psd"})
+#: What it asks of itself by default; what our loop asks of it.
+FINEST = 1e-7
 
 _PARAMETERS = """{maxIteration} unsigned int maxIteration;
 {epsilonStar} double 0.0 < epsilonStar;
