@@ -174,6 +174,10 @@ class MeasuredCurve(JointEffect):
         count = int(np.sum(self._missing == 0.0))
         return f"a table of {count} values over {', '.join(self.of(self.joints[0]))}"
 
+    @property
+    def brief(self) -> str:
+        return f"{self.text.partition('@')[0]} ({self.constants})"
+
     def of(self, joint: int) -> tuple[str, ...]:
         """The variables as they are written: q4, sign(dq4), t."""
         return tuple(variable_name(word, j) for word, j in self.variables(joint))

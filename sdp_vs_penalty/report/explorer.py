@@ -77,7 +77,7 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
                     xs[signal].append(signals[signal][rows, j])
     traces = len(plot.data) // n
     floor = material.comparisons[-1].noise_floor
-    shows = []
+    shows: list[dict[str, Any]] = []
     for j in range(n):
         bands = [] if floor is None else _bands(1.96 * floor[j])
         visible = [k // traces == j for k in range(len(plot.data))]
