@@ -129,6 +129,8 @@ def _assumed(problem: Problem) -> Experiment:
         problem, problem.nominal_links, None, trajectory, quiet, (10, 10.0), problem.default_effects
     )
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
+    # A motor whose links weigh nothing rubs all the same, and is measured with noise.
+    size = np.where(size > 1e-6 * size.max(), size, 0.01 * size.max())
     phi = np.column_stack([2.0 * _FRICTION_SHARE * size, np.full(robot.n, 10.0), np.zeros(robot.n)])
     steps = np.full(robot.n, _POSITION_STEP)
     return replace(bare, friction=phi, sensor=Sensor.white(_NOISE_SHARE * size, steps))
