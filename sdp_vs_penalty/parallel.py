@@ -63,7 +63,8 @@ class Guarded(Generic[Item, Result]):
     parent: int
 
     def __call__(self, item: Item) -> Result:
-        if all(thread.name != _GUARD for thread in threading.enumerate()):
+        elsewhere = os.getpid() != self.parent  # one job alone runs in the command itself
+        if elsewhere and all(thread.name != _GUARD for thread in threading.enumerate()):
             threading.Thread(target=self._watch, name=_GUARD, daemon=True).start()
         return self.function(item)
 
