@@ -26,7 +26,7 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     alone,
     beside,
     best_shapes,
-    error_at,
+    fitted,
     with_shapes,
 )
 
@@ -147,7 +147,7 @@ def _together(
         tried = [(own, values, ends, value), (partner, *_values(partner, was), was)]
         data, banks, base = _compressed(now, state, (), tried, width=value)
         found = best_shapes(data, base, banks, 1.0)
-        error = error_at(data, base, banks, [f.after for f in found])
+        error = data.left(fitted(data, base, banks, [f.after for f in found]))
         value, other = (f.after for f in found)
         partner = replace(partner, effect=alone(partner.effect, own.joint, **{partner.name: other}))
     return error, value

@@ -1,15 +1,17 @@
 """The open shape constants of a model, estimated from measurements.
 
 First their profiles on a grid of values (:mod:`~sdp_vs_penalty.estimation.shape_profiles`), whose
-columns between the grid's values are interpolated. Where the measurements tell a constant more finely
-than that, Gauss-Newton steps with columns at the value itself follow: a constant that exact data have
-is then found exactly.
+columns between the grid's values are interpolated. A constant then moves only if motion that was left
+out confirms it (:mod:`~sdp_vs_penalty.estimation.shape_folds`). Where the measurements tell a constant
+more finely than the grid, Gauss-Newton steps with columns at the value itself follow: a constant that
+exact data have is then found exactly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +19,16 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.shape_folds import FOLDS, confirmed
 from sdp_vs_penalty.estimation.shape_profiles import (
     Normal,
     ShapeBank,
     ShapeEstimate,
     alone,
     best_shapes,
+    total,
 )
+from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
 
 Array = NDArray[np.float64]
@@ -49,7 +54,7 @@ def estimate_shapes(
     weighting: str,
 ) -> list[ShapeEstimate]:
     """The open shape constants of a model, each at its best value if that explains significantly more
-    than the one the model has, else at that."""
+    than the one the model has, of motion left out as well, else at that."""
     wanted = open_shapes(model.effects)
     if not wanted:
         return []
@@ -57,8 +62,9 @@ def estimate_shapes(
     ends = [(grid[0], grid[-1]) for grid in ranges]
     grids = [_with(effect.shape[key], g) for (effect, _, key), g in zip(wanted, ranges, strict=True)]
     rows = _Rows(model, wanted, ends, measurements, settings)
-    profile = rows.at(grids, weighting)
+    profile = rows.at(grids, weighting, FOLDS)
     found = best_shapes(profile.data, profile.base, profile.banks, profile.variance)
+    found = confirmed(found, profile.folds, profile.base, profile.banks, profile.variance)
     return _refined(rows, found, weighting)
 
 
@@ -125,12 +131,18 @@ def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
 
 @dataclass(frozen=True)
 class _Profile:
-    """Normal equations of a model with several values of each constant; base : all other columns."""
+    """Normal equations of a model with several values of each constant, fold by fold of the motion;
+    base : all other columns; variance : of one independent row, times how often rows repeat."""
 
-    data: Normal
+    folds: list[Normal]
     base: NDArray[np.intp]
     banks: list[ShapeBank]
     variance: float
+
+    @cached_property
+    def data(self) -> Normal:
+        """Of all folds."""
+        return total(self.folds)
 
 
 @dataclass(frozen=True)
@@ -143,7 +155,7 @@ class _Rows:
     measurements: Measurements
     settings: Preprocessing
 
-    def at(self, values: Sequence[Sequence[float] | Array], weighting: str) -> _Profile:
+    def at(self, values: Sequence[Sequence[float] | Array], weighting: str, folds: int = 1) -> _Profile:
         """From one pass over the measurements."""
         effects, own = self.model.reference_free.effects, [effect for effect, _, _ in self.wanted]
         fixed = [e for e in effects if not any(e is effect for effect in own)]
@@ -157,18 +169,22 @@ class _Rows:
             banks.append(ShapeBank(one, joint, key, grid, now, columns, ends))
             parts.append(part)
         bigger = Model(self.model.robot, (*fixed, *parts), gains=self.model.gains)
-        joints, counts, oversampling = _normals(self.measurements, bigger, self.settings)
-        data = _total(joints)
+        products, count, oversampling = _products(self.measurements, bigger, self.settings, folds)
+        n, p = self.model.robot.n, len(bigger.parameters)
+        joints = [_normal(p, [own[j] for own in products]) for j in range(n)]
+        weights = np.ones(n)
         if weighting == "noise":
-            theta, _ = data.solved()
+            theta, _ = total(joints).solved()
             left = [max(d.left(theta), 1e-12 * d.square) for d in joints]
-            weights = [c / x if x > 0.0 else 1.0 for c, x in zip(counts, left, strict=True)]
-            data = _total([d.scaled(w) for d, w in zip(joints, weights, strict=True)])
-        theta, rank = data.solved()
+            weights = np.array([count / x if x > 0.0 else 1.0 for x in left])
+        data = [_normal(p, own, weights) for own in products]
+        profile = _Profile(data, base, banks, 0.0)
+        theta, rank = profile.data.solved()
         # Exact data have no variance; their constants still have a best value.
-        error = max(data.left(theta), 1e-12 * data.square, 1e-300)
-        free = max(sum(counts) - oversampling * rank, 1.0)
-        return _Profile(data, base, banks, oversampling * error / free)
+        square = profile.data.square
+        error = max(profile.data.left(theta), 1e-12 * square, 1e-300)
+        free = max(n * count - oversampling * rank, 1.0)
+        return replace(profile, variance=oversampling * error / free)
 
 
 class _Bank(Effect):
@@ -197,25 +213,39 @@ class _Bank(Effect):
         return out
 
 
-def _total(parts: Sequence[Normal]) -> Normal:
-    return sum(parts[1:], parts[0])
+#: Places of k columns, of the torque behind them, and the products (k + 1, k + 1) of all, of some rows.
+_Products = tuple[NDArray[np.intp], Array]
 
 
-def _normals(
-    measurements: Measurements, model: Model, settings: Preprocessing
-) -> tuple[list[Normal], list[int], float]:
-    """Normal equations of each joint's rows, how many rows, and how often rows repeat each other."""
-    p, n = len(model.parameters), model.robot.n
-    grams, rights = np.zeros((n, p, p)), np.zeros((n, p))
-    squares, count, samples = np.zeros(n), 0, 0.0
-    for run in measurements.runs():
+def _products(
+    measurements: Measurements, model: Model, settings: Preprocessing, folds: int
+) -> tuple[list[list[_Products]], int, float]:
+    """Products by fold and joint, how many rows a joint has, and how often rows repeat each other."""
+    nothing = np.arange(0), np.zeros((0, 0))
+    found = [[nothing] * model.robot.n for _ in range(folds)]
+    clocks = motion_clocks(tracks_of(measurements)) if folds > 1 else ()
+    split, count, samples = PhaseFolds(clocks, folds), 0, 0.0
+    for index, run in enumerate(measurements.runs()):
         repeated = rows_per_sample(run, settings)
         for rows in filtered_rows(run, model, settings):
             count += len(rows.torque)
             samples += len(rows.torque) / repeated
-            for j, (indices, columns) in enumerate((c.indices, c.columns) for c in rows.columns):
-                grams[j][np.ix_(indices, indices)] += columns.T @ columns
-                rights[j][indices] += columns.T @ rows.torque[:, j]
-                squares[j] += float(rows.torque[:, j] @ rows.torque[:, j])
-    joints = [Normal(*parts) for parts in zip(grams, rights, squares.tolist(), strict=True)]
-    return joints, [count] * n, count / samples
+            fold = split.fold(index, rows.motion.t) if clocks else np.zeros(len(rows.torque), int)
+            for j, block in enumerate(rows.columns):
+                indices = np.append(block.indices, len(model.parameters))
+                both = np.column_stack([block.columns, rows.torque[:, j]])
+                for k in np.unique(fold):
+                    part = both[fold == k]
+                    _, before = found[k][j]
+                    found[k][j] = indices, part.T @ part + (before if before.size else 0.0)
+    return found, count, count / samples
+
+
+def _normal(p: int, parts: Sequence[_Products], weights: Array | None = None) -> Normal:
+    """Normal equations in all p columns of the rows of several products, each weighted."""
+    whole = np.zeros((p + 1, p + 1))
+    for (indices, own), weight in zip(
+        parts, np.ones(len(parts)) if weights is None else weights, strict=True
+    ):
+        whole[np.ix_(indices, indices)] += weight * own
+    return Normal(whole[:p, :p], whole[:p, p], float(whole[p, p]))

@@ -55,7 +55,8 @@ def identify(
         a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
     effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
-        round is estimated joint by joint unless it is given (``coulomb_friction@v_s=``).
+        round is estimated joint by joint, where motion left out confirms it, unless it is given
+        (``coulomb_friction@v_s=``).
     preprocessing : filter settings (default: the problem's); weighting : "noise" divides each joint's
         rows by its residual in a first least-squares pass, "none" leaves newton metres of all joints
         equal; seed : of everything random; progress : hears where the computation stands; proof : a

@@ -11,7 +11,8 @@ algebra on compressed data.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,15 @@ class ShapeBank:
     now: float
     columns: NDArray[np.intp]
     ends: tuple[float, float]
+
+    @cached_property
+    def weights(self) -> CubicSpline:
+        """(K,) of the columns of each value, as a function of the constant's logarithm."""
+        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
+
+    def moved(self, columns: NDArray[np.intp]) -> ShapeBank:
+        """The same with its columns at other places."""
+        return replace(self, columns=columns.reshape(self.columns.shape))
 
 
 @dataclass(frozen=True)
@@ -90,13 +100,14 @@ class Normal:
         """Of some of the columns."""
         return Normal(self.gram[np.ix_(columns, columns)], self.right[columns], self.square)
 
+    def through(self, columns: Array, torque: Array) -> Normal:
+        """Of rows [Y columns, tau - Y torque], with columns (p, q) and torque (p,)."""
+        half = self.gram @ columns
+        return Normal(columns.T @ half, columns.T @ self.right - half.T @ torque, self.left(torque))
+
     def least(self) -> float:
         """The squared error of least squares."""
         return self.left(self.solved()[0])
-
-    def scaled(self, factor: float) -> Normal:
-        """Of rows multiplied by the square root of a factor."""
-        return Normal(factor * self.gram, factor * self.right, factor * self.square)
 
     def solved(self) -> tuple[Array, int]:
         """Least-squares coefficients (p,), and how many of their directions the data show."""
@@ -108,6 +119,11 @@ class Normal:
     def left(self, theta: Array) -> float:
         """|Y theta - tau|^2."""
         return float(theta @ self.gram @ theta - 2.0 * self.right @ theta + self.square)
+
+
+def total(parts: Sequence[Normal]) -> Normal:
+    """Of all rows together."""
+    return sum(parts[1:], parts[0])
 
 
 def _pseudo_inverse(gram: Array) -> tuple[Array, int]:
@@ -141,13 +157,16 @@ def best_shapes(
     return found
 
 
-def error_at(
+def fitted(
     data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], values: Sequence[float]
-) -> float:
-    """The squared error that least squares leave with these constants."""
+) -> Array:
+    """Least-squares coefficients (p,) of all columns, with these constants."""
+    pool = np.concatenate([bank.columns.ravel() for bank in banks])
+    left, explained = left_by(data, pool, np.eye(len(data.right))[:, base])
     rest, curves = _curves(data, base, banks)
     columns = np.hstack([curve.at(v) for curve, v in zip(curves, values, strict=True)])
-    return beside(rest, np.arange(0), columns).square
+    coefficients = rest.through(columns, np.zeros(len(pool))).solved()[0]
+    return np.asarray(explained + left @ (columns @ coefficients))
 
 
 def _curves(
@@ -162,17 +181,20 @@ def _curves(
 
 def beside(data: Normal, pool: NDArray[np.intp], others: Array) -> Normal:
     """Of the columns ``pool`` and the torque, what combinations ``others`` (p, q) of columns leave."""
-    own = Normal(data.gram[np.ix_(pool, pool)], data.right[pool], data.square)
+    return data.through(*left_by(data, pool, others))
+
+
+def left_by(data: Normal, pool: NDArray[np.intp], others: Array) -> tuple[Array, Array]:
+    """Combinations of columns: (p, k) those of ``pool`` less what ``others`` (p, q) explain of them in
+    these data, and (p,) what these explain of the torque."""
     norms = np.sqrt(np.maximum(np.einsum("pq,pq->q", others, data.gram @ others), 0.0))
     seen = norms > 1e-10 * norms.max(initial=0.0)
     others = others[:, seen] / norms[seen]
     half = data.gram @ others
     inverse, _ = _pseudo_inverse(others.T @ half)
-    cross, right = half[pool], others.T @ data.right
-    return Normal(
-        own.gram - cross @ inverse @ cross.T,
-        own.right - cross @ inverse @ right,
-        own.square - float(right @ inverse @ right),
+    explaining = others @ inverse
+    return np.eye(len(data.right))[:, pool] - explaining @ half[pool].T, explaining @ (
+        others.T @ data.right
     )
 
 
@@ -182,7 +204,7 @@ class _Curve:
     def __init__(self, bank: ShapeBank, places: NDArray[np.intp], rest: Normal) -> None:
         self.bank, self.places, self.size = bank, places, len(rest.right)
         self.grid = np.log(bank.values)
-        self.weights = CubicSpline(self.grid, np.eye(len(bank.values)))
+        self.weights = bank.weights
         self.signed = len(bank.effect.parameters) == 1 and bank.effect.parameters[0].lower == 0.0
         self.seen = 1e-9 * float(np.max(np.diagonal(rest.gram)[places]))
 
@@ -191,7 +213,7 @@ class _Curve:
         w = self.weights(np.clip(np.log(value), self.grid[0], self.grid[-1]))
         k = self.bank.columns.shape[1]
         out = np.zeros((self.size, k))
-        out[self.places] = np.kron(w[:, None], np.eye(k))
+        out[self.places] = (w[:, None, None] * np.eye(k)).reshape(-1, k)
         return out
 
     def best(self, rest: Normal, others: Sequence[Array], variance: float) -> ShapeEstimate:

@@ -9,7 +9,9 @@ import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
 from random_robots import sines
 
+from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.effects.effect import Motion, Sampling, smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
@@ -94,3 +96,21 @@ def test_a_sign_stands_for_all_samples_of_the_log(stride: int) -> None:
         expected = np.array([weights @ sampled[k - half : k + half + 1] for k in at])
         found = smooth_sign(rate * (log[at] - shift), 1e-9, np.full(len(at), rate), Sampling(stride, dt))
         np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.real_data
+def test_widths_do_not_cost_what_another_motion_shows(data_folder: Path) -> None:
+    """Wider and sharper turns each explain one run of the UR10e better, by a hundred times the noise's
+    variance, and the other one worse."""
+    runs = converted("ur10e", data_folder / "ur10e")
+    train, test = runs["ur-20_02_12-50sec_12harm"], runs["ur-20_02_19_14harm50sec"]
+    problem = as_problem("ur10e")
+    declared = [
+        "coulomb_friction@v_s=0.01" if e == "coulomb_friction" else e for e in problem.default_effects
+    ]
+    for one, other in ((train, test), (test, train)):
+        found, kept = (
+            compare(identify(problem, one, effects=effects), other)[0].relative_error_percent
+            for effects in (None, declared)
+        )
+        assert found < 1.005 * kept

@@ -1,0 +1,89 @@
+"""Whether a shape constant that was found says anything of motion that it was not found on.
+
+In-sample, slow noise and what the model lacks look like evidence: a constant that takes a hundred times
+the noise's variance from the error of one run may add as much to that of another. So every fold of the
+motion is left out once, all constants are found anew from the rest, and the fold is predicted with a
+constant as found there and as the model has it. With r what the former leaves of the torque and d the
+difference of the two predictions, it takes
+
+    sum_k |d_k|^2 + 2 r_k'd_k
+
+from the squared error of all folds k. A constant is confirmed where that exceeds Student's 95 % quantile
+times its own deviation: the larger of sqrt(sum_k (2 r_k'd_k)^2), which holds for noise of any colour,
+and what white noise would make of it. Where the folds do not confirm it, the model's own value stays:
+the simpler model unless another is significantly better (Breiman et al., Classification and Regression
+Trees, 1984, sec. 3.4.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.estimation.shape_profiles import (
+    Normal,
+    ShapeBank,
+    ShapeEstimate,
+    best_shapes,
+    fitted,
+    left_by,
+    total,
+)
+
+Array = NDArray[np.float64]
+
+#: Folds of the motion, and Student's quantile of a two-sided 95 % interval with one degree less.
+FOLDS, _QUANTILE = 10, 2.262
+
+
+def confirmed(
+    found: Sequence[ShapeEstimate],
+    folds: Sequence[Normal],
+    base: NDArray[np.intp],
+    banks: Sequence[ShapeBank],
+    variance: float,
+) -> list[ShapeEstimate]:
+    """What was found, where folds that are left out confirm it; elsewhere the constants of before.
+
+    folds : normal equations of each fold, in the columns of base and banks; variance : as of
+    :func:`best_shapes`.
+    """
+    moved = [k for k, s in enumerate(found) if s.after != s.before]
+    if not moved:
+        return list(found)
+    pool = np.concatenate([bank.columns.ravel() for bank in banks])
+    ends = np.cumsum([bank.columns.size for bank in banks])[:-1]
+    alone = [
+        bank.moved(at) for bank, at in zip(banks, np.split(np.arange(len(pool)), ends), strict=True)
+    ]
+    trials = []
+    for k, fold in enumerate(folds):
+        rest = total([*folds[:k], *folds[k + 1 :]])
+        left = left_by(rest, pool, np.eye(len(rest.right))[:, base])
+        trials.append(_trial(rest.through(*left), fold.through(*left), alone, variance))
+    out = list(found)
+    for k in moved:
+        gains, changes = np.array([t[k] for t in trials]).T
+        noise = max(float(np.sum((gains - changes) ** 2)), 4.0 * variance * float(changes.sum()))
+        if not gains.sum() > _QUANTILE * np.sqrt(noise):
+            out[k] = replace(found[k], after=found[k].before, std=np.inf, gain=0.0, at_end=False)
+    return out
+
+
+def _trial(
+    rest: Normal, fold: Normal, banks: Sequence[ShapeBank], variance: float
+) -> list[tuple[float, float]]:
+    """Of each constant, found from the rest: what it takes from a fold's squared error, and |d|^2; of
+    both what all other columns, fitted to the rest, leave."""
+    nothing, before = np.arange(0), [bank.now for bank in banks]
+    plain, out = fitted(rest, nothing, banks, before), []
+    for k, s in enumerate(best_shapes(rest, nothing, banks, variance)):
+        theta = plain
+        if s.after != s.before:
+            theta = fitted(rest, nothing, banks, [*before[:k], s.after, *before[k + 1 :]])
+        change = theta - plain
+        out.append((fold.left(plain) - fold.left(theta), float(change @ fold.gram @ change)))
+    return out
