@@ -310,7 +310,6 @@ def test_a_gain_is_added_beside_its_own_reference(two_link: Problem) -> None:
     ("effect", "message"),
     [
         ("viscous_friction", "already has viscous_friction on joints 1[+]2: name another"),
-        ("asymmetric_coulomb_friction", "exactly coulomb_friction plus torque_offset"),
         ("joint_spring:9", "does not exist"),
         ("magic", "unknown"),
         ("", "No effect"),

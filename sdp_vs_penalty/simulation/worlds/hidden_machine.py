@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.channel import first_order
 from sdp_vs_penalty.simulation.worlds.hidden import (
     Hidden,
     Maker,
@@ -78,6 +79,30 @@ def _delay(w: World, j: int, rng: Generator) -> Hidden:
 
 def _global_delay(w: World, j: int, rng: Generator) -> Hidden:
     return _late(list(range(w.arm.n)), (), "global_delay")
+
+
+def _filter(w: World, j: int, rng: Generator) -> Hidden:
+    """All channels behind one low-pass, 1 / (1 + T s): the size is T."""
+
+    def change(w: World, m: Motion, T: float) -> Array:
+        tau = w.torque(m)
+        return np.asarray(first_order(tau, float(m.t[1] - m.t[0]), T) - tau)
+
+    return Hidden("torque_filter", (), change, size=1e-3, shape={"phase": 0.0})
+
+
+def _kinematic_error(w: World, j: int, rng: Generator) -> Hidden:
+    """A joint's frame off by slips of millimetres and turns of tenths of a degree; none on the base."""
+    j = max(j, 1)
+    slip, turn = 1e-3 * rng.normal(size=3), 2e-3 * rng.normal(size=3)
+
+    def change(w: World, m: Motion, size: float) -> Array:
+        beside = pin.Model(w.built)
+        step = pin.SE3(pin.exp3(size * turn), size * slip)
+        beside.jointPlacements[j + 1] = w.built.jointPlacements[j + 1] * step
+        return inverse_dynamics(beside, m.q, m.dq, m.ddq) - rigid(w, m)
+
+    return Hidden("kinematic_error", (j,), change, None, size=0.1)
 
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
@@ -169,6 +194,8 @@ MACHINE: Mapping[str, Maker] = {
     "torque_gain": _gain,
     "torque_delay": _delay,
     "global_delay": _global_delay,
+    "torque_filter": _filter,
+    "kinematic_error": _kinematic_error,
     "joint_zero_error": _zero_error,
     "joint_elasticity": _elasticity,
     "backlash": _backlash,
