@@ -32,12 +32,14 @@ class HeldOut:
     """before (n,) : RMSE of each joint with the shape constants that the model was given; ladder
     (steps + 1, n) : with those that the search adopted, before the first effect and after each; source :
     "test" or "folds"; holds (steps,) : whether the error of a joint on which an effect acts falls on
-    data from which its size was not estimated (the test run, or folds left out)."""
+    data from which its size was not estimated (the test run, or folds left out); rises (steps,) :
+    whether it rises on all of them there."""
 
     before: Array
     ladder: Array
     source: str
     holds: tuple[bool, ...]
+    rises: tuple[bool, ...]
 
 
 def held_out_errors(
@@ -60,7 +62,7 @@ def held_out_errors(
 
         ladder = on_test(found.estimate, stage, picks)
         before = ladder[0] if given is stage else on_test(found.first, given, ())[0]
-        return HeldOut(before, ladder, "test", _holds(picks, ladder))
+        return HeldOut(before, ladder, "test", *_told(picks, ladder))
     total = np.zeros((len(picks) + 1, stage.rows.n))
     outer, keys = stage.labels.fold % _OUTER, _looked_for(picks)
     same, before = np.zeros_like(total), np.zeros(stage.rows.n)
@@ -72,7 +74,7 @@ def held_out_errors(
         before += _left_out(given, (), train)[0]
     count = np.maximum(stage.rows.keep.sum(axis=0), 1)
     ladder = np.sqrt(total / count)
-    return HeldOut(np.sqrt(before / count), ladder, "folds", _holds(picks, np.sqrt(same / count)))
+    return HeldOut(np.sqrt(before / count), ladder, "folds", *_told(picks, np.sqrt(same / count)))
 
 
 def _stage_of(stage: Stage, estimate: Estimate) -> Stage:
@@ -100,14 +102,16 @@ def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> 
     return _ladder(stage, picks, train, stage.rows, stage.columns, stage.residual, only=~train)
 
 
-def _holds(picks: Sequence[Pick], ladder: Array) -> tuple[bool, ...]:
-    return tuple(_falls(p, ladder[k], ladder[k + 1]) for k, p in enumerate(picks))
-
-
-def _falls(pick: Pick, before: Array, after: Array) -> bool:
-    effect = pick.candidate.effect
-    acts = slice(None) if effect.whole_robot else list(effect.joints)
-    return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
+def _told(picks: Sequence[Pick], ladder: Array) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+    """Of each pick whether the error falls on a joint on which it acts, and whether it rises on all."""
+    falls, rises = [], []
+    for k, pick in enumerate(picks):
+        effect = pick.candidate.effect
+        acts = slice(None) if effect.whole_robot else list(effect.joints)
+        before, after = ladder[k][acts], ladder[k + 1][acts]
+        falls.append(bool(np.any(after < (1.0 - _FALLS) * before)))
+        rises.append(bool(np.all(after > (1.0 + _FALLS) * before)))
+    return tuple(falls), tuple(rises)
 
 
 def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:

@@ -171,6 +171,28 @@ def where_it_fails(
     return out
 
 
+def carriers(rows: SegmentedRuns, error: Array, most: int = 3) -> list[tuple[int, str, float]]:
+    """The variables that carry most of an error (M, n): joint (from 1), variable, and the RMS [N m or N]
+    of that joint's error that follows a smooth function of it on stretches left out."""
+    folds, keep = phase_folds(rows, clocks_of(rows)), np.asarray(rows.keep.all(axis=1), bool)
+    states = _states(rows)
+    kinds = {"q": "position", "dq": "velocity"}
+    hats = {
+        f"{short}{i + 1}": _hats(states[name][:, i])
+        for i in range(rows.n)
+        for short, name in kinds.items()
+    }
+    found = []
+    for j in range(rows.n):
+        own = error[:, j] - error[keep, j].mean()
+        size = float(np.sqrt(np.mean(own[keep] ** 2)))
+        for name, features in {**hats, f"ddq{j + 1}": _hats(states["acceleration"][:, j])}.items():
+            share = _held_out_share(features[keep], own[keep], folds[keep])
+            found.append((j + 1, name, size * float(np.sqrt(share))))
+    best = sorted(found, key=lambda one: -one[2])[:most]
+    return [one for one in best if one[2] > 0.0]
+
+
 def _states(rows: SegmentedRuns) -> dict[str, Array]:
     def stack(name: str) -> Array:
         return np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
