@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, TOLD_APART, accepted_beside, joints_of
+from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted_beside, joints_of
 from sdp_vs_penalty.diagnosis.scoring import evidence
+from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 
 Array = NDArray[np.float64]
@@ -91,8 +92,9 @@ def company(state: SearchState, k: int) -> Company:
     larger = max((state.picks[m] for m in others), key=lambda p: p.gain, default=None)
     small = larger is not None and pick.gain < LAW * larger.gain
     fit = state.fit
-    left = np.maximum(fit.joint_chi2 - fit.degrees * fit.weighting.noise_variance, 0.0)
-    drowned = float((left / fit.weighting.level**2)[own].sum()) > max(pick.gain, MIN_GAIN)
+    least, level2 = fit.degrees * fit.weighting.noise_variance, fit.weighting.level**2
+    left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0) / level2
+    drowned = float(left[own].sum()) > pick.gain
     return Company(correlated, larger if small else None, drowned)
 
 
