@@ -93,7 +93,8 @@ def remarks(
         out.append(warning)
     if held_out == "folds":
         out.append(
-            "Held-out errors come from outer folds: the search was repeated without each of them; "
-            "a step that a fold did not find keeps its error. A test run (--test) shows each step."
+            "Held-out errors come from outer folds: without each of them it is searched anew which of "
+            "these findings are justified, with which shapes and sizes; one that a fold does not find "
+            "keeps its error there. A test run (--test) shows each step."
         )
     return tuple(out)

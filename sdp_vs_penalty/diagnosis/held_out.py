@@ -47,7 +47,8 @@ def held_out_errors(
     test: Measurements | None,
     settings: Preprocessing,
 ) -> HeldOut:
-    """Errors on the test run; without one, on outer folds: the search is repeated without each."""
+    """Errors on the test run; without one, on outer folds: which of the picks are justified without each
+    of them, with which shapes and sizes, is searched anew."""
     stage, picks = found.state.stage, found.state.picks
     given = stage if found.first is found.estimate else _stage_of(stage, found.first)
     if test is not None:
