@@ -105,14 +105,23 @@ def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> 
 
 def _told(picks: Sequence[Pick], ladder: Array) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
     """Of each pick whether the error falls on a joint on which it acts, and whether it rises on all."""
-    falls, rises = [], []
-    for k, pick in enumerate(picks):
-        effect = pick.candidate.effect
-        acts = slice(None) if effect.whole_robot else list(effect.joints)
-        before, after = ladder[k][acts], ladder[k + 1][acts]
-        falls.append(bool(np.any(after < (1.0 - _FALLS) * before)))
-        rises.append(bool(np.all(after > (1.0 + _FALLS) * before)))
-    return tuple(falls), tuple(rises)
+    steps = [(pick, ladder[k], ladder[k + 1]) for k, pick in enumerate(picks)]
+    return tuple(_falls(*step) for step in steps), tuple(_rises(*step) for step in steps)
+
+
+def _falls(pick: Pick, before: Array, after: Array) -> bool:
+    acts = _acts(pick)
+    return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
+
+
+def _rises(pick: Pick, before: Array, after: Array) -> bool:
+    acts = _acts(pick)
+    return bool(np.all(after[acts] > (1.0 + _FALLS) * before[acts]))
+
+
+def _acts(pick: Pick) -> list[int] | slice:
+    effect = pick.candidate.effect
+    return slice(None) if effect.whole_robot else list(effect.joints)
 
 
 def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:

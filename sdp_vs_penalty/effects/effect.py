@@ -191,8 +191,6 @@ class Effect(ABC):
 
     #: True where a column depends on earlier motion: it is then computed over whole runs.
     has_memory: bool = False
-    #: True where it depends on later motion as well: a filter that looks both ways.
-    sees_ahead: ClassVar[bool] = False
     #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
     follows_clock: bool = False
     #: True where the columns need Motion.torque.

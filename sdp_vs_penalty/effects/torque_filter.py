@@ -11,33 +11,20 @@ from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
-CAUSAL, ZERO_PHASE = 0.0, 1.0
-
 
 class TorqueFilter(Effect):
     name = "torque_filter"
-    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or 1 / (1 - T^2 s^2)"
+    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s)"
     explanation = (
-        "All torques are logged behind one low-pass filter, of which the positions know nothing: a "
-        "drive's current filter of the time constant T (phase causal, which also delays), or a log "
-        "that was smoothed afterwards, forwards and backwards (phase zero). T_f is T where all of the "
+        "All torques are logged behind one low-pass filter of the time constant T, of which the "
+        "positions know nothing: a drive's current filter, which also delays. T_f is T where all of the "
         "torque passes the filter."
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     needs_torque = True
     has_memory = True
-    sees_ahead = True
     whole_robot = True
-    shapes = {
-        "T": Shape(0.01, "s", grid=(0.002, 0.004, 0.008, 0.016, 0.032), bounds=(0.0005, 0.06)),
-        "phase": Shape(
-            CAUSAL,
-            grid=(CAUSAL, ZERO_PHASE),
-            choices=(CAUSAL, ZERO_PHASE),
-            words=("causal", "zero"),
-            signed=True,
-        ),
-    }
+    shapes = {"T": Shape(0.01, "s", grid=(0.002, 0.004, 0.008, 0.016, 0.032), bounds=(0.0005, 0.06))}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -50,10 +37,7 @@ class TorqueFilter(Effect):
 
     def blocks(self, motion: Motion) -> list[Block]:
         T, torque = self.shape["T"], motion.model_torque
-        passed = lagging(torque, motion.t, T)
-        if self.shape["phase"] == ZERO_PHASE:
-            passed = lagging(passed[::-1], motion.t, T)[::-1]
-        change = (passed - torque) / T
+        change = (lagging(torque, motion.t, T) - torque) / T
         return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
 
     def remark(self, size: float) -> str:
@@ -75,7 +59,7 @@ def lagging(x: Array, t: Array, T: float) -> Array:
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    T, phase = log_uniform(rng, 0.004, 0.02), float(rng.integers(2))
+    T = log_uniform(rng, 0.004, 0.02)
 
     def behind(x: Array, t: Array) -> Array:  # the trapezium rule, a sample at a time
         y = x.copy()
@@ -86,10 +70,6 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
 
     def change(w: World, m: Motion, a: float) -> Array:
         tau = w.torque(m)
-        y = behind(tau, m.t)
-        if phase:
-            y = behind(y[::-1], -m.t[::-1])[::-1]
-        return a * (y - tau)
+        return a * (behind(tau, m.t) - tau)
 
-    shape = {"T": T, "phase": phase}
-    return Hidden("torque_filter", (), change, details={"shape": shape}, unit=T, theta=(T,))
+    return Hidden("torque_filter", (), change, details={"shape": {"T": T}}, unit=T, theta=(T,))

@@ -85,10 +85,14 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
     """All channels behind one low-pass, 1 / (1 + T s): the size is T."""
 
     def change(w: World, m: Motion, T: float) -> Array:
+        # Effects are sized on a coarse grid, where a filter is read from a finer one.
+        t = np.arange(m.t[0], m.t[-1], min(float(m.t[1] - m.t[0]), 0.25e-3))
         tau = w.torque(m)
-        return np.asarray(first_order(tau, float(m.t[1] - m.t[0]), T) - tau)
+        fine = np.column_stack([np.interp(t, m.t, x) for x in tau.T])
+        passed = first_order(fine, float(t[1] - t[0]), T)
+        return np.column_stack([np.interp(m.t, t, x) for x in passed.T]) - tau
 
-    return Hidden("torque_filter", (), change, size=1e-3, shape={"phase": 0.0})
+    return Hidden("torque_filter", (), change, size=1e-3)
 
 
 def _kinematic_error(w: World, j: int, rng: Generator) -> Hidden:
