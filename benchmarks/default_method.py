@@ -1,6 +1,6 @@
 """Which method should be the default: error on unseen motion and plausibility, method by arm.
 
-    python benchmarks/default_method.py          writes results/default_method.md
+    python benchmarks/default_method.py [--out results/default_method.md]
 
 Measured arms (the folder that SDP_VS_PENALTY_DATA names) and simulated ones, whose URDF does not know
 the truth: its inertials are 30 % off, or missing, or only the geometry is there. Every method gets the
@@ -9,6 +9,7 @@ same rows, effects and bounds; what differs is what it does with what the data l
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -216,6 +217,11 @@ def judged(arm: Arm, method: str, estimator: LmiSdp) -> Row:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/default_method.md"), help="file to write"
+    )
+    out = parser.parse_args().out
     folder = real_data_folder()
     rows = []
     with tempfile.TemporaryDirectory() as place:
@@ -228,7 +234,7 @@ def main() -> None:
             for method, estimator in METHODS.items():
                 rows.append(judged(arm, method, estimator))
                 print(rows[-1], flush=True)
-    write_text(Path(__file__).parents[1] / "results" / "default_method.md", report(rows))
+    write_text(out, report(rows))
 
 
 def report(rows: list[Row]) -> str:

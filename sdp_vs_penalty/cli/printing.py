@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -203,6 +205,8 @@ def diagnosis(
         explain(f"retune {retune.explanation}{weak}")
     if result.effects:
         _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
+    for curve in result.curves:
+        explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
     known = result.noise_source == "repetition"
     left = ", ".join(f"{x:.2g} {unit(u)}" for x, u in zip(beyond, units, strict=True))
@@ -218,6 +222,14 @@ def diagnosis(
         explain(f"not identifiable from these runs (absorbed by existing parameters): {names}")
     for remark in result.remarks:
         explain(remark)
+
+
+def undecided(result: Diagnosis, model: Path) -> None:
+    """The commands that design the runs which would tell a finding from what fits as well."""
+    for k, finding in enumerate(worth_showing(result.effects), start=1):
+        if finding.undecided is not None:
+            words = ["excite", str(model), "--separate", finding.undecided, "--out", f"tell{k}.csv"]
+            say(f"Finding {k}, the run that would tell: {shlex.join(['sdp-vs-penalty', *words])}")
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:

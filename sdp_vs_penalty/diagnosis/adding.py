@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
@@ -71,7 +72,12 @@ def add(
     )
     estimate.require_joints(measurements)
     if isinstance(effects, Diagnosis):
-        frozen, effects = frozen or effects.frozen, (*effects.retuned, *effects.effects)
+        # What a curve stands instead of is not added beside it.
+        named = [
+            f for f in effects.effects if not (effects.curves and CURVE in f.indistinguishable_from)
+        ]
+        frozen = frozen or effects.frozen
+        effects = (*effects.retuned, *named, *(c.effect(estimate.robot).text for c in effects.curves))
     texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
     wanted = parse_effects(texts, estimate.robot)
     if not wanted:

@@ -194,7 +194,7 @@ class Effect(ABC):
     #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
     follows_clock: bool = False
     #: True where the columns need Motion.torque.
-    needs_torque: ClassVar[bool] = False
+    needs_torque: bool = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
     #: True where the columns need Motion.temperature.
@@ -333,6 +333,10 @@ class Effect(ABC):
 
     # What a reader is told.
 
+    def outside(self, motion: Motion) -> NDArray[np.bool_]:
+        """(N,) where a motion leaves what the effect is known for; nowhere, but for measured tables."""
+        return np.zeros(len(motion.t), bool)
+
     @property
     def constants(self) -> str:
         """The shape constants that measurements can tell, with their units: "vs = 0.1 rad/s"."""
@@ -355,6 +359,11 @@ class Effect(ABC):
         joints = "" if self.asked_joints is None else ":" + "+".join(str(j + 1) for j in self.joints)
         shape = "".join(f"@{k}={self.shapes[k].written(v)}" for k, v in self.shape.items())
         return f"{self.name}{joints}{shape}"
+
+    @property
+    def brief(self) -> str:
+        """The effect as a reader is told of it: as it is written, but for a long table."""
+        return self.text
 
     def shape_unit(self, key: str, joint: int) -> str:
         """Unit of a shape constant on a joint; "-" for a number."""

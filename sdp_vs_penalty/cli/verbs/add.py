@@ -67,7 +67,7 @@ def verb(
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     for e in bigger.model.effects[len(estimate.model.effects) :]:
-        console.say(f"added: {e.text}")
+        console.say(f"added: {e.brief}")
     printing.certificate(bigger)
     console.written(out)
 

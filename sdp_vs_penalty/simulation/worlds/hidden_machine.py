@@ -95,20 +95,6 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
     return Hidden("torque_filter", (), change, size=1e-3)
 
 
-def _kinematic_error(w: World, j: int, rng: Generator) -> Hidden:
-    """A joint's frame off by slips of millimetres and turns of tenths of a degree; none on the base."""
-    j = max(j, 1)
-    slip, turn = 1e-3 * rng.normal(size=3), 2e-3 * rng.normal(size=3)
-
-    def change(w: World, m: Motion, size: float) -> Array:
-        beside = pin.Model(w.built)
-        step = pin.SE3(pin.exp3(size * turn), size * slip)
-        beside.jointPlacements[j + 1] = w.built.jointPlacements[j + 1] * step
-        return inverse_dynamics(beside, m.q, m.dq, m.ddq) - rigid(w, m)
-
-    return Hidden("kinematic_error", (j,), change, None, size=0.1)
-
-
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
     side = _side(rng)
     hidden = shifted("joint_zero_error", j, lambda _, m, a: np.full(len(m.t), a * side), side)
@@ -199,7 +185,6 @@ MACHINE: Mapping[str, Maker] = {
     "torque_delay": _delay,
     "global_delay": _global_delay,
     "torque_filter": _filter,
-    "kinematic_error": _kinematic_error,
     "joint_zero_error": _zero_error,
     "joint_elasticity": _elasticity,
     "backlash": _backlash,
