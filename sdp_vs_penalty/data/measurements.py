@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +22,9 @@ class Measurements(Shown):
     """One or more runs of one robot.
 
     t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
-    run : (N,) index of the run that a sample belongs to; names : one name a run.
+    run : (N,) index of the run that a sample belongs to; names : one name a run. whole : the runs that
+    these are windows of, all that was recorded, where :meth:`window` made them: what repeats, and with
+    it the noise, shows there. ``dataclasses.replace`` drops it: changed samples are no window.
     Velocity and acceleration for identification are not these dq: see preprocessing.
     """
 
@@ -32,6 +34,7 @@ class Measurements(Shown):
     dq: Array | None = None
     run: NDArray[np.int64] | None = None
     names: tuple[str, ...] = ("run",)
+    whole: Measurements | None = field(default=None, init=False, compare=False)
 
     @property
     def n(self) -> int:
@@ -66,7 +69,13 @@ class Measurements(Shown):
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""
         parts = [r._rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop), r.names) for r in self.runs()]
-        return concatenate(parts)
+        return concatenate(parts).window_of(self)
+
+    def window_of(self, runs: Measurements) -> Measurements:
+        """The same, known as windows of these runs."""
+        out = replace(self)
+        object.__setattr__(out, "whole", runs.whole or runs)
+        return out
 
     def _rows(self, keep: NDArray[np.bool_] | slice, names: tuple[str, ...]) -> Measurements:
         dq = None if self.dq is None else self.dq[keep]
@@ -100,7 +109,7 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
     dq = None
     if all(r.dq is not None for r in runs):
         dq = np.concatenate([r.dq for r in runs if r.dq is not None])
-    return Measurements(
+    together = Measurements(
         np.concatenate([r.t for r in runs]),
         np.concatenate([r.q for r in runs]),
         np.concatenate([r.tau for r in runs]),
@@ -108,3 +117,8 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
         np.repeat(np.arange(len(runs)), [len(r.t) for r in runs]),
         tuple(r.names[0] for r in runs),
     )
+    if all(part.whole is None for part in parts):
+        return together
+    wholes = {id(whole): whole for whole in (part.whole or part for part in parts)}
+    first, *others = wholes.values()
+    return together.window_of(concatenate([first, *others]) if others else first)

@@ -39,6 +39,9 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 
+#: Turns in which the constants of new effects and of the model's own are brought to agree.
+_AGREED = 3
+
 
 def add(
     estimate: Estimate | str | Path,
@@ -79,25 +82,44 @@ def add(
     added, given, retuned = _retunes(estimate, wanted, _given_shapes(texts), frozen)
     _refuse_twice(estimate, added)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
-    progress("estimating shape constants")
-    new = _shaped_effects(estimate, added, given, measurements, frozen, seed)
-    Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    if frozen:
-        return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
-    return identify(
-        estimate.problem,
-        measurements,
-        estimator_of(estimate),
-        effects=[*_own(estimate, retuned), *new],
-        preprocessing=estimate.preprocessing,
-        weighting=str(estimate.settings.get("weighting", "noise")),
-        seed=seed,
-        progress=progress,
-        gain_uncertainty=gain_errors,
-    )
+
+    def identified(effects: Sequence[Effect]) -> Estimate:
+        return identify(
+            estimate.problem,
+            measurements,
+            estimator_of(estimate),
+            effects=effects,
+            preprocessing=estimate.preprocessing,
+            weighting=str(estimate.settings.get("weighting", "noise")),
+            seed=seed,
+            progress=progress,
+            gain_uncertainty=gain_errors,
+        )
+
+    beside, own = estimate, _own(estimate, retuned)
+    known = frozen or all(map(_all_given, added, given))
+    if not known and (declared := _declared(estimate)):
+        # The model's own constants may have taken what is the new effects' torque.
+        beside = identified(with_shapes(estimate.model.effects, declared))
+        own = _own(estimate, retuned, declared)
+    for _ in range(1 if known else _AGREED):
+        progress("estimating shape constants")
+        new = _shaped_effects(beside, added, given, measurements, frozen, seed)
+        Model(
+            estimate.robot, (*estimate.model.effects, *new)
+        )  # refuses constants that are there already
+        if frozen:
+            return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
+        found = identified([*own, *new])
+        shapes = [ShapeEstimate.from_dict(s) for s in found.details.get("shapes", ())]
+        effects_now = with_shapes(beside.model.effects, shapes)
+        if known or [e.text for e in effects_now] == [e.text for e in beside.model.effects]:
+            break
+        beside = identified(effects_now)
+    return found
 
 
 def _retunes(
@@ -123,13 +145,21 @@ def _retunes(
     return new, kept, retuned
 
 
-def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
+def _declared(estimate: Estimate) -> list[ShapeEstimate]:
+    """The constants that `identify` has moved, back at what they were before."""
+    found = map(ShapeEstimate.from_dict, estimate.details.get("shapes", ()))
+    return [replace(s, after=s.before) for s in found if s.after != s.before]
+
+
+def _own(
+    estimate: Estimate, retuned: Sequence[ShapeEstimate], declared: Sequence[ShapeEstimate] = ()
+) -> list[Effect]:
     """The model's own effects: constants that `identify` estimated are estimated again beside what is
-    new, those that are retuned are what they are told to be."""
+    new, from where they are or are ``declared``; those that are retuned are what they are told to be."""
     estimated = {(s["effect"], s["joint"] - 1, s["shape"]) for s in estimate.details.get("shapes", ())}
     estimated -= {(r.effect, r.joint, r.shape) for r in retuned}
     out = []
-    for effect in with_shapes(estimate.model.effects, retuned):
+    for effect in with_shapes(estimate.model.effects, [*declared, *retuned]):
         keys = [k for k in effect.shapes if all((effect.name, j, k) in estimated for j in effect.joints)]
         out.append(effect.opened(keys) if keys else effect)
     return out
@@ -171,6 +201,13 @@ def _given_shapes(text: str) -> list[frozenset[str]]:
     return [frozenset(item.partition("=")[0].strip() for item in word.split("@")[1:]) for word in words]
 
 
+def _all_given(effect: Effect, given: frozenset[str]) -> bool:
+    """Whether nothing is left to estimate of an effect's shape constants."""
+    clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
+    # Constants that the effect has and its class has not say what it acts on, as its joints do.
+    return given | (set(effect.shape) - set(type(effect).shapes)) >= clock.union(effect.searched)
+
+
 def _shaped_effects(
     estimate: Estimate,
     wanted: Sequence[Effect],
@@ -183,12 +220,10 @@ def _shaped_effects(
     out: list[Effect] = []
     stage: Stage | None = None
     for effect, fixed in zip(wanted, given, strict=True):
-        clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-        # Constants that the effect has and its class has not say what it acts on, as its joints do.
-        fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
-        if fixed >= clock.union(effect.searched):
+        if _all_given(effect, fixed):
             out.append(effect)
             continue
+        fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
         if stage is None:
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
