@@ -96,12 +96,15 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         return
     steps = np.diff(run.t)[:, None]
     travelled, expected = np.diff(run.q, axis=0), 0.5 * (run.dq[1:] + run.dq[:-1]) * steps
+    energies, ways, shared = (
+        np.einsum("kj,kj->j", a, b)
+        for a, b in ((expected, expected), (travelled, travelled), (travelled, expected))
+    )
     for j, joint in enumerate(robot.joints):
-        energy = float(expected[:, j] @ expected[:, j])
-        if joint.kind != "revolute" or energy == 0.0 or not np.any(travelled[:, j]):
+        energy, common, way = energies[j], shared[j], ways[j]
+        if joint.kind != "revolute" or energy == 0.0 or way == 0.0:
             continue
-        common = float(travelled[:, j] @ expected[:, j])
-        if common**2 < 0.5 * energy * float(travelled[:, j] @ travelled[:, j]):
+        if common**2 < 0.5 * energy * way:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):

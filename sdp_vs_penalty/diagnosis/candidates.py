@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.library import Group, Key, Library, spread_columns
-from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, score_library, solve_group
+from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.scoring import Scores, cross_validate, evidence, score_library, solve_group
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.signals.noise import Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
 
-#: How many candidates a step looks at closely.
-_CONTENDERS = 8
+#: How many candidates a step looks at closely, and the share of the best one's evidence that they need
+#: on a coarse grid of shapes; those that are close are looked at whatever their number.
+_CONTENDERS, _FAR, _CLOSE = 8, 0.3, 0.7
+#: ... and how many if they are close.
+MOST = 3 * _CONTENDERS
+#: Sections of the range of a shape constant, before the parabola through the best three.
+_SECTIONS = 5
 #: Folds for what depends on time: every so many blocks of time.
 _TIME_FOLDS = 5
 
@@ -47,10 +51,17 @@ class Candidates:
     def __init__(self, rows: SegmentedRuns, noise: Noise, white: Library) -> None:
         self.rows, self.noise, self.white = rows, noise, white
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
+        self._scored: tuple[WhiteFit, Array] | None = None
+        self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
         self.texts = [group.effect.text for group in white.groups]
         self.by_key: dict[Key, list[int]] = {}
         for g, group in enumerate(white.groups):
             self.by_key.setdefault(group.key, []).append(g)
+        every = frozenset(range(rows.n))
+        self.acting = {
+            key: every if white.groups[g[0]].joint is None else frozenset([white.groups[g[0]].joint])
+            for key, g in self.by_key.items()
+        }
 
     def eligible(self, picked: Sequence[Candidate], known: frozenset[Key]) -> list[Key]:
         """What may be added beside those ``picked`` and what the model has (``known``): nothing twice,
@@ -65,25 +76,40 @@ class Candidates:
         return out
 
     def contenders(
-        self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
+        self,
+        fit: WhiteFit,
+        scaled: Library,
+        picked: Sequence[Candidate],
+        known: frozenset[Key],
+        most: int = MOST,
+        on: Set[int] | None = None,
     ) -> list[Candidate]:
         """The most plausible candidates beside those ``picked`` and what the model has (``known``),
-        shapes refined, best first."""
-        plausible = self._coarse(fit, scaled)
+        shapes refined, best first. most : so many at most; on : only those on these joints or several.
+        """
+        if self._scored is None or self._scored[0] is not fit:
+            self._scored = fit, self._coarse(fit, scaled)
+        plausible = self._scored[1]
         taken = {h.effect.text for h in picked}
-        coarse: list[tuple[float, Key, list[int]]] = []
+        coarse: list[tuple[float, Key, Array]] = []
         for key in self.eligible(picked, known):
+            if on is not None and not on & self.acting[key]:
+                continue
             members = self.by_key[key]
             values = np.array([0.0 if self.texts[g] in taken else plausible[g] for g in members])
-            coarse.append((_averaged(values), key, self._best_forms(members, values)))
+            coarse.append((_averaged(values), key, values))
         coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])
-        close = [c for k, c in enumerate(coarse) if k < _CONTENDERS or c[0] > 0.7 * coarse[0][0]]
+        best = coarse[0][0] if coarse else 0.0
+        close = [c for k, c in enumerate(coarse) if c[0] > (_FAR if k < _CONTENDERS else _CLOSE) * best]
         found = [
             max(
-                (self.refined(fit, self.white.groups[g], key, v) for g in forms),
+                (
+                    self.refined(fit, self.white.groups[g], key, v)
+                    for g in self._best_forms(self.by_key[key], values)
+                ),
                 key=lambda h: h.chi2,
             )
-            for v, key, forms in close[: 3 * _CONTENDERS]
+            for v, key, values in close[:most]
         ]
         return sorted(found, key=lambda h: -h.evidence)
 
@@ -111,9 +137,22 @@ class Candidates:
                 gains = fit.joint_gains(batch.joint, chi2)
                 out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
                 continue
-            for g in batch.groups[chi2 > k]:
-                columns = scaled.columns(self.white.groups[g]).reshape(len(fit.residual), -1)
-                out[g] = self._evidence(fit, fit.partialled(columns), scores.beta[g])
+            out[batch.groups] = self._spread_evidence(fit, scaled, batch, scores)
+        return out
+
+    @staticmethod
+    def _spread_evidence(fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
+        """(G,) evidence of a batch that acts on several joints."""
+        k, out = batch.columns.shape[1], np.zeros(len(batch.groups))
+        likely = scores.chi2[batch.groups] > k
+        if not likely.any():
+            return out
+        columns = scaled.robot[:, :, batch.columns[likely].ravel()].reshape(len(fit.residual), -1, k)
+        beta = np.array([scores.beta[g] for g in batch.groups[likely]])
+        # What is left is linear in the columns: they are combined before the model is partialled out.
+        left = fit.residual[:, None] - fit.partialled(np.einsum("ngk,gk->ng", columns, beta))
+        after = fit.weighting.level[:, None] ** 2 * fit.rows.joint_sums(left**2)
+        out[likely] = [evidence(fit.likelihood_gain(a), k) for a in after.T]
         return out
 
     @staticmethod
@@ -151,18 +190,15 @@ class Candidates:
         a, b = max(a, low), min(b, high)
         best = (start.chi2, start.effect)
 
-        def loss(x: float) -> float:
+        def value_at(x: float) -> float:
             nonlocal best
             shape = {**start.effect.shape, name: float(x if linear else np.exp(x))}
             effect = type(start.effect)(start.effect.robot, start.effect.asked_joints, **shape)
             chi2 = self._chi2(fit, effect)
             best = max(best, (chi2, effect), key=lambda found: found[0])
-            return -chi2
+            return chi2
 
-        bounds = (a, b) if linear else (np.log(a), np.log(b))
-        optimize.minimize_scalar(
-            loss, bounds=bounds, method="bounded", options={"xatol": 0.01, "maxiter": 14}
-        )
+        highest(value_at, *((a, b) if linear else (np.log(a), np.log(b))))
         if best[1] is start.effect:
             return start
         return self.solve(fit, start.key, best[1], self.white_columns(best[1]))
@@ -179,7 +215,11 @@ class Candidates:
             return self.solve(fit, (effect.name, None), effect, self.white_columns(effect)).chi2
         joint, M = effect.joints[0], len(fit.rows.block)
         mine = slice(joint * M, (joint + 1) * M)
-        white = self.noise.whiten(self.rows.column(effect, joint), joint, self.pieces[joint])
+        which = effect.name, joint, tuple(effect.shape.values())
+        white = self._columns.get(which)
+        if white is None:
+            white = self.noise.whiten(self.rows.column(effect, joint), joint, self.pieces[joint])
+            self._columns[which] = white
         return _solved(fit.weighting.apply(white, joint), fit.Q[mine], fit.residual[mine], effect)[0]
 
     def white_columns(self, effect: Effect) -> Array:
@@ -212,6 +252,37 @@ class Candidates:
         by_time = candidate.effect.follows_clock
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
         return cross_validate(fit, shapes, candidate.signed, fold)
+
+
+def highest(value_at: Callable[[float], float], low: float, high: float) -> None:
+    """Look where a function of one hump is highest: by golden section (Kiefer 1953), whose points are
+    the same whenever the same range is searched, then at the vertex of the parabola through the best.
+
+    ``value_at`` remembers what it has seen.
+    """
+    ratio = 0.5 * (np.sqrt(5.0) - 1.0)
+    seen: list[tuple[float, float]] = []
+
+    def at(x: float) -> float:
+        seen.append((x, value_at(x)))
+        return seen[-1][1]
+
+    inner = [high - ratio * (high - low), low + ratio * (high - low)]
+    values = [at(x) for x in inner]
+    for _ in range(_SECTIONS):
+        if values[0] > values[1]:
+            high = inner[1]
+            inner, values = [high - ratio * (high - low), inner[0]], [0.0, values[0]]
+            values[0] = at(inner[0])
+        else:
+            low = inner[0]
+            inner, values = [inner[1], low + ratio * (high - low)], [values[1], 0.0]
+            values[1] = at(inner[1])
+    x, y = np.array(sorted(seen)).T
+    top = int(np.clip(np.argmax(y), 1, len(x) - 2))
+    bend, slope, _ = np.polyfit(x[top - 1 : top + 2] - x[top], y[top - 1 : top + 2], 2)
+    if bend < 0.0:
+        at(x[top] + float(np.clip(-0.5 * slope / bend, x[top - 1] - x[top], x[top + 1] - x[top])))
 
 
 def _solved(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[float, Array]:

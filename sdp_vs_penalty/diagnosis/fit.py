@@ -143,17 +143,26 @@ class WhiteFit:
             columns = columns - self.Q @ (self.Q.T @ columns)
         return columns
 
-    def extended(self, columns: Array) -> WhiteFit:
-        """The fit with more weighted columns (n M, k)."""
-        before = np.linalg.norm(columns, axis=0)
-        fresh = self.partialled(columns)
-        fresh = fresh[:, np.linalg.norm(fresh, axis=0) > 1e-4 * np.sqrt(ROUNDING) * before]
-        if fresh.shape[1] == 1:
-            q = fresh / np.linalg.norm(fresh)
-        else:
-            q = np.linalg.qr(fresh)[0] if fresh.shape[1] else fresh
-        Q = np.column_stack([self.Q, q])
-        residual = self.residual - q @ (q.T @ self.residual)
+    def extended(self, *groups: Array) -> WhiteFit:
+        """The fit with more weighted columns (n M, k), group after group."""
+        if not groups:
+            return self
+        fresh = np.split(
+            self.partialled(np.hstack(groups)), np.cumsum([g.shape[1] for g in groups])[:-1], axis=1
+        )
+        new = np.zeros((len(self.residual), 0))
+        for group, own in zip(groups, fresh, strict=True):
+            for _ in range(2 if new.shape[1] else 0):
+                own = own - new @ (new.T @ own)
+            seen = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(group, axis=0)
+            own = own[:, np.linalg.norm(own, axis=0) > seen]
+            if own.shape[1] == 1:
+                own = own / np.linalg.norm(own)
+            elif own.shape[1]:
+                own = np.linalg.qr(own)[0]
+            new = np.column_stack([new, own])
+        residual = self.residual - new @ (new.T @ self.residual)
+        Q = np.column_stack([self.Q, new])
         return WhiteFit(self.rows, Q, residual, self.target, self.weighting)
 
     def without_folds(self, folds: NDArray[np.intp]) -> list[WithoutFold]:

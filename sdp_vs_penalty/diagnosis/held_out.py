@@ -62,11 +62,11 @@ def held_out_errors(
         before = ladder[0] if given is stage else on_test(found.first, given, ())[0]
         return HeldOut(before, ladder, "test", _holds(picks, ladder))
     total = np.zeros((len(picks) + 1, stage.rows.n))
-    outer = stage.labels.fold % _OUTER
+    outer, keys = stage.labels.fold % _OUTER, _looked_for(picks)
     same, before = np.zeros_like(total), np.zeros(stage.rows.n)
     for f in np.unique(outer):
         train = outer != f
-        again = climbed(SearchState.start(_stage_on(stage, train)), thorough=False)
+        again = climbed(SearchState.start(_stage_on(stage, train, keys)), thorough=False)
         total += _matched(stage, picks, again.picks, train)
         same += _left_out(stage, picks, train)
         before += _left_out(given, (), train)[0]
@@ -110,10 +110,18 @@ def _falls(pick: Pick, before: Array, after: Array) -> bool:
     return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
 
 
-def _stage_on(stage: Stage, train: NDArray[np.bool_]) -> Stage:
-    """The same stage with some of the rows: all others are switched off."""
+def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:
+    """The picks' effects on their joints, and the plainer ones without which they are not looked for."""
+    effects = [(p.candidate.effect, p.candidate.key[1]) for p in picks]
+    plainer = {(name, joint) for effect, joint in effects for name in effect.refines}
+    return frozenset(plainer | {p.candidate.key for p in picks})
+
+
+def _stage_on(stage: Stage, train: NDArray[np.bool_], keys: frozenset[Key]) -> Stage:
+    """The same stage with some of the rows, all others switched off, and some of the candidates."""
     rows = _switched_off(stage, train)
-    return replace(stage, rows=rows, labels=replace(stage.labels, count=informative(rows)))
+    labels = replace(stage.labels, count=informative(rows))
+    return replace(stage, rows=rows, labels=labels, candidacy=replace(stage.candidacy, keys=keys))
 
 
 def _switched_off(stage: Stage, train: NDArray[np.bool_]) -> SegmentedRuns:

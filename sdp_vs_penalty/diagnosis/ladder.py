@@ -21,7 +21,7 @@ from scipy import stats
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, flip_threshold, wald_exponent
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.stage import MISFIT, Stage
+from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.signals.autoregression import ORDER
 from sdp_vs_penalty.signals.noise import RESIDUAL
@@ -36,23 +36,24 @@ MIN_SHARE = 0.004
 TOLD_APART = 10.0
 #: How many candidates a step tries to add, how many steps there are.
 _TRIES = 3
+#: How many are refined to see what the best of them would leave.
+_LOOKED_AT = 3
 _STEPS = 40
 #: How often the noise is estimated anew where only the residual shows it.
 _ROUNDS = 12
 
 
-def search_through(stage: Stage) -> SearchState:
-    """The end of the search.
+def search_through(start: SearchState) -> SearchState:
+    """The end of the search, from wherever it stands.
 
     Where only the residual shows the noise, it begins as what the model leaves beside the best
     explanation and is known better after each round. Its colour hides what resembles it; when
     nothing more is found with it, one more look takes the noise as white.
     """
-    start = SearchState.start(stage)
-    if stage.noise.source != RESIDUAL:
+    if start.stage.noise.source != RESIDUAL:
         return climbed(start)
-    best = [h.effect for h in _with_white_noise(start).contenders()[:1]]
-    state = climbed(start.with_noise(stage.noise_beside(best)))
+    best = [] if start.picks else [h.effect for h in _with_white_noise(start).contenders()[:1]]
+    state = climbed(start.with_noise(start.stage.noise_beside([*start.effects, *best])))
     for _ in range(_ROUNDS):
         found = len(state.picks)
         state = climbed(_with_noise_beside(state))
@@ -76,15 +77,36 @@ def _with_white_noise(state: SearchState) -> SearchState:
 
 
 def climbed(state: SearchState, thorough: bool = True) -> SearchState:
-    """Add until nothing more is justified; ``thorough`` re-examines earlier picks on the way."""
+    """Add until nothing more is justified; ``thorough`` re-examines earlier picks on the way, those on
+    the same joints, and all of them at the end."""
+    checked = -1
     for _ in range(_STEPS):
         pick = next_pick(state)
-        if pick is None:
+        if pick is not None:
+            state = state.with_picks((*state.picks, pick))
+            if thorough and len(state.picks) > 1:
+                state = reexamined(state)
+            continue
+        if not thorough or len(state.picks) < 2 or checked == len(state.picks):
             break
-        state = state.with_picks((*state.picks, pick))
-        if thorough and len(state.picks) > 1:
-            state = reexamined(state)
+        state = reexamined(state, everything=True)
+        checked = len(state.picks)
     return state
+
+
+def by_gain(state: SearchState) -> SearchState:
+    """The same picks, those that gain most first; a finer form of an effect comes after the plainer."""
+    picks = sorted(state.picks, key=lambda p: -p.gain)
+    for pick in list(picks):
+        plainer = [k for k, p in enumerate(picks) if _refines(pick.candidate, p.candidate)]
+        place = picks.index(pick)
+        if plainer and max(plainer) > place:
+            picks.insert(max(plainer), picks.pop(place))
+    return state.with_picks(picks)
+
+
+def _refines(finer: Candidate, plainer: Candidate) -> bool:
+    return plainer.key[1] == finer.key[1] and plainer.key[0] in finer.effect.refines
 
 
 def next_pick(state: SearchState) -> Pick | None:
@@ -93,10 +115,10 @@ def next_pick(state: SearchState) -> Pick | None:
     While even the best leaves error that is not noise, the choice is made with that error's own
     colour taken out: otherwise whatever is slow, like the error, would win.
     """
+    first = state.contenders(_LOOKED_AT)
+    if first and _left(state.fit, first[0]) > MISFIT:
+        state = state.coloured(first[0])
     contenders = state.contenders()
-    if contenders and _left(state.fit, contenders[0]) > MISFIT:
-        state = state.coloured(contenders[0])
-        contenders = state.contenders()
     if not contenders:
         return None
     threshold = flip_threshold(
@@ -154,7 +176,8 @@ def rivals_of(
     if _left(state.fit, chosen) > MISFIT:
         own = _block_gains(state, chosen)
         for h in others:
-            if h in close:
+            # Out of sample a candidate gains no more than in it.
+            if h in close or h.chi2 < 0.5 * own.sum():
                 continue
             gains = _block_gains(state, h)
             apart = own - gains
@@ -167,17 +190,21 @@ def rivals_of(
     return tuple(h for h in close if solve(with_chosen, h.key, h.effect, h.columns).chi2 < 0.5 * h.chi2)
 
 
-def reexamined(state: SearchState) -> SearchState:
+def reexamined(state: SearchState, everything: bool = False) -> SearchState:
     """Picks that have become useless dropped; those that something else explains better exchanged,
-    now that the newest one has taken its share of the same joints' error."""
+    now that the newest one has taken its share of the same joints' error.
+
+    everything : picks on other joints as well, which the newest one hardly concerns."""
     coloured, picks = state.coloured(), state.picks
     newest = _joints(state.fit, picks[-1].candidate)
     for k in reversed(range(len(picks))):
-        others = replace(coloured, picks=picks).without(k)
         pick, h = picks[k], picks[k].candidate
-        chosen, rivals = _judged(others, h), pick.rivals
-        if k < len(picks) - 1 and len(np.intersect1d(newest, _joints(others.fit, h))):
-            chosen, rivals = _again(others, h)
+        last, touched = k == len(picks) - 1, np.intersect1d(newest, _joints(state.base, h)).size > 0
+        if not touched and not everything:
+            continue
+        others = replace(coloured, picks=picks).without(k)
+        again = touched and not last
+        chosen, rivals = _again(others, h) if again else (_judged(others, h), pick.rivals)
         gain = float(_block_gains(others, chosen).sum())
         if gain < MIN_GAIN:
             picks = others.picks
@@ -189,7 +216,7 @@ def reexamined(state: SearchState) -> SearchState:
 
 def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candidate, ...]]:
     """The best candidate in the place of an old one, given all other picks."""
-    contenders = others.contenders()
+    contenders = others.contenders(on=frozenset(_joints(others.fit, old).tolist()))
     own = others.stage.candidates.tuned(others.fit, _judged(others, old))
     same = next((h for h in contenders if h.key == old.key), None)
     if same is not None:
@@ -227,5 +254,5 @@ def _left(fit: WhiteFit, candidate: Candidate) -> float:
 def _plain_form(chosen: Candidate, rivals: Sequence[Candidate]) -> Candidate | None:
     """The rival that the chosen one refines (a power law near 1: viscous friction), if there is one:
     where data do not tell them apart, the plain law is named."""
-    own = [h for h in rivals if h.key[1] == chosen.key[1] and h.key[0] in chosen.effect.refines]
+    own = [h for h in rivals if _refines(chosen, h)]
     return max(own, key=lambda h: h.evidence, default=None)

@@ -6,7 +6,7 @@ the same effect and joint with different constants form a candidate: what the di
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -87,21 +87,23 @@ class Library:
 
 @dataclass(frozen=True)
 class Candidacy:
-    """What a library is made of, and the library, made when it is first asked for."""
+    """What a library is made of, and the library, made when it is first asked for; keys : of the
+    candidates that are to be in it (None: all)."""
 
     rows: SegmentedRuns
     model: Model
     frozen: bool
+    keys: frozenset[Key] | None = None
 
     @cached_property
     def library(self) -> Library:
-        return build_library(self.rows, self.model, self.frozen)
+        return build_library(self.rows, self.model, self.frozen, self.keys)
 
 
 def build_library(
-    rows: SegmentedRuns, model: Model, frozen: bool, only: Sequence[str] | None = None
+    rows: SegmentedRuns, model: Model, frozen: bool, only: Set[Key] | None = None
 ) -> Library:
-    """Columns of every candidate; ``only`` restricts the effects. Effects that the model already has
+    """Columns of every candidate; ``only`` restricts them. Effects that the model already has
     on a joint are left out, unless it is held fixed and they may have changed."""
     robot, n = model.robot, rows.n
     taken = set()
@@ -114,11 +116,11 @@ def build_library(
     own: list[list[tuple[Key, Effect]]] = [[] for _ in range(n)]
     several: list[tuple[Key, Effect]] = []
     for name, kind in effect_types().items():
-        if (only is not None and name not in only) or (kind.frozen_only and not frozen):
+        if kind.frozen_only and not frozen:
             continue
         for joint in (None,) if kind.whole_robot else range(n):
             key = (name, joint)
-            if key in taken:
+            if key in taken or (only is not None and key not in only):
                 continue
             spread = several if joint is None or kind.needs_links or kind.joins else own[joint]
             spread += [(key, effect) for effect in kind.candidates(robot, joint, start)]

@@ -253,6 +253,12 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
     return replace(now, model=model, theta=now.theta + step[: len(now.theta)])
 
 
+def moved(before: Estimate, after: Estimate) -> frozenset[int]:
+    """The joints on which a shape constant of the model has changed."""
+    old, new = _values_of(before), _values_of(after)
+    return frozenset(key[1] for key, value in new.items() if abs(np.log(value / old[key])) > _MOVES)
+
+
 def _constants(estimate: Estimate) -> list[_Own]:
     model, out = estimate.model, []
     for effect, indices in zip(model.effects, model.indices, strict=True):

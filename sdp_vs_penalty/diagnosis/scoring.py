@@ -31,24 +31,41 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
     n, M = fit.rows.n, len(fit.rows.block)
     residual = fit.residual.reshape(n, M)
     Q = fit.Q.reshape(n, M, -1)
-    sums = [_sums(Q[j], library.joints[j], residual[j]) for j in range(n)]
-    sums.append(_sums(fit.Q, library.robot.reshape(n * M, -1), fit.residual))
+    joints = [_Scored(Q[j], library.joints[j], residual[j]) for j in range(n)]
+    joints.append(_Scored(fit.Q, library.robot.reshape(n * M, -1), fit.residual))
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
     for batch in library.batches:
-        gram, raw, right = sums[n if batch.joint is None else batch.joint]
+        scored = joints[n if batch.joint is None else batch.joint]
         c = batch.columns
-        found = solve_groups(gram[c[:, :, None], c[:, None, :]], raw[c], right[c], batch.signed)
+        found = solve_groups(scored.grams(c), scored.raw[c], scored.right[c], batch.signed)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
         for g, b in zip(batch.groups, found[1], strict=True):
             beta[g] = b
     return Scores(chi2, tuple(beta), absorbed)
 
 
-def _sums(Q: Array, Z: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """Partialled gram, raw energies and scores of columns Z."""
-    C = Q.T @ Z
-    return Z.T @ Z - C.T @ C, np.sum(Z**2, axis=0), Z.T @ residual
+class _Scored:
+    """Columns Z (N, C) beside a basis Q (N, r): raw energies (C,) and scores z'r (C,)."""
+
+    def __init__(self, Q: Array, Z: Array, residual: Array) -> None:
+        self.Z, self.overlap = Z, Q.T @ Z
+        self.raw, self.right = np.einsum("nc,nc->c", Z, Z), residual @ Z
+
+    def grams(self, columns: NDArray[np.intp]) -> Array:
+        """(G, k, k) partialled grams of groups of columns (G, k): nothing but what groups need."""
+        k = columns.shape[1]
+        if k == 1:
+            c = columns[:, 0]
+            return (self.raw[c] - np.einsum("rc,rc->c", self.overlap[:, c], self.overlap[:, c]))[
+                :, None, None
+            ]
+        z, o = (
+            x[:, columns.ravel()].reshape(-1, len(columns), k).transpose(1, 2, 0)
+            for x in (self.Z, self.overlap)
+        )
+        z, o = np.ascontiguousarray(z), np.ascontiguousarray(o)
+        return np.asarray(z @ z.transpose(0, 2, 1) - o @ o.transpose(0, 2, 1))
 
 
 def solve_group(gram: Array, raw: Array, right: Array, signed: bool) -> tuple[float, Array, float]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sdp_vs_penalty.diagnosis.ladder import search_through
-from sdp_vs_penalty.diagnosis.own_shapes import adopted, beside_the_best, profiled, widened
+from sdp_vs_penalty.diagnosis.ladder import by_gain, search_through
+from sdp_vs_penalty.diagnosis.own_shapes import adopted, beside_the_best, moved, profiled, widened
 from sdp_vs_penalty.diagnosis.rows import with_estimate
-from sdp_vs_penalty.diagnosis.stage import prepare, quiet
+from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
@@ -40,22 +40,24 @@ def search(
     """The search, beside the model's own shape constants as these rows show them: they are adopted
     before the first name is given, and again beside the picks. whole : the runs that show the noise, if
     not these."""
+
+    def staged(model: Estimate) -> Stage:
+        return prepare(with_estimate(rows, model), model, frozen, seed, progress, whole)
+
     now, shapes = estimate, list[ShapeEstimate]()
-    stage = prepare(rows, estimate, frozen, seed, progress, whole)
-    state = SearchState.start(stage)
+    state = SearchState.start(prepare(rows, estimate, frozen, seed, progress, whole))
     if not frozen:
         for _ in range(_ADOPTIONS):
             shapes = profiled(estimate, now, state)
             other = adopted(now, state, shapes)
             if other is None:
                 break
-            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
-            state = SearchState.start(stage)
+            now, state = other, SearchState.start(staged(other))
         other = adopted(now, state, beside_the_best(estimate, now, state))
         if other is not None:
-            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
+            now, state = other, SearchState.start(staged(other))
     progress("searching for what is missing")
-    state = search_through(stage)
+    state = search_through(state)
     for _ in range(0 if frozen else _ADOPTIONS):
         if not state.picks:
             break
@@ -63,14 +65,13 @@ def search(
         other = adopted(now, state, shapes)
         if other is None:
             break
-        now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
-        state = search_through(stage)
+        # What was found on joints whose constants were wrong may be their work.
+        now, state = other, search_through(state.on(staged(other), moved(now, other)))
     wide = [] if frozen else widened(estimate, now, state)
     if wide:
         kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]
         other = adopted(now, state, [*kept, *wide])
         if other is not None:
-            now, stage = other, prepare(with_estimate(rows, other), other, frozen, seed, progress, whole)
-            state = search_through(stage)
+            now, state = other, search_through(state.on(staged(other), moved(now, other)))
             shapes = profiled(estimate, now, state)
-    return Found(estimate, now, tuple(shapes), state)
+    return Found(estimate, now, tuple(shapes), by_gain(state))

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 MISFIT = 1.3
 _BLOCKS = 60
 _PHASE_FOLDS = 5
+#: How many fits a stage keeps.
+_FITS = 6
 
 
 def quiet(_: str) -> None:
@@ -68,8 +70,17 @@ class Stage:
         return Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(map(tuple, inner)))
 
     def fit(self, weighting: Weighting) -> WhiteFit:
-        """The model alone, fitted to its weighted white residual."""
-        return WhiteFit.of(self.labels, *self._white_model, weighting)
+        """The model alone, fitted to its weighted white residual; the last few are kept."""
+        key = weighting.level.tobytes() + weighting.colour.tobytes()
+        if key not in self._fits:
+            while len(self._fits) >= _FITS:
+                del self._fits[next(iter(self._fits))]
+            self._fits[key] = WhiteFit.of(self.labels, *self._white_model, weighting)
+        return self._fits[key]
+
+    @cached_property
+    def _fits(self) -> dict[bytes, WhiteFit]:
+        return {}
 
     @cached_property
     def white_rows(self) -> tuple[Array, Array]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.candidates import Candidate
+from sdp_vs_penalty.diagnosis.candidates import MOST, Candidate
 from sdp_vs_penalty.diagnosis.fit import Weighting, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Key, Library
 from sdp_vs_penalty.diagnosis.stage import MISFIT, Stage
@@ -18,6 +18,9 @@ from sdp_vs_penalty.signals.autoregression import ORDER, autoregression
 from sdp_vs_penalty.signals.noise import Noise
 
 Array = NDArray[np.float64]
+
+#: By this share levels may still change when they are settled.
+_SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -87,11 +90,12 @@ class SearchState:
         weighting = replace(weighting, level=np.ones(n), colour=colour)
         return _settled(self.stage, self.picks, weighting, weighting.noise_variance)
 
-    def contenders(self) -> list[Candidate]:
-        """The most plausible candidates beside the picks, best first."""
+    def contenders(self, most: int = MOST, on: Set[int] | None = None) -> list[Candidate]:
+        """The most plausible candidates beside the picks, best first: ``most`` of them, those that act
+        ``on`` any of these joints (None: all)."""
         picked = [p.candidate for p in self.picks]
         stage = self.stage
-        return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known)
+        return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known, most, on)
 
     @property
     def eligible(self) -> frozenset[Key]:
@@ -100,19 +104,23 @@ class SearchState:
         return frozenset(self.stage.candidates.eligible(picked, self.stage.known))
 
     def with_noise(self, noise: Noise) -> SearchState:
-        """The same picks with another idea of the noise, their columns whitened anew."""
-        stage = replace(self.stage, noise=noise)
+        """The same picks with another idea of the noise."""
+        return self.on(replace(self.stage, noise=noise))
+
+    def on(self, stage: Stage, but: Set[int] = frozenset()) -> SearchState:
+        """The same picks on another stage, ``but`` those that act on any of these joints, their columns
+        worked out anew."""
         picks = []
         for pick in self.picks:
+            if but and but & stage.candidates.acting[pick.candidate.key]:
+                continue
             columns = stage.candidates.white_columns(pick.candidate.effect)
             picks.append(replace(pick, candidate=replace(pick.candidate, columns=columns)))
         return SearchState.start(stage).with_picks(picks)
 
 
 def _extended(fit: WhiteFit, picks: Sequence[Pick]) -> WhiteFit:
-    for pick in picks:
-        fit = fit.extended(fit.scaled(pick.candidate.columns))
-    return fit
+    return fit.extended(*(fit.scaled(pick.candidate.columns) for pick in picks))
 
 
 def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least: Array) -> SearchState:
@@ -121,5 +129,7 @@ def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least:
     for _ in range(2):
         fit = _extended(stage.fit(weighting), picks)
         level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, least))
+        if np.allclose(level, weighting.level, rtol=_SETTLED, atol=0.0):
+            break
         weighting = replace(weighting, level=level)
     return SearchState(stage, picks, stage.fit(weighting))

@@ -31,33 +31,30 @@ _UNSEEN = 1e-12
 _HALF = 0.5
 
 
-def base_record(problem: Problem, task: Task, theta: Array, rest: str) -> list[dict[str, Any]]:
-    """What model.json says of the base parameters: name, value, nominal value, and who determines it."""
-    rows, names, _ = base_rows(problem, task.model)
-    kinds = [DATA if own else rest for own in determined(task, rows)]
-    values = zip(names, rows @ theta, rows @ task.nominal, kinds, strict=True)
-    return [
-        {"name": name, "value": float(value), "nominal": float(nominal), "source": kind}
-        for name, value, nominal, kind in values
-    ]
-
-
 def record(problem: Problem, task: Task, theta: Array, rest: str) -> dict[str, Any]:
-    """For the details of an estimate: the parameters that the data leave open, all base parameters.
+    """For the details of an estimate: the parameters that the data leave open, and all base parameters
+    with name, value, nominal value and who determines them.
 
-    rest : what decides those (:attr:`Estimator.rest`).
+    rest : what decides where the data do not (:attr:`Estimator.rest`).
     """
-    own = determined(task, np.eye(len(theta)))
-    names = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
+    rows, names, _ = base_rows(problem, task.model)
+    own, base_own = np.split(
+        data_share(task, np.vstack([np.eye(len(theta)), rows])) > _HALF, [len(theta)]
+    )
+    values = zip(names, rows @ theta, rows @ task.nominal, base_own, strict=True)
+    open_ones = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
     return {
-        "undetermined": dict.fromkeys(names, rest),
-        "base_parameters": base_record(problem, task, theta, rest),
+        "undetermined": dict.fromkeys(open_ones, rest),
+        "base_parameters": [
+            {
+                "name": name,
+                "value": float(value),
+                "nominal": float(nominal),
+                "source": DATA if seen else rest,
+            }
+            for name, value, nominal, seen in values
+        ],
     }
-
-
-def determined(task: Task, rows: Array) -> NDArray[np.bool_]:
-    """(b,) whether the data say more than the prior of each linear function, rows (b, p), of theta."""
-    return np.asarray(data_share(task, rows) > _HALF)
 
 
 def data_share(task: Task, rows: Array) -> Array:

@@ -71,7 +71,7 @@ def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
 def joint_scale(regression: Regression, model: Model) -> np.ndarray:
     """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links and idle ones."""
     scale = np.full(regression.p, np.inf)
-    for factor in regression.per_joint():
+    for factor in regression.per_joint:
         norms = np.linalg.norm(factor.triangle[:, :-1], axis=0)
         torque = float(np.linalg.norm(factor.triangle[:, -1]))
         seen = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
@@ -88,7 +88,7 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
     are not weighted by rounding.
     """
     rows = np.maximum(regression.joint_rows(), 1)
-    torque = np.array([float(np.sum(f.triangle[:, -1] ** 2)) for f in regression.per_joint()])
+    torque = np.array([float(np.sum(f.triangle[:, -1] ** 2)) for f in regression.per_joint])
     variance = np.maximum(regression.joint_losses(theta), 1e-12 * torque) / rows
     if not np.any(variance > 0.0):
         return np.ones(len(rows))

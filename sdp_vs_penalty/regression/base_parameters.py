@@ -12,6 +12,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.regression import triangular
 from sdp_vs_penalty.robot.inertia import parameter_names
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -75,6 +76,7 @@ def _base_of(
 ) -> tuple[Array, tuple[int, ...]]:
     """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted QR chooses of
     them, at unit norm times ``preference`` (k,)."""
+    stacked = triangular([stacked])  # the same columns' lengths and angles, in as many rows as columns
     norms = np.linalg.norm(stacked, axis=0)
     unseen = norms <= 1e-10 * norms.max()
     scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms)) * preference

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -173,7 +174,8 @@ class Regression:
         factors = tuple(replace(f, block=f.block + len(self.blocks)) for f in other.factors)
         return replace(self, blocks=self.blocks + blocks, factors=self.factors + factors)
 
-    def per_joint(self) -> list[Factor]:
+    @cached_property
+    def per_joint(self) -> tuple[Factor, ...]:
         """All blocks of each joint merged into one factor."""
         merged = []
         for joint in range(self.joints):
@@ -183,13 +185,13 @@ class Regression:
                 continue
             triangle = triangular([f.triangle for f in parts])
             merged.append(Factor(joint, 0, parts[0].indices, triangle, sum(f.rows for f in parts)))
-        return merged
+        return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
         """The stack over joints, joint j's rows multiplied by weights[j] (default: all 1)."""
         scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
         stack, rows = [], 0
-        for factor in self.per_joint():
+        for factor in self.per_joint:
             wide = np.zeros((len(factor.triangle), self.p + 1))
             wide[:, factor.indices] = factor.triangle[:, :-1]
             wide[:, -1] = factor.triangle[:, -1]

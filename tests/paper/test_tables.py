@@ -355,7 +355,7 @@ def test_a_second_of_motion_needs_a_prior_on_friction(panda: Problem) -> None:
     rigid = data.model.rigid_indices
     assert np.all(np.isinf(task.joint_scale[rigid]))
     names = [p.name for p in data.model.parameters]
-    offset, torque = names.index("f_o1"), blocks.select([4]).per_joint()[0].triangle[:, -1]
+    offset, torque = names.index("f_o1"), blocks.select([4]).per_joint[0].triangle[:, -1]
     root_mean_square = np.linalg.norm(torque) / np.sqrt(blocks.select([4]).joint_rows()[0])
     assert task.joint_scale[offset] == pytest.approx(root_mean_square, rel=1e-6)
     pulled = LmiSdpEntropic().fit(task).theta

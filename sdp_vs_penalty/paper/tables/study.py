@@ -288,7 +288,7 @@ class Study:
 def refit_others(rows: Regression, theta: Array, model: Model) -> Array:
     """theta with all but the links' parameters fitted to rows by least squares, joint by joint."""
     out = theta.copy()
-    for factor in rows.per_joint():
+    for factor in rows.per_joint:
         y, tau = factor.triangle[:, :-1], factor.triangle[:, -1]
         free = ~np.isin(factor.indices, model.rigid_indices)
         if free.any():
