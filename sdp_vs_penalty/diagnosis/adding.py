@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.diagnosis.added_shapes import (
+    all_given,
+    confirmed,
+    moved_beside,
+    refitted,
+    shaped_effects,
+)
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.retunes import Retune
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, prepare
-from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -38,9 +42,6 @@ from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
-
-#: Turns in which the constants of new effects and of the model's own are brought to agree.
-_AGREED = 3
 
 
 def add(
@@ -99,26 +100,27 @@ def add(
             gain_uncertainty=gain_errors,
         )
 
-    beside, own = estimate, _own(estimate, retuned)
-    known = frozen or all(map(_all_given, added, given))
-    if not known and (declared := _declared(estimate)):
-        # The model's own constants may have taken what is the new effects' torque.
-        beside = identified(with_shapes(estimate.model.effects, declared))
-        own = _own(estimate, retuned, declared)
-    for _ in range(1 if known else _AGREED):
+    def extended(base: Estimate, own: Sequence[Effect]) -> Estimate:
         progress("estimating shape constants")
-        new = _shaped_effects(beside, added, given, measurements, frozen, seed)
-        Model(
-            estimate.robot, (*estimate.model.effects, *new)
-        )  # refuses constants that are there already
+        new = shaped_effects(base, added, given, measurements, frozen, seed)
+        # Refuses constants that are there already.
+        Model(estimate.robot, (*estimate.model.effects, *new))
         if frozen:
             return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
-        found = identified([*own, *new])
-        shapes = [ShapeEstimate.from_dict(s) for s in found.details.get("shapes", ())]
-        effects_now = with_shapes(beside.model.effects, shapes)
-        if known or [e.text for e in effects_now] == [e.text for e in beside.model.effects]:
-            break
-        beside = identified(effects_now)
+        return identified([*own, *new])
+
+    if frozen or all(map(all_given, added, given)):
+        return extended(estimate, _own(estimate, retuned))
+    base, declared = estimate, _declared(estimate)
+    if declared:
+        # The model's own constants may have taken what is the new effects' torque.
+        base = refitted(estimate, declared, measurements)
+    found = extended(base, _own(estimate, retuned, declared))
+    moved = moved_beside(base, _own(estimate, retuned, declared), added, measurements, seed)
+    if moved:
+        base = refitted(base, moved, measurements)
+        other = extended(base, _own(estimate, retuned, [*declared, *moved]))
+        found = other if confirmed(other, found, measurements) else found
     return found
 
 
@@ -199,51 +201,6 @@ def _given_shapes(text: str) -> list[frozenset[str]]:
     """Per effect of the text the shape constants that it names."""
     words = [word for word in text.split(",") if word.strip()]
     return [frozenset(item.partition("=")[0].strip() for item in word.split("@")[1:]) for word in words]
-
-
-def _all_given(effect: Effect, given: frozenset[str]) -> bool:
-    """Whether nothing is left to estimate of an effect's shape constants."""
-    clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-    # Constants that the effect has and its class has not say what it acts on, as its joints do.
-    return given | (set(effect.shape) - set(type(effect).shapes)) >= clock.union(effect.searched)
-
-
-def _shaped_effects(
-    estimate: Estimate,
-    wanted: Sequence[Effect],
-    given: Sequence[frozenset[str]],
-    measurements: Measurements,
-    frozen: bool,
-    seed: int,
-) -> list[Effect]:
-    """The effects with all constants that were not given estimated, one effect a joint where so."""
-    out: list[Effect] = []
-    stage: Stage | None = None
-    for effect, fixed in zip(wanted, given, strict=True):
-        if _all_given(effect, fixed):
-            out.append(effect)
-            continue
-        fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
-        if stage is None:
-            settings = estimate.preprocessing.resolve(measurements)
-            rows = diagnosis_rows(measurements, estimate, settings)
-            stage = prepare(rows, estimate, frozen, seed)
-        joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
-        out += [_shaped(stage, effect, joint, fixed) for joint in joints]
-    return out
-
-
-def _shaped(stage: Stage, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
-    """One joint's effect with the shape that explains most of the residual; given ones stay."""
-    fit, judge = SearchState.start(stage).fit, stage.candidates
-    start = min(float(s.motion.t[0]) for s in stage.rows.segments)
-    given = {key: effect.shape[key] for key in fixed}
-    trials = [
-        judge.judged(fit, (effect.name, joint), one, judge.white_columns(one))
-        for one in effect.candidates(effect.robot, joint, start, **given)
-    ]
-    best = max(trials, key=lambda h: h.chi2)
-    return judge.tuned(fit, best, fixed).effect
 
 
 def _add_frozen(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.estimation.determined import determined
+from sdp_vs_penalty.estimation.determined import data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
@@ -85,13 +85,13 @@ def sources(study: Study, data: Data) -> dict[str, str]:
     """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the parameters."""
     task = study.task(data)
     theta = study.result(DEFAULT_METHOD, data).theta
-    names, gradients = [], []
+    names, gradients = list[str](), list[Array]()
     for link, indices in enumerate(task.links, start=1):
         wide = np.zeros((10, len(theta)))
         wide[:, indices] = _gradient(theta[indices])
         names += barycentric_names(link)
         gradients.append(wide)
-    own = determined(task, np.vstack(gradients))
+    own = data_share(task, np.vstack(gradients)) > 0.5
     return {name: "data" if seen else "prior" for name, seen in zip(names, own, strict=True)}
 
 
