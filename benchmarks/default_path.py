@@ -20,8 +20,9 @@ import numpy as np
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import bootstrap
+
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimators.lmi_sdp import essential, solve_sdp
 from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.files import write_text

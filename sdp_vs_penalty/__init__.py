@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.problem.load import load_problem as load_problem
     from sdp_vs_penalty.problem.problem import Problem as Problem
     from sdp_vs_penalty.report import report as report
+    from sdp_vs_penalty.simulation.follow import follow as follow
     from sdp_vs_penalty.simulation.hide import simulate as simulate
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
@@ -44,6 +45,7 @@ _HOME = {
     "excite": "estimation.excitation",
     "export": "export",
     "fetch": "data.datasets",
+    "follow": "simulation.follow",
     "identify": "estimation.identify",
     "InputError": "errors",
     "load_estimate": "estimation.estimate",

@@ -21,7 +21,7 @@ def find(run: Measurements) -> Iterator[Issue]:
     gaps = _missing(run)
     if gaps is not None:
         yield gaps
-        run = _rows(run, _finite(run))
+        run = run.rows(_finite(run))
     if len(run.t) < 3:
         return
     for step in (_time_unit, _backwards, _repeats, stamps.bursts, _clock_step, _gap, stamps.jitter):
@@ -33,16 +33,10 @@ def find(run: Measurements) -> Iterator[Issue]:
 
 
 def _finite(run: Measurements) -> NDArray[np.bool_]:
-    parts = [("t", run.t[:, None]), ("q", run.q), ("tau", run.tau)]
-    parts += [] if run.dq is None else [("dq", run.dq)]
+    parts = {"t": run.t[:, None], **run.groups}.items()
     # What is not a number compares false.
     with np.errstate(invalid="ignore"):
         return np.all([np.all(np.abs(x) <= LARGEST_VALUE[name], axis=1) for name, x in parts], axis=0)
-
-
-def _rows(run: Measurements, keep: NDArray[np.bool_]) -> Measurements:
-    dq = None if run.dq is None else run.dq[keep]
-    return replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=dq)
 
 
 def _row(index: int) -> int:
@@ -62,7 +56,7 @@ def _missing(run: Measurements) -> Issue | None:
         "robot measures.",
         "certain: read from the file",
         "delete those rows",
-        lambda r: _rows(r, _finite(r)),
+        lambda r: r.rows(_finite(r)),
         {"rows": [_row(k) for k in bad[:100]]},
     )
 
@@ -188,7 +182,7 @@ def _backwards(run: Measurements) -> Issue | None:
 def _only_forward(run: Measurements) -> Measurements:
     latest = np.maximum.accumulate(run.t)
     keep = np.concatenate([[True], run.t[1:] > latest[:-1]])
-    return _rows(run, keep)
+    return run.rows(keep)
 
 
 def _run_on(run: Measurements) -> Measurements:
@@ -211,7 +205,7 @@ def _repeats(run: Measurements) -> Issue | None:
         f"{show.count(len(bad), 'row')} with a repeated time; the values {kind}.",
         "certain: read from the file",
         "keep the first of each",
-        lambda r: _rows(r, np.concatenate([[True], np.diff(r.t) != 0.0])),
+        lambda r: r.rows(np.concatenate([[True], np.diff(r.t) != 0.0])),
         {"rows": [_row(k + 1) for k in bad[:100]]},
     )
 

@@ -116,8 +116,7 @@ def shifted(run: Measurements, seconds: float) -> Measurements:
     t = run.t
     keep = (t + seconds >= t[0]) & (t + seconds <= t[-1])
     tau = np.column_stack([np.interp(t[keep] + seconds, t, x) for x in run.tau.T])
-    dq = None if run.dq is None else run.dq[keep]
-    return replace(run, t=t[keep], q=run.q[keep], tau=tau, dq=dq)
+    return replace(run.rows(keep), tau=tau)
 
 
 def knock(physics: Physics) -> Iterator[Issue]:
@@ -142,8 +141,7 @@ def knock(physics: Physics) -> Iterator[Issue]:
 
         def without(run: Measurements, begin: float = begin) -> Measurements:
             keep = (run.t < begin) | (run.t > begin + _WIDTH)
-            dq = None if run.dq is None else run.dq[keep]
-            return replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=dq)
+            return run.rows(keep)
 
         yield Issue(
             "one-off event",

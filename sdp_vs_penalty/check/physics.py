@@ -224,11 +224,6 @@ class Physics:
         """E of the data as they are."""
         return max(float(self.form.sum()), 1e-12)
 
-    def unexplained_of(self, joints: NDArray[np.bool_]) -> float:
-        """The same of some joints only."""
-        chosen = joints.astype(float)
-        return max(float(chosen @ self.form @ chosen) * self.n / max(float(chosen.sum()), 1.0), 1e-12)
-
     @cached_property
     def dissipation(self) -> tuple[Array, Array]:
         """Mean power [W] that each joint's friction takes out of the motion, and its standard deviation.

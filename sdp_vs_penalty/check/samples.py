@@ -37,11 +37,6 @@ def find(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
                 run = issue.repair(run)
 
 
-def kept(run: Measurements, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Measurements:
-    dq = None if run.dq is None else run.dq[keep]
-    return replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=dq)
-
-
 def _wrapped(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
     """A revolute position that jumps by a turn from one row to the next."""
     joints = []
@@ -90,7 +85,7 @@ def _repeated_run(run: Measurements, robot: Robot, standstill: float) -> Iterato
         return  # one pose held, by a simulator without noise
 
     def repair(r: Measurements) -> Measurements:
-        return kept(r, ~again)
+        return r.rows(~again)
 
     rows = np.flatnonzero(again)
     yield Issue(
@@ -129,7 +124,7 @@ def _doubled(run: Measurements, robot: Robot, standstill: float) -> Iterator[Iss
 
     def repair(r: Measurements) -> Measurements:
         steps = np.where(same[1:], 0.0, np.diff(r.t))
-        return kept(replace(r, t=r.t[0] + np.concatenate([[0.0], np.cumsum(steps)])), ~same)
+        return replace(r, t=r.t[0] + np.concatenate([[0.0], np.cumsum(steps)])).rows(~same)
 
     count = int(same.sum())
     yield Issue(
@@ -165,7 +160,7 @@ def _interpolated(run: Measurements, robot: Robot, standstill: float) -> Iterato
         f"rows {a + 2} to {b + 1}" + (f" and {len(parts) - 1} more parts" if len(parts) > 1 else ""),
         f"{count} rows lie on straight lines in every channel: a gap was filled by interpolation.",
         "certain: read from the file", "delete these rows; the run is split there",
-        lambda r: kept(r, ~gone), {"rows": count},
+        lambda r: r.rows(~gone), {"rows": count},
     )  # fmt: skip
 
 
@@ -287,7 +282,7 @@ def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue
             def repair(r: Measurements, a: int = int(a), b: int = int(b)) -> Measurements:
                 keep = np.ones(len(r.t), bool)
                 keep[a : b + 1] = False
-                return kept(r, keep)
+                return r.rows(keep)
 
             yield Issue(
                 f"frozen {word}", "error", f"{name}{j + 1}, rows {a + 2} to {b + 2}",

@@ -37,9 +37,8 @@ def time_reversed(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis | N
         return None
 
     def repair(run: Measurements) -> Measurements:
-        dq = None if run.dq is None else -run.dq[::-1]
-        t = run.t[0] + (run.t[-1] - run.t[::-1])
-        return replace(run, t=t, q=run.q[::-1].copy(), tau=run.tau[::-1].copy(), dq=dq)
+        back = run.rows(np.arange(len(run.t))[::-1])
+        return replace(back, t=run.t[0] + run.t[-1] - back.t, dq=None if back.dq is None else -back.dq)
 
     return propose(
         lambda p: p.reversed(),

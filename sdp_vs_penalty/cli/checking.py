@@ -29,9 +29,9 @@ def refuse_meaningless(
         run, f = errors[0]
         more = f"; {show.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
         raise InputError(
-            f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `sdp-vs-penalty check`)",
+            f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `check`)",
             f"fix the data (`check --fix`), or pass --no-check to {verb} anyway",
             run,
         )
     for run, f in found:
-        console.warn(f"{f.severity}: {run}: {f.what} (details: `sdp-vs-penalty check`)")
+        console.warn(f"{f.severity}: {run}: {f.what} (details: `check`)")

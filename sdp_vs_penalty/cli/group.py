@@ -19,7 +19,7 @@ VERBS = {
         "convert": "Convert MATLAB, Parquet, ROS bags and MCAP files to RUN.csv.",
         "check": "Check runs: units, signs, order, gravity, clock, excitation.",
         "excite": "Design an exciting trajectory within the robot's limits.",
-        "simulate": "Simulate runs with a hidden effect.",
+        "simulate": "Simulate runs with a hidden effect, or run a model forward.",
     },
     "Models": {
         "identify": "Identify dynamic parameters from runs, with a certificate.",

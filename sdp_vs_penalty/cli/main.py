@@ -13,7 +13,6 @@ import typer
 from sdp_vs_penalty.cli.arguments import expand_many
 from sdp_vs_penalty.cli.errors import explain
 from sdp_vs_penalty.cli.group import VerbGroup
-from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.version import __version__
 
@@ -38,7 +37,7 @@ def _root(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
-    debug: Debug = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Traceback of an error, of any verb.")] = False,
 ) -> None:
     """Identify a robot's dynamics: the LMI-SDP and penalty-based retrieval, each with a certificate."""
     if context.invoked_subcommand is None:
@@ -47,7 +46,8 @@ def _root(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: exit code 0, 2 for what the user can mend, 130 after Ctrl-C."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    asked = list(sys.argv[1:] if arguments is None else arguments)
+    given = [word for word in asked if word != "--debug"]
     # Matrices here have a hundred columns: threads of the linear algebra cost more than they bring,
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout = None  # type: ignore[assignment]
         code = 1
     except (Exception, KeyboardInterrupt) as error:
-        if "--debug" in given:
+        if len(given) < len(asked):
             traceback.print_exc()
         message, code = explain(error)
         print(f"sdp-vs-penalty: {message}", file=sys.stderr)

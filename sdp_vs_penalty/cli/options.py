@@ -41,6 +41,14 @@ Frozen = Annotated[
 Gravity = Annotated[
     str | None, typer.Option(metavar="x,y,z", help="Gravity in the base frame, in m/s^2.")
 ]
+Method = Annotated[str, typer.Option(help="Method, of `sdp-vs-penalty list methods`.")]
+Effects = Annotated[
+    str | None,
+    typer.Option(
+        metavar="a,b,c", help="Effects, of `sdp-vs-penalty list effects`; default: the problem's."
+    ),
+]
+NoCheck = Annotated[bool, typer.Option("--no-check", help="No data check before the work.")]
 Seed = Annotated[int, typer.Option(min=0, help="Random seed.")]
 GainUncertainty = Annotated[
     float | None,
@@ -53,7 +61,6 @@ GainUncertainty = Annotated[
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables.")]
-Debug = Annotated[bool, typer.Option("--debug", help="Traceback of an error.")]
 
 
 def json_option(what: str) -> object:

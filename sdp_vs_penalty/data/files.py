@@ -115,9 +115,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     """
     if len(m.t) < 2:
         raise InputError(f"the run has {show.count(len(m.t), 'sample')}", "record longer", path)
-    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
-        if values is None:
-            continue
+    for name, values in {"t": m.t[:, None], **m.groups}.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             row, joint = bad[0]
@@ -139,9 +137,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
             "delete them, or cut the file there",
             path,
         )
-    for name, values in (("t", m.t[:, None]), ("q", m.q), ("dq", m.dq), ("tau", m.tau)):
-        if values is None:
-            continue
+    for name, values in {"t": m.t[:, None], **m.groups}.items():
         if values.size and np.abs(values).max() > LARGEST_VALUE[name]:
             row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
             column = name if name == "t" else f"{name}{joint + 1}"

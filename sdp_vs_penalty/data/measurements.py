@@ -22,7 +22,8 @@ class Measurements(Shown):
     """One or more runs of one robot.
 
     t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
-    run : (N,) index of the run that a sample belongs to; names : one name a run. whole : the runs that
+    run : (N,) index of the run that a sample belongs to; names : one name a run; temperature : (N, n)
+    of each joint's gear or motor [degrees Celsius], or None. whole : the runs that
     these are windows of, all that was recorded, where :meth:`window` made them: what repeats, and with
     it the noise, shows there. ``dataclasses.replace`` drops it: changed samples are no window.
     Velocity and acceleration for identification are not these dq: see preprocessing.
@@ -34,6 +35,7 @@ class Measurements(Shown):
     dq: Array | None = None
     run: NDArray[np.int64] | None = None
     names: tuple[str, ...] = ("run",)
+    temperature: Array | None = None
     whole: Measurements | None = field(default=None, init=False, compare=False)
 
     @property
@@ -53,8 +55,14 @@ class Measurements(Shown):
         return title, [
             ("runs", ", ".join(self.names)),
             ("length", ", ".join(f"{x:.4g}" for x in lengths) + f" s{rate}, {self.samples} samples"),
-            ("columns", "t, q, tau" if self.dq is None else "t, q, dq, tau"),
+            ("columns", ", ".join(["t", *self.groups])),
         ]
+
+    @property
+    def groups(self) -> dict[str, Array]:
+        """The blocks (N, n) that are there, by the names of their columns in a file."""
+        blocks = {"q": self.q, "dq": self.dq, "tau": self.tau, "temp": self.temperature}
+        return {name: block for name, block in blocks.items() if block is not None}
 
     def runs(self) -> list[Measurements]:
         """The single runs, in order."""
@@ -63,12 +71,12 @@ class Measurements(Shown):
         if np.all(np.diff(self.run) >= 0):  # one after the other: views, no copies
             edges = np.searchsorted(self.run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
-            return [self._rows(s, (name,)) for s, name in zip(slices, self.names, strict=True)]
-        return [self._rows(self.run == k, (name,)) for k, name in enumerate(self.names)]
+            return [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
+        return [self.rows(self.run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""
-        parts = [r._rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop), r.names) for r in self.runs()]
+        parts = [r.rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop)) for r in self.runs()]
         return concatenate(parts).window_of(self)
 
     def window_of(self, runs: Measurements) -> Measurements:
@@ -77,9 +85,13 @@ class Measurements(Shown):
         object.__setattr__(out, "whole", runs.whole or runs)
         return out
 
-    def _rows(self, keep: NDArray[np.bool_] | slice, names: tuple[str, ...]) -> Measurements:
-        dq = None if self.dq is None else self.dq[keep]
-        return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names)
+    def rows(
+        self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice, name: str | None = None
+    ) -> Measurements:
+        """Some of the samples, as one run; name : of the run, the first one's by default."""
+        dq, warm = (None if x is None else x[keep] for x in (self.dq, self.temperature))
+        names = (name or self.names[0],)
+        return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names, warm)
 
     @property
     def data_hash(self) -> str:
@@ -93,8 +105,8 @@ class Measurements(Shown):
 
 
 #: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
-#: [encoder counts], tau [mN m].
-LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12}
+#: [encoder counts], tau [mN m], temp [degrees].
+LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12, "temp": 1e4}
 
 
 def concatenate(parts: Sequence[Measurements]) -> Measurements:
@@ -106,16 +118,16 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
             + ", ".join(f"{r.names[0]} has {r.n}" for r in runs),
             "name runs of one robot",
         )
-    dq = None
-    if all(r.dq is not None for r in runs):
-        dq = np.concatenate([r.dq for r in runs if r.dq is not None])
+    everywhere = [g for g in ("dq", "temp") if all(g in r.groups for r in runs)]
+    more = {g: np.concatenate([r.groups[g] for r in runs]) for g in everywhere}
     together = Measurements(
         np.concatenate([r.t for r in runs]),
         np.concatenate([r.q for r in runs]),
         np.concatenate([r.tau for r in runs]),
-        dq,
+        more.get("dq"),
         np.repeat(np.arange(len(runs)), [len(r.t) for r in runs]),
         tuple(r.names[0] for r in runs),
+        more.get("temp"),
     )
     if all(part.whole is None for part in parts):
         return together

@@ -113,6 +113,7 @@ def build_library(
                 joints: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
                 taken |= {(effect.name, j) for j in joints}
     start = min(float(s.motion.t[0]) for s in rows.segments)
+    warm = all(s.motion.temperature is not None for s in rows.segments)
     own: list[list[tuple[Key, Effect]]] = [[] for _ in range(n)]
     several: list[tuple[Key, Effect]] = []
     for name, kind in effect_types().items():
@@ -123,7 +124,11 @@ def build_library(
             if key in taken or (only is not None and key not in only):
                 continue
             spread = several if joint is None or kind.needs_links or kind.joins else own[joint]
-            spread += [(key, effect) for effect in kind.candidates(robot, joint, start)]
+            spread += [
+                (key, effect)
+                for effect in kind.candidates(robot, joint, start)
+                if warm or not effect.needs_temperature
+            ]
     groups: list[Group] = []
     matrices = []
     for j in range(n):

@@ -23,6 +23,7 @@ class Backlash(LinkDeviation):
     symbol = "b"
     units = ("rad", "m")
     lower = 0.0
+    forward = "left out"  # a link that moves by itself within the play
 
     def torques(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives

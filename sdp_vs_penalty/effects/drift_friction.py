@@ -17,7 +17,8 @@ class DriftFriction(Drift):
     )
     explanation = (
         "Friction falls (or rises) with the time since the start: grease warms up and thins. Coulomb "
-        "(form 1, 2) or viscous (form 3, 4) friction follows the clock, linearly or settling with T."
+        "(form 1, 2) or viscous (form 3, 4) friction follows the clock, linearly or settling with T. "
+        "Settling is warming_friction without a thermometer."
     )
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
     symbol = "f_df"

@@ -15,7 +15,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,11 +90,27 @@ class Motion:
     sign_width: float | tuple[float, ...] = 0.01
     #: The samples of the log that each of these instants stands for, if not itself.
     within: Sampling | None = None
+    #: (N, n) of each joint's gear or motor [degrees Celsius], where the log holds them.
+    temperature: Array | None = None
+
+    @cached_property
+    def joint_temperature(self) -> Array:
+        """``temperature``; InputError where the measurements hold none."""
+        if self.temperature is None:
+            raise InputError(
+                "these measurements hold no temperatures", "add columns temp1..tempn to the log"
+            )
+        return self.temperature
 
     def sign(self, joint: int, width: float | None = None) -> Array:
         """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
         width = self.width(joint) if width is None else width
         return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
+
+    def sign_along(self, ratios: Array) -> Array:
+        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width."""
+        width = max(self.width(int(j)) for j in np.flatnonzero(ratios))
+        return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
 
     def width(self, joint: int) -> float:
         """The velocity over which a joint's sign is smoothed [rad/s, m/s]."""
@@ -176,11 +192,17 @@ class Effect(ABC):
     #: True where a column depends on earlier motion: it is then computed over whole runs.
     has_memory: bool = False
     #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
-    follows_clock: ClassVar[bool] = False
+    follows_clock: bool = False
     #: True where the columns need Motion.torque.
     needs_torque: ClassVar[bool] = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
+    #: True where the columns need Motion.temperature.
+    needs_temperature: bool = False
+
+    #: What the effect is when the model runs forward: a torque, a property of the measuring channel (see
+    #: :meth:`undone`), or nothing that a state of positions and velocities can tell.
+    forward: ClassVar[Literal["torque", "channel", "left out"]] = "torque"
 
     #: True where one parameter acts on the whole robot: there is nothing to choose joints from.
     whole_robot: ClassVar[bool] = False
@@ -267,6 +289,15 @@ class Effect(ABC):
     def nominal(self) -> Array:
         """(k,) plausible parameters, strictly inside the constraints that are no mere bounds."""
         return np.zeros(len(self.parameters))
+
+    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+        """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) : its own."""
+        return torque
+
+    @property
+    def contact(self) -> Array | None:
+        """(n,) the combination of joints along which it is dry friction; None: along its own joints."""
+        return None
 
     # What a search asks.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.hidden import Hidden, World
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -20,6 +20,7 @@ class GlobalDelay(Effect):
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     needs_torque = True
+    forward = "channel"
     has_memory = True
     whole_robot = True
 
@@ -33,6 +34,9 @@ class GlobalDelay(Effect):
 
     def blocks(self, motion: Motion) -> list[Block]:
         return [Block(j, np.array([0]), -motion.torque_rate[:, [j]]) for j in range(self.robot.n)]
+
+    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+        return np.column_stack([np.interp(t + theta[0], t, channel) for channel in torque.T])
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:

@@ -58,6 +58,10 @@ class World:
     def torque(self, motion: Motion) -> Array:
         return self.rigid(motion) + self.friction(motion)
 
+    def temperature(self, t: Array) -> Array:
+        """(N, n) of the gears [degrees Celsius], which warm up within minutes, each to its own end."""
+        return 20.0 + np.outer(-np.expm1(-t / 120.0), 15.0 + 2.0 * np.arange(self.robot.n))
+
 
 #: (world, motion, size) -> (N, n) torque to add, or what the encoder shows beyond the truth.
 Change = Callable[[World, Motion, float], Array]
@@ -70,7 +74,8 @@ class Hidden:
     torque : the torque that it adds; encoder : what it does to the measured positions; late : seconds
     by which torque channels lag per unit of size (n,). ``size`` multiplies all of them; unit : what a
     size of 1 is in the library's unit of this effect; theta : the effect's parameters at a size of 1,
-    with their signs (None for what is no effect of the library); deviation : by how much a link stands
+    with their signs (None for what is no effect of the library); warm : whether the runs log the
+    gears' temperatures; deviation : by how much a link stands
     beside where the encoder says at a size of 1 [rad, m], where ``torque`` and not ``encoder`` says it.
     """
 
@@ -84,6 +89,7 @@ class Hidden:
     unit: float = 1.0
     theta: tuple[float, ...] | None = None
     deviation: float = 0.0
+    warm: bool = False
 
     @property
     def amplitude(self) -> float:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import Array, Block, Motion
 from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
-from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle, dahl
+from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle
 
 
-class LoadDependentHysteresis(JointEffect):
+class LoadDependentHysteresis(PreslidingHysteresis):
     name = "load_dependent_hysteresis"
     equation = "f_lh |tau_hat| z, dz/dq = (1 - z sign(dq)) / d"
     explanation = (
@@ -21,15 +21,11 @@ class LoadDependentHysteresis(JointEffect):
     reference = "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
     symbol = "f_lh"
     units = ("-", "-")
-    lower = 0.0
-    refines = ("coulomb_friction",)
-    has_memory = True
     needs_torque = True
-    shapes = PreslidingHysteresis.shapes
 
-    def column(self, motion: Motion, joint: int) -> Array:
-        start = float(motion.sign(joint)[0])
-        return np.abs(motion.model_torque[:, joint]) * dahl(motion.q[:, joint], self.shape["d"], start)
+    def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        load = np.abs(motion.model_torque)
+        return [Block(j, np.array([k]), load[:, [j]] * z[:, [k]]) for k, j in enumerate(self.joints)]
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:

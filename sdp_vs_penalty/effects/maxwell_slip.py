@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.bristles import Bristles, Remembering, stop
+from sdp_vs_penalty.effects.effect import Array, Block, Motion, Parameter
 from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, on_joint
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
@@ -14,7 +13,7 @@ from sdp_vs_penalty.effects.shape import POSITION, Shape
 _ELEMENTS, _SPACING = 3, 4.0
 
 
-class MaxwellSlip(Effect):
+class MaxwellSlip(Remembering):
     name = "maxwell_slip"
     equation = "sum_i f_m,i z_i, dz_i/dq = 1 / d_i while |z_i| < 1, d_i = d, 4 d, 16 d"
     explanation = (
@@ -25,7 +24,6 @@ class MaxwellSlip(Effect):
     reference = "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip), sec. III"
     symbol = "f_m"
     refines = ("presliding_hysteresis", "coulomb_friction")
-    has_memory = True
     shapes = {
         "d": Shape(0.002, POSITION, grid=(0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.0002, 0.05))
     }
@@ -38,29 +36,15 @@ class MaxwellSlip(Effect):
             for i in range(_ELEMENTS)
         )
 
-    def blocks(self, motion: Motion) -> list[Block]:
+    @property
+    def bristles(self) -> Bristles:
+        directions = np.repeat(np.eye(self.robot.n)[list(self.joints)], _ELEMENTS, axis=0)
         distances = self.shape["d"] * _SPACING ** np.arange(_ELEMENTS)
-        out = []
-        for k, j in enumerate(self.joints):
-            q, start = motion.q[:, j], float(motion.sign(j)[0])
-            columns = np.column_stack([stop(q, d, start) for d in distances])
-            out.append(Block(j, _ELEMENTS * k + np.arange(_ELEMENTS), columns))
-        return out
+        return Bristles(directions, np.tile(distances, len(self.joints)), stop)
 
-
-def stop(q: Array, d: float, start: float = 0.0) -> Array:
-    """Spring and slider in series, z (N,) in [-1, 1] along positions q (N,), z[0] = start.
-
-    Exact for motion that is monotone between samples: from one reversal to the next the state is the
-    straight line of its spring, cut off at +-1. One step of the loop a reversal, not a sample.
-    """
-    z = np.full(len(q), start)
-    direction = np.sign(np.diff(q))
-    moving = np.flatnonzero(direction)
-    turns = moving[np.flatnonzero(np.diff(direction[moving])) + 1]
-    for first, last in pairwise([0, *turns.tolist(), len(q) - 1]):
-        z[first : last + 1] = np.clip(z[first] + (q[first : last + 1] - q[first]) / d, -1.0, 1.0)
-    return z
+    def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        own = [_ELEMENTS * k + np.arange(_ELEMENTS) for k in range(len(self.joints))]
+        return [Block(j, k, z[:, k]) for j, k in zip(self.joints, own, strict=True)]
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:

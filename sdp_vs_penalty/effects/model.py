@@ -85,14 +85,6 @@ class Model:
         return next((k for effect, k in own if effect.name == "rigid_body"), np.arange(0))
 
     @cached_property
-    def joint_indices(self) -> tuple[NDArray[np.intp], ...]:
-        """For each joint the indices into theta that its torque can depend on."""
-        zero = np.zeros((1, self.robot.n))
-        current = CurrentModel(self.robot, np.zeros((self.robot.links, 10)))
-        motion = Motion(np.zeros(1), zero, zero, zero, zero, current)
-        return tuple(c.indices for c in self.columns(motion))
-
-    @cached_property
     def sign_width(self) -> tuple[float, ...]:
         """(n) the velocities over which this model smooths the signs of dry friction [rad/s, m/s]."""
         widths = {j: e.shape["v_s"] for e in self.effects if "v_s" in e.shape for j in e.joints}

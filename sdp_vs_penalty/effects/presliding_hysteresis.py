@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
+from sdp_vs_penalty.effects.effect import Array, Block, Motion, OneAJoint
 from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
-class PreslidingHysteresis(JointEffect):
+class PreslidingHysteresis(Remembering, OneAJoint):
     name = "presliding_hysteresis"
     equation = "f_h (z - sign(dq)), dz/dq = (1 - z sign(dq)) / d"
     explanation = (
@@ -22,7 +23,6 @@ class PreslidingHysteresis(JointEffect):
     units = ("N*m", "N")
     lower = 0.0
     refines = ("coulomb_friction",)
-    has_memory = True
     shapes = {
         "d": Shape(
             0.003,
@@ -32,33 +32,16 @@ class PreslidingHysteresis(JointEffect):
         )
     }
 
-    def column(self, motion: Motion, joint: int) -> Array:
-        sign = motion.sign(joint)
-        return dahl(motion.q[:, joint], self.shape["d"], float(sign[0])) - sign
+    @property
+    def bristles(self) -> Bristles:
+        joints = list(self.joints)
+        return Bristles(np.eye(self.robot.n)[joints], np.full(len(joints), self.shape["d"]), dahl)
 
-
-def dahl(q: Array, d: float, start: float = 0.0) -> Array:
-    """Dahl's friction state z (N,) in [-1, 1] along positions q (N,), z[0] = start.
-
-    Exact for motion that is monotone between samples: while q runs in direction s,
-    z = s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop a reversal, not a sample.
-    """
-    z = np.empty(len(q))
-    z[0] = start
-    step = np.diff(q)
-    moving = np.flatnonzero(step)
-    if not len(moving):
-        z[:] = start
-        return z
-    # The direction of each step; a step of zero goes with the one before it.
-    last = np.maximum.accumulate(np.where(step != 0.0, np.arange(len(step)), moving[0]))
-    direction = np.sign(step[last])
-    turns = np.flatnonzero(np.diff(direction)) + 1
-    for first, stop in zip([0, *turns], [*turns, len(step)], strict=True):
-        s = direction[first]
-        travel = np.abs(q[first + 1 : stop + 1] - q[first])
-        z[first + 1 : stop + 1] = s + (z[first] - s) * np.exp(-travel / d)
-    return z
+    def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        return [
+            Block(j, np.array([k]), (z[:, k] - motion.sign(j))[:, None])
+            for k, j in enumerate(self.joints)
+        ]
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:

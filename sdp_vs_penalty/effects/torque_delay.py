@@ -19,10 +19,17 @@ class TorqueDelay(JointEffect):
     symbol = "T_d"
     units = ("s", "s")
     needs_torque = True
+    forward = "channel"
     has_memory = True  # the time derivative looks at neighbouring samples
 
     def column(self, motion: Motion, joint: int) -> Array:
         return -motion.torque_rate[:, joint]
+
+    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+        out = torque.copy()
+        for late, j in zip(theta, self.joints, strict=True):
+            out[:, j] = np.interp(t + late, t, torque[:, j])
+        return out
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:

@@ -19,9 +19,15 @@ class TorqueGain(JointEffect):
     symbol = "g"
     units = ("-", "-")
     needs_torque = True
+    forward = "channel"
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.model_torque[:, joint]
+
+    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+        out = torque.copy()
+        out[:, list(self.joints)] /= 1.0 + theta
+        return out
 
 
 def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:

@@ -7,9 +7,10 @@ from itertools import product
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter, smooth_sign
+from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform
-from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle, dahl
+from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.effects.stribeck_friction import StribeckFriction
 from sdp_vs_penalty.errors import InputError
@@ -24,7 +25,7 @@ _TRIPLES = tuple((a, b) for size in (1.0, 0.5) for a, b in product((size, -size)
 _TRAVELS, _VELOCITIES = (0.002, 0.01), (0.06, 0.25)
 
 
-class TransmissionFriction(Effect):
+class TransmissionFriction(Remembering):
     name = "transmission_friction"
     equation = (
         "c^T f(s), s = c q, f = f_t times ds | sign(ds) | z | sign(ds) exp(-(ds / vs)^2) | dds, for "
@@ -40,7 +41,6 @@ class TransmissionFriction(Effect):
     symbol = "f_t"
     several = True
     joins = True
-    has_memory = True  # the hysteresis
     shapes = {
         "law": Shape(2.0, choices=tuple(range(1, 1 + len(LAWS))), words=LAWS),
         "d": PreslidingHysteresis.shapes["d"],
@@ -74,6 +74,10 @@ class TransmissionFriction(Effect):
         return out
 
     @property
+    def contact(self) -> Array | None:
+        return self.ratios if self.law in ("coulomb", "stribeck") else None
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         first = self.joints[0]
         position, torque = self.robot.position_units[first], self.robot.torque_units[first]
@@ -100,21 +104,25 @@ class TransmissionFriction(Effect):
         own, first = units[int(key[1:]) - 1], units[self.joints[0]]
         return "-" if own == first else f"{first}/{own}"
 
-    def blocks(self, motion: Motion) -> list[Block]:
-        force = self._force(motion)
+    @property
+    def bristles(self) -> Bristles:
+        rows = self.ratios[None] if self.law == "hysteresis" else np.zeros((0, self.robot.n))
+        return Bristles(rows, np.full(len(rows), self.shape.get("d", 1.0)), dahl)
+
+    def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        force = self._force(motion, z)
         return [Block(j, np.array([0]), (self.ratios[j] * force)[:, None]) for j in self.joints]
 
-    def _force(self, motion: Motion) -> Array:
+    def _force(self, motion: Motion, z: Array) -> Array:
         """f(s) (N,) over its parameter."""
+        if self.law == "hysteresis":
+            return z[:, 0]
+        if self.law == "inertia":
+            return np.asarray(motion.ddq @ self.ratios)
         ds = motion.dq @ self.ratios
         if self.law == "viscous":
             return np.asarray(ds)
-        if self.law == "inertia":
-            return np.asarray(motion.ddq @ self.ratios)
-        width = max(motion.width(j) for j in self.joints)
-        sign = smooth_sign(ds, width, motion.ddq @ self.ratios, motion.within)
-        if self.law == "hysteresis":
-            return dahl(motion.q @ self.ratios, self.shape["d"], float(sign[0]))
+        sign = motion.sign_along(self.ratios)
         if self.law == "stribeck":
             return np.asarray(sign * np.exp(-((ds / self.shape["vs"]) ** 2)))
         return sign

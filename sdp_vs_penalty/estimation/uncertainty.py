@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.intervals import (
@@ -109,18 +108,6 @@ class Uncertainty:
             torque[:, j] = block.columns @ theta[block.indices]
             std[:, j] = np.linalg.norm(block.columns @ self.factor[block.indices], axis=1)
         return torque, std
-
-    def torque_band(
-        self, model: Model, theta: Array, motion: Motion, *, measured: bool = False
-    ) -> tuple[Array, Array]:
-        """Lower and upper 95 % torque (N, n) around the model's prediction.
-
-        Of the torque that the model should predict; with ``measured``, of a measured one in the same
-        band of frequencies, which has the noise of :attr:`noise` as well.
-        """
-        torque, std = self.band(theta, model.columns(motion))
-        half = NORMAL_95 * (np.hypot(std, self.noise) if measured else std)
-        return torque - half, torque + half
 
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds beside the parameters' own intervals."""

@@ -7,7 +7,7 @@ are an argument, because they are what is being identified.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -254,10 +254,27 @@ class Robot:
 
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:
         """Joint-space inertia matrices M(q), shape (N, n, n)."""
+        q = np.atleast_2d(np.asarray(q, float))
+        return self.mass_and_bias(theta)(q, np.zeros_like(q))[0]
+
+    def mass_and_bias(self, theta: ArrayLike) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """The function from q, dq (N, n) to M(q) (N, n, n) and C(q, dq) dq + g(q) (N, n) of these links.
+
+        By the composite rigid body and recursive Newton-Euler algorithms (Featherstone 2008, ch. 5-6).
+        """
         model = self._with_inertias(theta)
         data = model.createData()
-        out = np.stack([pin.crba(model, data, row) for row in self.tree_state(q)[0]])
-        return self._reduced(np.triu(out) + np.swapaxes(np.triu(out, 1), 1, 2))
+
+        def terms(q: Array, dq: Array) -> tuple[Array, Array]:
+            q, dq = self.tree_state(q, dq)
+            mass, bias = np.empty((len(q), model.nv, model.nv)), np.empty((len(q), model.nv))
+            for k in range(len(q)):
+                mass[k] = pin.crba(model, data, q[k])
+                bias[k] = pin.nonLinearEffects(model, data, q[k], dq[k])
+            full = np.triu(mass) + np.swapaxes(np.triu(mass, 1), 1, 2)
+            return self._reduced(full), self._projected(bias)
+
+        return terms
 
     def random_configurations(self, count: int, seed: int) -> Array:
         """(count, n) positions, uniform inside the joint range (or +-pi rad, +-1 m where open)."""
@@ -265,14 +282,6 @@ class Robot:
         low = [j.lower if np.isfinite(j.lower) else -s for j, s in zip(self.joints, span, strict=True)]
         high = [j.upper if np.isfinite(j.upper) else s for j, s in zip(self.joints, span, strict=True)]
         return np.random.default_rng(seed).uniform(low, high, (count, self.n))
-
-    def joint_origins(self) -> Array:
-        """(links, 3) origin of each link frame in the base frame, every joint of the tree at 0."""
-        poses: list[Array] = []
-        for joint in self.tree:
-            parent = np.eye(4) if joint.parent < 0 else poses[joint.parent]
-            poses.append(parent @ joint.placement)
-        return np.array([(poses[k] @ self.tree[k].link_frame)[:3, 3] for k in self.link_joints])
 
     def link_reach(self) -> Array:
         """(links,) distance [m] from each link frame's origin to the farthest joint that the link bears.

@@ -65,11 +65,6 @@ class Noise:
     profile: Array
     repeats: tuple[Repeat, ...] = ()
 
-    @property
-    def measured_floor(self) -> Array | None:
-        """The floor where repetition shows it; None where it is a guess."""
-        return self.floor if self.source == REPETITION else None
-
     def whiten(self, values: Array, joint: int, pieces: Sequence[NDArray[np.intp]]) -> Array:
         """(M, k) columns or (M,) a series, filtered to white noise of unit variance.
 

@@ -133,7 +133,10 @@ class RunFilter:
         around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
         q, dq, ddq = (x[:: self.stride] for x in self.state.states(around))
         clock = part.clock(np.arange(first, last + 1, self.stride))
-        return Motion(clock, q, dq, ddq, within=Sampling(self.stride, self.dt))
+        warm = part.temperature
+        if warm is not None:  # slow: it needs no filter
+            warm = np.column_stack([np.interp(clock, part.t, x) for x in warm.T])
+        return Motion(clock, q, dq, ddq, within=Sampling(self.stride, self.dt), temperature=warm)
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""

@@ -89,6 +89,7 @@ class Stretch:
     q: Array
     tau: Array
     dt: float
+    temperature: Array | None = None
 
     @property
     def count(self) -> int:
@@ -113,7 +114,8 @@ def stretches(run: Measurements) -> Iterator[Stretch]:
     breaks = np.flatnonzero(np.diff(run.t) > max(20.0 * dt, 0.05)) + 1
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
         if stop - start >= 2:
-            yield Stretch(run.t[start:stop], run.q[start:stop], run.tau[start:stop], dt)
+            part = run.rows(slice(start, stop))
+            yield Stretch(part.t, part.q, part.tau, dt, part.temperature)
 
 
 def highest_harmonic(run: Measurements) -> float:

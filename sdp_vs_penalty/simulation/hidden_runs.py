@@ -183,7 +183,8 @@ def hidden_torque(
     local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / rate)
     if hidden.encoder is None:
         torque, plain = true_torque(world, [hidden], trajectory, local, start)
-        return _motion(trajectory, local, start), torque - plain
+        motion = _motion(trajectory, local, start)
+        return replace(motion, temperature=world.temperature(motion.t)), torque - plain
     motion = _motion(trajectory, local, start)
     error = encoder_error(world, [hidden], motion)
     speed = np.gradient(error, local, axis=0)
@@ -245,5 +246,8 @@ def _measure(
     found = [(q, noisy)]
     for where, load in ((position, torque), (motion.q, plain)):
         found.append((CubicSpline(local, where)(log), interp1d(local, load, axis=0)(log)))
-    logged, ideal, without = (Measurements(clock, x, tau, names=(name,)) for x, tau in found)
+    warm = world.temperature(clock) if any(h.warm for h in hidden) else None
+    logged, ideal, without = (
+        Measurements(clock, x, tau, names=(name,), temperature=warm) for x, tau in found
+    )
     return logged, ideal, without

@@ -6,11 +6,8 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-
-Array = NDArray[np.float64]
 
 NAME = "clarabel"
 EXTRA = None  # part of the core installation
@@ -80,36 +77,3 @@ def _solution(result: Any, setup: float, seconds: float) -> Solution:
     claims = _CLAIMS.get(status, "failed")
     x, z = np.array(result.x), np.array(result.z)
     return Solution(x, z, claims, status, int(result.iterations), setup, seconds)
-
-
-class Updated:
-    """One problem solved again and again with new values in A and b at the same places.
-
-    Clarabel keeps its ordering and symbolic factorisation between solves (its data update), which
-    needs presolve off and every place of A that will ever be non-zero to be stored from the start.
-    """
-
-    def __init__(self, problem: ConicProblem, accuracy: float) -> None:
-        import clarabel
-
-        settings = _settings(accuracy)
-        settings.presolve_enable = False
-        settings.chordal_decomposition_enable = False
-        settings.input_sparse_dropzeros = False
-        self._values = problem.A.data.copy()
-        self._b = problem.b.copy()
-        start = time.perf_counter()
-        self._solver = clarabel.DefaultSolver(
-            problem.P, problem.q, problem.A, problem.b, _cones(problem), settings
-        )
-        self._setup = time.perf_counter() - start
-
-    def solve(self, where: NDArray[np.intp], values: Array, b: Array) -> Solution:
-        """Solve with A.data[where] = values and the first rows of b replaced."""
-        start = time.perf_counter()
-        self._values[where] = values
-        self._b[: len(b)] = b
-        self._solver.update(A=self._values, b=self._b)
-        ready = time.perf_counter()
-        result = self._solver.solve()
-        return _solution(result, ready - start, time.perf_counter() - ready)

@@ -83,7 +83,7 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
     "time is missing": (csv_with(setting(1, "s,q1,q2,dq1,dq2,tau1,tau2")), ["column t is missing"]),
     "a torque is missing": (csv_with(setting(1, "t,q1,q2,dq1,dq2,tau1,x")), ["column tau2 is missing"]),
     "a velocity is missing": (csv_with(setting(1, "t,q1,q2,dq1,x,tau1,tau2")), ["dq2 is missing"]),
-    "a column is misnamed": (csv_with(setting(1, HEADER + ",temp1")), ["'temp1' is unknown"]),
+    "a column is misnamed": (csv_with(setting(1, HEADER + ",heat1")), ["'heat1' is unknown"]),
     "a column comes twice": (csv_with(setting(1, "t,q1,q1,dq1,dq2,tau1,tau2")), ["q1 comes twice"]),
     "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "by semicolons", "commas"]),
     "a word": (csv_with(setting(4, "0.02,x,0,0,0,1,2")), ["row 4, column 2 holds 'x'", "correct it"]),

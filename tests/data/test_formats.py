@@ -51,6 +51,12 @@ def test_written_and_read_to_the_last_bit(suffix: str, n: int, velocity: bool, t
     path = tmp_path / f"run{suffix}"
     save(run, path)
     same(run, load_measurements(path, joints=n))
+    warm = replace(run, temperature=np.round(30.0 + run.tau, 1))
+    save(warm, path)
+    again = load_measurements(path, joints=n)
+    same(run, again)
+    np.testing.assert_array_equal(again.temperature, warm.temperature)
+    np.testing.assert_array_equal(again.window(0.0, 0.02).temperature, warm.window(0, 0.02).temperature)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

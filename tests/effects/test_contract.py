@@ -39,7 +39,8 @@ def to_and_fro(robot: Robot) -> Motion:
     motion = sines(np.random.default_rng(0), robot.n, np.arange(0.0, 10.0, 0.01))
     links = np.array([link_parameters(np.random.default_rng(k), 0.4) for k in range(robot.n)])
     torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq)
-    return replace(motion, torque=torque, current=CurrentModel(robot, links))
+    warm = np.full_like(motion.q, 30.0)
+    return replace(motion, torque=torque, current=CurrentModel(robot, links), temperature=warm)
 
 
 @EVERY_EFFECT
@@ -128,7 +129,8 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name: str) -> 
     def rows(index: np.ndarray) -> Motion:
         assert motion.torque is not None
         parts = (motion.t, motion.q, motion.dq, motion.ddq, motion.torque)
-        return Motion(*(x[index] for x in parts), motion.current)
+        warm = motion.joint_temperature[index]
+        return Motion(*(x[index] for x in parts), motion.current, temperature=warm)
 
     shuffled = np.random.default_rng(1).permutation(len(motion.t))
     half = np.arange(len(motion.t) // 2)
@@ -153,10 +155,11 @@ def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
     another_torque = replace(motion, torque=2.0 * motion.torque + 1.0)
     another_arm = replace(motion, current=CurrentModel(robot, 1.5 * motion.model_links**2))
     later = replace(motion, t=motion.t + 7.0)
+    warmer = replace(motion, temperature=motion.joint_temperature + 5.0)
     for effect in variants(name, robot):
         columns = wide_columns(effect, motion)
-        if effect.needs_torque or effect.needs_links:
-            with pytest.raises(ValueError, match=r"needs Motion\.(torque|current)"):
+        if effect.needs_torque or effect.needs_links or effect.needs_temperature:
+            with pytest.raises(ValueError, match=r"needs Motion\.(torque|current)|no temperatures"):
                 effect.blocks(bare)
         else:
             effect.blocks(bare)
@@ -164,6 +167,7 @@ def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
             (another_torque, effect.needs_torque),
             (another_arm, effect.needs_links),
             (later, effect.follows_clock),
+            (warmer, effect.needs_temperature),
         ):
             changed = not np.allclose(wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12)
             assert changed == declared
@@ -223,7 +227,8 @@ def test_friction_that_is_declared_to_dissipate_does(name: str) -> None:
     q, dq, ddq, torque = rng.normal(size=(4, 200, robot.n))
     dq[:50] *= 1e-3  # through zero as well
     links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
-    motion = Motion(np.arange(-100.0, 100.0), q, dq, ddq, torque, CurrentModel(robot, links))
+    current, warm = CurrentModel(robot, links), 20.0 + 30.0 * q
+    motion = Motion(np.arange(-100.0, 100.0), q, dq, ddq, torque, current, temperature=warm)
     powers = [
         np.einsum("jnp,nj->np", wide_columns(effect, motion), dq) for effect in variants(name, robot)
     ]

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from random_robots import uicker_torques
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.drift_offset import DriftOffset
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.presliding_hysteresis import bristle, dahl
+from sdp_vs_penalty.effects.presliding_hysteresis import bristle
 from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -56,9 +57,6 @@ def test_a_model_concatenates_its_effects() -> None:
     expected[:, 1] += theta[0] * motion.dq[:, 1]
     expected[:, [0, 2]] += theta[-2:]
     np.testing.assert_allclose(model.torque(theta, motion), expected, atol=1e-9)
-    for joint, indices in enumerate(model.joint_indices):
-        columns = next(c for k, c in enumerate(model.columns(motion)) if k == joint)
-        np.testing.assert_array_equal(columns.indices, indices)
 
 
 def harmonic(robot: Robot, t: Array) -> tuple[Array, Array, Array]:
@@ -185,8 +183,8 @@ def test_without_links_what_depends_on_them_makes_no_torque() -> None:
     motion = steady_motion(robot)
     effects = parse_effects("viscous_friction,joint_zero_error,torque_gain:1", robot)
     model = Model(robot, effects, reference=np.full(7, 0.4))
-    assert [c.tolist() for c in model.joint_indices] == [[0, 3, 4, 5, 6], [1, 3, 4, 5], [2, 3, 4, 5]]
     columns = model.columns(Motion(motion.t, motion.q, motion.dq, motion.ddq))
+    assert [c.indices.tolist() for c in columns] == [[0, 3, 4, 5, 6], [1, 3, 4, 5], [2, 3, 4, 5]]
     for joint in range(robot.n):
         np.testing.assert_array_equal(columns[joint].columns[:, 1:4], 0.0)
     np.testing.assert_allclose(columns[0].columns[:, 4], 0.4 * motion.dq[:, 0])

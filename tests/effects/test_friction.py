@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 
 ARM = robots()["arm"]
@@ -87,3 +90,16 @@ def test_friction_that_varies_with_position_is_nowhere_negative(waves: int) -> N
             verdicts.append((all(c.margin(theta) >= 0.0 for c in demands), lowest > 0.0))
     assert all(kept == positive for kept, positive in verdicts)
     assert {kept for kept, _ in verdicts} == {True, False}
+
+
+def test_warming_by_the_clock_is_settling_drift_and_by_temperature_needs_one() -> None:
+    motion = steady_motion(ARM)
+    for law, form in (("coulomb", 2), ("viscous", 4)):
+        by_clock = columns(f"warming_friction:2@law={law}@by=clock@T=40@t0=3", motion)
+        drift = columns(f"drift_friction:2@form={form}@T=40@t0=3", motion)
+        np.testing.assert_array_equal(by_clock, drift)
+    hot = replace(motion, temperature=motion.joint_temperature + 20.0 * np.log(2.0))
+    text = "warming_friction:2@by=temperature@warm=20"
+    np.testing.assert_allclose(columns(text, hot), 0.5 * columns(text, motion))
+    with pytest.raises(InputError, match=r"hold no temperatures: add columns temp1\.\.tempn"):
+        columns(text, replace(motion, temperature=None))

@@ -20,6 +20,7 @@ from sdp_vs_penalty.estimation.intervals import (
     counts,
     coverage,
 )
+from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.uncertainty import base_rows, of_regression
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -144,16 +145,14 @@ def test_the_band_holds_torques_of_another_motion(two_link: Problem) -> None:
     other = random_trajectory(two_link.robot, seed=11, duration=20.0)
     t = np.linspace(1.0, 19.0, 400)
     motion = Motion(t, *other.states(t))
-    low, high = known.torque_band(model, value, motion)
+    centre, std = known.band(value, model.columns(motion))
+    low, high = centre - NORMAL_95 * std, centre + NORMAL_95 * std
     true = model.torque(theta, motion)
     inside = float(np.mean((low <= true) & (true <= high)))
     assert inside > 0.75
-    centre = model.torque(value, motion)
-    assert np.all((low <= centre) & (centre <= high))
-    wide_low, wide_high = known.torque_band(model, value, motion, measured=True)
-    assert np.all(wide_high - wide_low > 0.9 * (high - low))
+    np.testing.assert_allclose(centre, model.torque(value, motion))
     noisy = true + np.random.default_rng(0).normal(size=true.shape) * known.noise
-    assert np.mean((wide_low <= noisy) & (noisy <= wide_high)) > 0.8
+    assert np.mean(np.abs(noisy - centre) <= NORMAL_95 * np.hypot(std, known.noise)) > 0.8
 
 
 def test_an_estimate_keeps_its_intervals(two_link: Problem, tmp_path: Path) -> None:

@@ -54,7 +54,8 @@ def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     dq, ddq = v + a * np.cos(wave), -3.0 * a * np.sin(wave)
     links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
     torque = robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * np.sign(dq)
-    return Motion(t, q, dq, ddq, torque, CurrentModel(robot, links))
+    warm = 20.0 + 300.0 * np.outer(t, 1.0 + np.arange(robot.n))
+    return Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm)
 
 
 def wide_columns(effect: Effect, motion: Motion) -> Array:
@@ -81,7 +82,7 @@ def unit_scale(unit: str, base: dict[str, float], constants: dict[str, float]) -
     if unit == "-":
         return 1.0
     newton = base["kg"] * base["m"] / base["s"] ** 2
-    known = {**base, "N": newton, "rad": 1.0, "turn": 1.0, **constants}
+    known = {**base, "N": newton, "rad": 1.0, "turn": 1.0, "K": 1.0, **constants}
 
     def value(node: ast.AST) -> float:
         match node:
@@ -161,4 +162,5 @@ def _rewritten(
         motion.model_torque * torque,
         CurrentModel(robot, motion.model_links * kg * np.array([1, m, m, m, *[m * m] * 6])),
         sign_width=motion.sign_width * position[0] / s,
+        temperature=motion.temperature,
     )

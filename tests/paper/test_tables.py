@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpEntropic
 from sdp_vs_penalty.estimators.ols import Ols, condition_number, standard_deviations
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables, written_tables
+from sdp_vs_penalty.paper.tables import DEFAULT_TABLES, build_tables, emps, make_tables
 from sdp_vs_penalty.paper.tables import study as study_module
 from sdp_vs_penalty.paper.tables.data import training_windows
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
@@ -235,7 +235,7 @@ def test_latex_compiles(tables: dict[tuple[str, str], Table], tmp_path: Path) ->
 
 def test_files_of_the_names_asked_for_are_written(tmp_path: Path, without_data: None) -> None:
     out = tmp_path / "new"
-    paths = make_tables(["viii"], problem="two_link", out=out)
+    ((_, paths),) = make_tables(["viii"], problem="two_link", out=out)
     assert [p.name for p in paths] == ["table_VIII.csv", "table_VIII.md", "table_VIII.tex"]
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
 
@@ -420,14 +420,14 @@ def test_measured_tables_are_not_replaced_by_others(tmp_path: Path, without_data
     """Without the real run, tables go beside what is measured, and say what they are."""
     held = "estimate,joint_1,data\nols_measured,0.5,measured\n"
     (tmp_path / "table_VI.csv").write_text(held)
-    made = written_tables(["VI"], "two_link", out=tmp_path)
+    made = make_tables(["VI"], "two_link", out=tmp_path)
     assert (tmp_path / "table_VI.csv").read_text() == held
     ((table, paths),) = made
     assert {path.parent for path in paths} == {tmp_path / "simulated"}
     assert not table.measured
     assert len(table.lines()) == 3
     (tmp_path / "table_VI.csv").write_text("i,a\n1,0.1\n")
-    ((_, paths),) = written_tables(["VI"], "two_link", out=tmp_path)
+    ((_, paths),) = make_tables(["VI"], "two_link", out=tmp_path)
     assert {path.parent for path in paths} == {tmp_path}
 
 

@@ -101,10 +101,11 @@ def test_dh_conventions_place_the_same_arm() -> None:
     """A planar 2R written in both conventions: the tip of the second link at the same place."""
     standard = Robot.from_dh("s", [0.7, 0.4], [0.0, 0.0], [0.0, 0.0], "standard")
     modified = Robot.from_dh("m", [0.0, 0.7], [0.0, 0.0], [0.0, 0.0], "modified")
-    np.testing.assert_allclose(
-        standard.joint_origins(), np.array([[0.7, 0, 0], [1.1, 0, 0]]), atol=1e-15
-    )
-    np.testing.assert_allclose(modified.joint_origins(), np.array([[0, 0, 0], [0.7, 0, 0]]), atol=1e-15)
+    for arm, origins in ((standard, [[0.7, 0, 0], [1.1, 0, 0]]), (modified, [[0, 0, 0], [0.7, 0, 0]])):
+        first, second = arm.joints
+        poses = (first.placement, first.placement @ second.placement)
+        links = [(pose @ j.link_frame)[:3, 3] for pose, j in zip(poses, arm.joints, strict=True)]
+        np.testing.assert_allclose(links, origins, atol=1e-15)
     # A point mass at each link's tip: at the standard frame's origin, 0.4 m along x in Craig's.
     at_origin = np.zeros((2, 10))
     at_origin[:, 0] = 1.0

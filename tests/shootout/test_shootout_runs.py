@@ -10,20 +10,13 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sdp_vs_penalty import parallel as cluster
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.regression.recordings import compress_files
-from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.shootout import runner
 from sdp_vs_penalty.shootout.results import COLUMNS, Results, key
 from sdp_vs_penalty.shootout.runner import Shootout
-from sdp_vs_penalty.simulation.experiment import experiment
 
 PROBLEM = "two_link one-step gyration"
 TWO = f"{PROBLEM},two_link one-step plain"
@@ -163,22 +156,3 @@ def test_nobody_at_the_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         runner.run(setup(tmp_path / "s", scheduler="tcp://127.0.0.1:9"))
-
-
-def test_files_compressed_by_workers_merge_to_one_pass(tmp_path: Path) -> None:
-    problem = load_problem("two_link")
-    run = experiment(problem).training_run(seed=1)
-    half = 0.5 * float(run.t[-1] - run.t[0])
-    parts = [run.window(0.0, half), run.window(half, np.inf)]
-    files = []
-    for k, part in enumerate(parts):
-        files.append(tmp_path / f"run{k}.csv")
-        save(part, files[-1])
-    found = compress_files("two_link", files, jobs=2).least_squares()
-    both = concatenate(parts)
-    whole = compress(both, problem.model(), problem.preprocessing.resolve(both)).least_squares()
-    assert found.rows == whole.rows
-    np.testing.assert_allclose(found.R.T @ found.R, whole.R.T @ whole.R, rtol=1e-6, atol=1e-6)
-    assert found.tau_squared == pytest.approx(whole.tau_squared, rel=1e-9)
-    with pytest.raises(InputError, match="no files"):
-        compress_files("two_link", [])

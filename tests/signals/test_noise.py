@@ -103,7 +103,6 @@ def test_without_repetition_there_is_no_floor_but_a_guess() -> None:
     assert noise_floor(rows) is None
     guess = noise_of(rows)
     assert guess.source == RESIDUAL
-    assert guess.measured_floor is None
     assert np.all(guess.floor > 5.0 * true_floor(0.0))
 
 

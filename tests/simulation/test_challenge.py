@@ -99,6 +99,10 @@ def test_findings_are_judged_beside_the_truth() -> None:
     assert judge.first_right(right)
     assert judge.counted(right)
     assert not judge.nothing_else(right)
+    wrist = {"effect": "transmission_friction", "joints": [5, 6], "shape": {"c5": 1.0, "c6": 2.0}}
+    for ratio, named in ((2.0, True), (-2.0, False)):
+        claim = found("transmission_friction", 5, 6, shape={"c5": 1.0, "c6": ratio, "law": 2.0})
+        assert judge.first_right(record(claim, truth=[wrist])) == named
     assert judge.sizes(right) == [("joint_spring", pytest.approx(0.25), pytest.approx(2.0))]
     assert judge.first_right(record(other, spring, truth=[truth], fair=["torque_delay"]))
     assert not judge.first_right(record(other, spring, truth=[truth]))

@@ -19,7 +19,14 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import clarabel
-from sdp_vs_penalty.solvers.certificate import Certificate, lower_bound, repair
+from sdp_vs_penalty.solvers.certificate import (
+    Certificate,
+    _Rows,
+    _Tangent,
+    dual_evidence,
+    lower_bound,
+    repair,
+)
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.objective import Objective
 
@@ -329,3 +336,79 @@ def test_a_certificate_reads_as_text() -> None:
     plain = str(Certificate({}, 1.0))
     assert "no lower bound" in plain
     assert "None" not in plain
+
+
+@pytest.mark.parametrize(
+    ("known", "lines"),
+    [
+        ({}, ["worst violation", "violation by family", "loss", "optimality gap"]),
+        (
+            {"upper": 1.0, "lower": 1.0, "gap": 0.0},
+            ["worst violation", "violation by family", "loss", "objective", "certified lower bound"],
+        ),
+        ({"largest_gyration": 0.3}, ["worst violation", "violation by family", "loss"]),
+        ({"body_share": 0.7}, ["worst violation", "violation by family", "loss", "optimality gap"]),
+    ],
+)
+def test_a_certificate_says_things_in_one_order(known: dict[str, float], lines: list[str]) -> None:
+    shown = [line[2:24].strip() for line in str(Certificate({"mass": 0.0}, 1.0, **known)).splitlines()]
+    assert shown[1 : len(lines) + 1] == lines
+    assert not any("gyration" in line for line in shown)
+
+
+def test_a_certificate_tells_what_holds_from_what_was_not_imposed() -> None:
+    """Of a convex method, a broken bound that is not convex is no surprise; of another, or beside a
+    convex one, it is a violation like any other."""
+    for broken, gap, spared in (
+        (["barycentric inertia"], 0.0, True),
+        (["barycentric inertia"], None, False),
+        (["barycentric inertia", "mass"], 0.0, False),
+        (["mass"], 0.0, False),
+    ):
+        shown = str(Certificate(dict.fromkeys(broken, 0.1), 1.0, gap=gap))
+        assert ("every other constraint holds" in shown) == spared
+    fits, beyond = (
+        str(Certificate({}, 1.0, largest_gyration=0.3, body_share=share)) for share in (1.0, 1.1)
+    )
+    assert "0.3 m (at most 1 of" in fits
+    assert "0.3 m (beyond what any mass inside can have: 1.1 of" in beyond
+
+
+def test_the_bound_is_tight_in_any_unit_of_torque(two_link: Problem) -> None:
+    """Data that leave parameters free, multipliers off by a thousandth: what is left of the slope goes
+    into the links' matrices, as tightly in nano- as in giganewton metres."""
+    rng = np.random.default_rng(0)
+    task = task_of(two_link)
+    r = rng.normal(size=(len(task.nominal) - 6, len(task.nominal)))
+    rho = r @ task.nominal + rng.normal(size=len(r))
+    data = LeastSquares(r, rho, 0.1, float(rho @ rho) + 0.01, 200)
+    task = replace(task, data=data)
+    fit = LmiSdpThickness(thickness=THICKNESS).fit(task)
+    assert fit.multipliers is not None
+    off = [s * (1.0 + 1e-3 * rng.normal()) for s in fit.multipliers]
+    optimum = certify(task, fit)[1].lower
+    assert optimum is not None
+    for unit in (2.0**-30, 1.0, 2.0**30):
+        scaled = replace(data, R=unit * r, rho=unit * rho, residual_norm=0.1 * unit)
+        multipliers = [unit**2 * s for s in off]
+        objective = Objective(scaled)
+        given_it = (objective, fit.constraints, multipliers, fit.theta, task.bound)
+        bound = lower_bound(*given_it) / unit**2
+        assert 0.0 <= optimum - bound < 2e-3 * optimum
+        # What floating point found is what outward rounding proved.
+        e = dual_evidence(*given_it)
+        rows = _Rows.of(ConstraintSet(e.constraints), len(fit.theta))
+        found = [
+            t.bound(rows, e.multipliers)[0]
+            for t in _Tangent.candidates(*given_it[::3], task.bound, None)
+        ]
+        assert max(found) / unit**2 == pytest.approx(bound, rel=1e-9)
+
+
+def test_where_nothing_is_feasible_the_interior_point_comes_out(panda: Problem) -> None:
+    task = task_of(panda)
+    outside = -task.nominal
+    assert task.constraints.margin(outside) < 0.0
+    np.testing.assert_array_equal(
+        repair(ConstraintSet(task.constraints.convex), 2.0 * outside, outside), outside
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from decimal import Decimal, localcontext
 from fractions import Fraction
 
 import numpy as np
@@ -17,6 +18,7 @@ from sdp_vs_penalty.constraints.cones import cone_depths, cone_margin, safe_dept
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.verified import Enclosure, Long, inner, product, total
 
 quick = settings(max_examples=60, deadline=None, derandomize=True)
@@ -203,3 +205,27 @@ def test_what_only_rounding_calls_feasible_is_repaired() -> None:
     found = repair(ConstraintSet((enough,)), theta, np.array([1.0, 1.0]))
     assert verified.certainly_feasible([enough], found)
     np.testing.assert_allclose(found, theta, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-18, 1e-6, 1.0, 1e6])
+def test_the_entropy_is_enclosed(size: float) -> None:
+    """tr(P0^-1 P) - log det P + log det P0 - 4 in fifty digits, huge and tiny terms."""
+    with localcontext() as context:
+        context.prec = 50
+        for seed in range(20):
+            rng = np.random.default_rng(seed)
+            a, b = rng.normal(size=(2, 4, 4))
+            p0, p = a @ a.T + np.eye(4), size * (b @ b.T + np.eye(4))
+            link = Constraint("pseudo-inertia", "link 1", "psd", np.arange(1), 0.0 * p, p[None])
+            inverse, log_det0 = verified._nominal(p0)
+            trace = sum(
+                Fraction(float(inverse[i, j])) * Fraction(float(p[i, j]))
+                for i in range(4)
+                for j in range(4)
+            )
+            det = math.prod(verified._pivots([[Fraction(float(x)) for x in row] for row in p]))
+            digits = [Decimal(x.numerator) / Decimal(x.denominator) for x in (trace, Fraction(det))]
+            truth = Fraction(digits[0] - digits[1].ln()) + Fraction(float(log_det0 - 4.0))
+            made = verified._entropy_value(Entropy(1.0, (link,), (p0,)), np.ones(1))
+            assert holds(made, truth)
+            assert float(made.radius) < 1e-12 * (1.0 + float(abs(digits[0])))

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import (
-    Data,
-    Debug,
-    Frozen,
-    GainUncertainty,
-    Model,
-    Seed,
-    Test,
-    TestWindow,
-    Window,
-)
+from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.runs import runs_for
 from sdp_vs_penalty.errors import InputError
 
@@ -26,8 +16,8 @@ if TYPE_CHECKING:
 
 
 def verb(
-    model: Model,
-    data: Data,
+    model: options.Model,
+    data: options.Data,
     out: Annotated[Path, typer.Option(metavar="model2.json", help="File to write the model to.")],
     effect: Annotated[
         str | None,
@@ -41,13 +31,12 @@ def verb(
     only: Annotated[
         str | None, typer.Option(metavar="1,3", help="Numbers of the findings to add.")
     ] = None,
-    test: Test = None,
-    frozen: Frozen = False,
-    window: Window = None,
-    test_window: TestWindow = None,
-    seed: Seed = 0,
-    gain_uncertainty: GainUncertainty = None,
-    debug: Debug = False,
+    test: options.Test = None,
+    frozen: options.Frozen = False,
+    window: options.Window = None,
+    test_window: options.TestWindow = None,
+    seed: options.Seed = 0,
+    gain_uncertainty: options.GainUncertainty = None,
 ) -> None:
     """Add effects to a model and identify it again, under all constraints.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug, Seed
+from sdp_vs_penalty.cli.options import Seed
 
 
 def verb(
@@ -21,7 +21,6 @@ def verb(
     nuisance: Annotated[
         str | None, typer.Option(metavar="a,b", help="Conditions of measurement; default: all.")
     ] = None,
-    debug: Debug = False,
 ) -> None:
     """Score diagnose on robots that are simulated independently of this library.
 

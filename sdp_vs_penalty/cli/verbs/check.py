@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sdp_vs_penalty.cli.arguments import numbers
-from sdp_vs_penalty.cli.options import PROBLEM_HELP, Debug, Gravity, json_option
+from sdp_vs_penalty.cli.options import PROBLEM_HELP, Gravity, json_option
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ def verb(
             help="Repaired copy to write (and beside it what was changed), a folder for several runs.",
         ),
     ] = None,
-    debug: Debug = False,
 ) -> None:
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 

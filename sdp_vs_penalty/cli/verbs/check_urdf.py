@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug, json_option
+from sdp_vs_penalty.cli.options import json_option
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.check.urdf import LinkCheck
@@ -22,7 +22,6 @@ def verb(
         Path | None,
         typer.Option(metavar="fixed.urdf", help="Copy to write, with the nearest consistent inertials."),
     ] = None,
-    debug: Debug = False,
 ) -> None:
     """Check the inertials of a URDF: which bodies are impossible, by how much, the nearest possible.
 

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.arguments import time_windows
-from sdp_vs_penalty.cli.options import Data, Debug, Verbose, Window, json_option
 
 
 def verb(
@@ -17,11 +17,10 @@ def verb(
         list[Path],
         typer.Argument(metavar="model.json ...", help="Models written by `identify` or `add`."),
     ],
-    data: Data,
-    json_file: Annotated[Path | None, json_option("figures")] = None,
-    window: Window = None,
-    verbose: Verbose = False,
-    debug: Debug = False,
+    data: options.Data,
+    json_file: Annotated[Path | None, options.json_option("figures")] = None,
+    window: options.Window = None,
+    verbose: options.Verbose = False,
 ) -> None:
     """Compare models with runs: each joint's error beside the noise, and where the last model fails.
 

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli.arguments import pairs
-from sdp_vs_penalty.cli.options import Debug
 
 
 def verb(
@@ -53,7 +52,6 @@ def verb(
         float | None,
         typer.Option(help="Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun."),
     ] = None,
-    debug: Debug = False,
 ) -> None:
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
 

@@ -8,28 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Data, Debug, Gravity, Problem, Seed, json_option
+from sdp_vs_penalty.cli import options
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
 
 
 def verb(
-    problem: Problem,
-    data: Data,
-    method: Annotated[str, typer.Option(help="Method, of `sdp-vs-penalty list methods`.")] = "lmi-sdp",
-    effects: Annotated[
-        str | None,
-        typer.Option(
-            metavar="a,b,c",
-            help="Effects, of `sdp-vs-penalty list effects`; default: the problem's.",
-        ),
-    ] = None,
+    problem: options.Problem,
+    data: options.Data,
+    method: options.Method = "lmi-sdp",
+    effects: options.Effects = None,
     folds: Annotated[int, typer.Option(min=2, help="Stretches that each motion is cut into.")] = 5,
-    gravity: Gravity = None,
-    json_file: Annotated[Path | None, json_option("figures")] = None,
-    seed: Seed = 0,
-    debug: Debug = False,
+    gravity: options.Gravity = None,
+    json_file: Annotated[Path | None, options.json_option("figures")] = None,
+    seed: options.Seed = 0,
 ) -> None:
     """Judge a method on unseen motion: each fold leaves out a stretch and all its repetitions.
 

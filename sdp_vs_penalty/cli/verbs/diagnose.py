@@ -6,40 +6,23 @@ import json
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.checking import refuse_meaningless
-from sdp_vs_penalty.cli.options import (
-    Data,
-    Debug,
-    Frozen,
-    GainUncertainty,
-    Model,
-    Seed,
-    Test,
-    TestWindow,
-    Verbose,
-    Window,
-    json_option,
-)
 from sdp_vs_penalty.cli.runs import runs_for
 
 
 def verb(
-    model: Model,
-    data: Data,
-    test: Test = None,
-    frozen: Frozen = False,
-    json_file: Annotated[Path | None, json_option("findings")] = None,
-    window: Window = None,
-    test_window: TestWindow = None,
-    seed: Seed = 0,
-    gain_uncertainty: GainUncertainty = None,
-    no_check: Annotated[
-        bool, typer.Option("--no-check", help="Diagnosis without the data check.")
-    ] = False,
-    verbose: Verbose = False,
-    debug: Debug = False,
+    model: options.Model,
+    data: options.Data,
+    test: options.Test = None,
+    frozen: options.Frozen = False,
+    json_file: Annotated[Path | None, options.json_option("findings")] = None,
+    window: options.Window = None,
+    test_window: options.TestWindow = None,
+    seed: options.Seed = 0,
+    gain_uncertainty: options.GainUncertainty = None,
+    no_check: options.NoCheck = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Name the physical effects that a model is missing.
 
@@ -67,12 +50,12 @@ def verb(
             noise_from=given.whole,
             gain_uncertainty=gain_uncertainty,
         )
-    options = ["--data", *map(str, data)]
-    options += [] if window is None else ["--window", window]
-    options += [] if test is None else ["--test", str(test)]
-    options += [] if test_window is None else ["--test-window", test_window]
-    options += ["--frozen"] if frozen else []
-    options += [] if gain_uncertainty is None else ["--gain-uncertainty", f"{gain_uncertainty:g}"]
+    words = ["--data", *map(str, data)]
+    words += [] if window is None else ["--window", window]
+    words += [] if test is None else ["--test", str(test)]
+    words += [] if test_window is None else ["--test-window", test_window]
+    words += ["--frozen"] if frozen else []
+    words += [] if gain_uncertainty is None else ["--gain-uncertainty", f"{gain_uncertainty:g}"]
     add: list[str] = []
     if result.effects or result.retuned:
         shown = printing.worth_showing(result.effects)
@@ -81,7 +64,7 @@ def verb(
             what = ["--from", str(json_file)]
             if len(shown) < len(result.effects):
                 what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
-        add = ["add", str(model), *what, *options, "--out", str(_next_to(model))]
+        add = ["add", str(model), *what, *words, "--out", str(_next_to(model))]
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
     printing.diagnosis(result, estimate.robot.torque_units, add, verbose)

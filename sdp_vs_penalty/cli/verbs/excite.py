@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug, Problem, Seed
+from sdp_vs_penalty.cli.options import Problem, Seed
 
 
 def verb(
@@ -23,7 +23,6 @@ def verb(
     objective: Annotated[str, typer.Option(help="Objective: condition or d-optimal.")] = "condition",
     iterations: Annotated[int, typer.Option(min=1, help="Maximum iterations.")] = 60,
     seed: Seed = 0,
-    debug: Debug = False,
 ) -> None:
     """Design an exciting trajectory within the robot's limits. Collisions are not checked.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug, Model
+from sdp_vs_penalty.cli.options import Model
 
 
 def verb(
@@ -30,7 +30,6 @@ def verb(
         bool,
         typer.Option("--force", help="Links whose mass lies outside of their bodies, too."),
     ] = False,
-    debug: Debug = False,
 ) -> None:
     """Export a model to a simulator or a controller; an impossible or implausible inertial is refused.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Data, Debug, Problem
+from sdp_vs_penalty.cli.options import Data, Problem
 
 
 def verb(
@@ -22,7 +22,6 @@ def verb(
     effects: Annotated[
         str | None, typer.Option(metavar="a,b,c", help="Effects, as for `identify`.")
     ] = None,
-    debug: Debug = False,
 ) -> None:
     """Write the identification SDP as a file for another solver, and FILE.json with what it means.
 

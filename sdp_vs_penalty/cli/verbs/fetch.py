@@ -8,8 +8,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
-
 
 def verb(
     names: Annotated[
@@ -19,7 +17,6 @@ def verb(
     folder: Annotated[
         Path | None, typer.Option(help="Folder for the files; default: the user's cache.")
     ] = None,
-    debug: Debug = False,
 ) -> None:
     """Download public measurements and write them as RUN.csv files; prints their paths.
 

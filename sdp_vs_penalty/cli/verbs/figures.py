@@ -8,8 +8,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
-
 
 class FigureBudget(StrEnum):
     """How dense the figures are sampled and how long engines run."""
@@ -27,7 +25,6 @@ def verb(
     budget: Annotated[
         FigureBudget, typer.Option(help="Effort: quick, or paper (longer motions, more instants).")
     ] = FigureBudget.quick,
-    debug: Debug = False,
 ) -> None:
     """Regenerate the paper's figures as PNG and PDF, from simulated and, if available, measured data.
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.arguments import numbers, time_windows
 from sdp_vs_penalty.cli.checking import refuse_meaningless
-from sdp_vs_penalty.cli.options import Data, Debug, GainUncertainty, Gravity, Problem, Seed, Window
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,33 +18,24 @@ if TYPE_CHECKING:
 
 
 def verb(
-    problem: Problem,
-    data: Data,
+    problem: options.Problem,
+    data: options.Data,
     out: Annotated[Path, typer.Option(metavar="model.json", help="File to write the model to.")],
-    method: Annotated[str, typer.Option(help="Method, of `sdp-vs-penalty list methods`.")] = "lmi-sdp",
-    effects: Annotated[
-        str | None,
-        typer.Option(
-            metavar="a,b,c",
-            help="Effects, of `sdp-vs-penalty list effects`; default: the problem's.",
-        ),
-    ] = None,
-    gravity: Gravity = None,
+    method: options.Method = "lmi-sdp",
+    effects: options.Effects = None,
+    gravity: options.Gravity = None,
     solver: Annotated[
         str | None,
         typer.Option(help="Solver of the SDP methods, of `sdp-vs-penalty list solvers`."),
     ] = None,
-    seed: Seed = 0,
-    window: Window = None,
-    no_check: Annotated[
-        bool,
-        typer.Option("--no-check", help="Identification without the data check."),
-    ] = False,
+    seed: options.Seed = 0,
+    window: options.Window = None,
+    no_check: options.NoCheck = False,
     proof: Annotated[
         Path | None,
         typer.Option(metavar="proof.json", help="File for the proof of optimality; `verify` checks it."),
     ] = None,
-    gain_uncertainty: GainUncertainty = None,
+    gain_uncertainty: options.GainUncertainty = None,
     known_load: Annotated[
         list[str] | None,
         typer.Option(
@@ -53,7 +44,6 @@ def verb(
             help="Run with a load of this mass on the last link; determines the torque channels' gains.",
         ),
     ] = None,
-    debug: Debug = False,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
 

@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
-
 
 class Kind(StrEnum):
     """What can be listed."""
@@ -24,7 +22,6 @@ class Kind(StrEnum):
 def verb(
     what: Annotated[Kind, typer.Argument(help="Kind of names to list.")],
     name: Annotated[str | None, typer.Argument(help="One name, for all about it.")] = None,
-    debug: Debug = False,
 ) -> None:
     """List the names that the other verbs take, or say all about one of them.
 
@@ -38,4 +35,4 @@ def verb(
     headings, rows = registry.short_listing(what.value)
     console.listing(headings, rows)
     if len(headings) < len(registry.listing(what.value)[0]):
-        console.say(f"All about one of them: sdp-vs-penalty list {what.value} NAME")
+        console.say(f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}")

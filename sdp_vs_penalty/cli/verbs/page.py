@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import missing_extra
 
 
@@ -23,7 +22,6 @@ def verb(
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Browser window on the page.")
     ] = True,
-    debug: Debug = False,
 ) -> None:
     """Open the workbench: a local page to identify, diagnose, add effects and export the model.
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli.arguments import time_windows
-from sdp_vs_penalty.cli.options import Debug, Window
+from sdp_vs_penalty.cli.options import Window
 
 
 def verb(
@@ -24,7 +24,6 @@ def verb(
     ],
     out: Annotated[Path, typer.Option(metavar="report.html", help="File to write.")],
     window: Window = None,
-    debug: Debug = False,
 ) -> None:
     """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.
 

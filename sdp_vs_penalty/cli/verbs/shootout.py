@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import InputError
 
 _QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
@@ -46,7 +45,6 @@ def verb(
         typer.Option(metavar="DIR", help="Folder for the instances as files with proofs; nothing runs."),
     ] = None,
     show: Annotated[bool, typer.Option("--list", help="List of instances and solvers.")] = False,
-    debug: Debug = False,
 ) -> None:
     """Run SDP solvers on identification problems and judge each answer by a proved interval.
 

@@ -1,20 +1,29 @@
-"""The verb simulate: runs with a hidden effect."""
+"""The verb simulate: runs with a hidden effect, or a model run forward along measured runs."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug, Problem, Seed
+from sdp_vs_penalty.cli.options import PROBLEM_HELP, Seed, json_option
+from sdp_vs_penalty.errors import InputError
 
 
 def verb(
-    problem: Problem,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for run1..3.csv, test.csv, truth.json.")
+    source: Annotated[
+        str,
+        typer.Argument(metavar="PROBLEM|model.json", help=f"{PROBLEM_HELP} With --follow: a model."),
     ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR|OUT.csv",
+            help="Folder for run1..3.csv, test.csv, truth.json; with --follow the file of a free run.",
+        ),
+    ] = None,
     hide: Annotated[
         list[str] | None,
         typer.Option(
@@ -25,22 +34,68 @@ def verb(
         str,
         typer.Option(help="Size: strong, medium, weak, or the hidden torque's RMS over the raw noise."),
     ] = "strong",
+    follow: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--follow", metavar="RUN.csv ...", help="Runs along which the model is run forward."
+        ),
+    ] = None,
+    drive: Annotated[
+        str,
+        typer.Option(help="What drives it: torque (as measured), or pd (and a loop on the motion)."),
+    ] = "torque",
+    json_file: Annotated[Path | None, json_option("errors of --follow")] = None,
     seed: Seed = 0,
-    debug: Debug = False,
 ) -> None:
-    """Simulate runs in which an effect is hidden; truth.json says which.
+    """Simulate runs in which an effect is hidden, or run a model forward along measured runs.
 
+    With --follow a model is started from measured states and driven by the measured torque: one sample,
+    0.1 s, and as long as it stays with the measured motion. Otherwise truth.json says what is hidden.
     Example: sdp-vs-penalty simulate panda --hide stribeck_friction:3 --seed 7 --out DIR
     """
+    if follow:
+        _follow(source, follow, drive, seed, out, json_file)
+        return
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.simulation.hide import RUN_FILES, refuse_foreign, simulate
 
+    if out is None:
+        raise InputError("simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv")
     refuse_foreign(out)  # before the minutes that a simulation may take
-    made = simulate(problem, hide or (), level, seed)
+    made = simulate(source, hide or (), level, seed)
     made.save(out)
     effects = ",".join(made.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]
-    console.next_step(
-        ["identify", problem, "--data", *runs, "--effects", effects, "--out", "model.json"]
-    )
+    console.next_step(["identify", source, "--data", *runs, "--effects", effects, "--out", "model.json"])
     console.written(f"{out}/{' '.join(RUN_FILES)} truth.json")
+
+
+def _follow(
+    model: str, runs: list[Path], drive: str, seed: int, out: Path | None, json_file: Path | None
+) -> None:
+    from typing import Any, cast
+
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.formats import csv
+    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.simulation.follow import follow
+
+    with console.progress("reading the measurements") as progress:
+        estimate = load_estimate(model)
+        made = follow(estimate, runs, drive=cast(Any, drive), seed=seed, progress=progress)
+    console.say(made.verdict, style="bold")
+    console.next_step(["diagnose", model, "--data", *runs])
+    console.table("Forward simulation against the measured motion (RMS)", *made.table())
+    if made.free[0].spread is None:
+        console.warn(
+            "No band for the free run: the intervals hold inertias with which the arm cannot move."
+        )
+    if made.left_out:
+        console.warn(f"left out, no meaning in a forward simulation: {', '.join(made.left_out)}")
+    if json_file is not None:
+        write_text(json_file, json.dumps(made.to_dict(), indent=1) + "\n")
+        console.written(json_file)
+    if out is not None:
+        csv.write(made.free[0].simulated, out)
+        console.written(out)

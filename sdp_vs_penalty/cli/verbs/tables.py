@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import InputError
 
 _TABLES_HELP = "Tables; default: these four; also VII (--problem two_link), errata, methods, data."
@@ -33,14 +32,13 @@ def verb(
         Budget, typer.Option(help="Effort: quick, or paper (as many runs as there).")
     ] = Budget.quick,
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
-    debug: Debug = False,
 ) -> None:
     """Regenerate the paper's comparison tables.
 
     Example: sdp-vs-penalty tables III --out results
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.paper.tables import all_tables, written_tables
+    from sdp_vs_penalty.paper.tables import all_tables, make_tables
 
     if every:
         if names or problem:
@@ -49,7 +47,7 @@ def verb(
             )
         names = list(all_tables())
     with console.progress("tables") as progress:
-        made = written_tables(
+        made = make_tables(
             names or None, problem=problem, budget=budget.value, out=out, progress=progress
         )
     for table, paths in made:

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Debug
 from sdp_vs_penalty.errors import InputError, unreadable
 
 
@@ -16,7 +15,6 @@ def verb(
         list[Path],
         typer.Argument(metavar="proof.json ...", help="Proofs, or folders that are searched for them."),
     ],
-    debug: Debug = False,
 ) -> None:
     """Check proofs of optimality in exact arithmetic, independently of every solver.
 

@@ -16,7 +16,10 @@ from sdp_vs_penalty.errors import InputError
 Array = NDArray[np.float64]
 
 #: The header of RUN.csv, in words.
-HEADER = "t,q1..qn,dq1..dqn,tau1..taun (dq optional)"
+HEADER = "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too)"
+
+#: The groups of columns, in the order in which they are written, and those that may be missing.
+_GROUPS, _OPTIONAL = ("q", "dq", "tau", "temp"), ("dq", "temp")
 
 #: Numbers of one file above which it is refused: 4 GiB of doubles.
 LARGEST = 2**29
@@ -62,7 +65,7 @@ def from_columns(
     remedy: str | None = None,
     what: str | None = None,
 ) -> Measurements:
-    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau; others are ignored.
+    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau, temp; no others.
 
     path : names the run; what : how messages call it (default: the path); remedy : what to do about
     missing columns (default: the `convert` command for the file).
@@ -80,16 +83,19 @@ def from_columns(
             )
     named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
 
-    given = {"t": named.get("t"), **{group: _block(named, group) for group in ("q", "dq", "tau")}}
-    missing = [group for group, block in given.items() if block is None and group != "dq"]
+    given = {"t": named.get("t"), **{group: _block(named, group) for group in _GROUPS}}
+    missing = [g for g, block in given.items() if block is None and g not in _OPTIONAL]
     if missing:
         known = ", ".join(sorted(columns)) or "none"
         pairs = ",".join(f"{group}=NAME" for group in missing)
         command = f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out run.csv`"
         raise InputError(f"no column {' or '.join(missing)} (columns: {known})", remedy or command, what)
     t = np.ravel(named["t"])
+    warm = given["temp"]  # what else a file calls temp is no temperature of its joints
+    if warm is not None and given["q"] is not None and warm.shape != given["q"].shape:
+        given["temp"] = None
     blocks = {}
-    for group in ("q", "dq", "tau"):
+    for group in _GROUPS:
         block = given[group]
         if block is None:
             continue
@@ -107,7 +113,14 @@ def from_columns(
             + ", ".join(f"{group} {width}" for group, width in widths.items()),
             "give q, dq and tau a column a joint",
         )
-    return Measurements(t, blocks["q"], blocks["tau"], blocks.get("dq"), None, (Path(path).name,))
+    return run_of(path, t, blocks)
+
+
+def run_of(path: str | Path, t: Array, blocks: Mapping[str, Array]) -> Measurements:
+    """A run of the file's name from its blocks (N, n) by name."""
+    names = (Path(path).name,)
+    dq, warm = blocks.get("dq"), blocks.get("temp")
+    return Measurements(t, blocks["q"], blocks["tau"], dq, None, names, warm)
 
 
 def _block(named: Mapping[str, Array], group: str) -> Array | None:
@@ -129,23 +142,20 @@ def columns_of(measurements: Measurements) -> dict[str, Array]:
     """The columns of a run by the names of RUN.csv."""
     m = measurements
     out = {"t": m.t}
-    for name, block in (("q", m.q), ("dq", m.dq), ("tau", m.tau)):
-        if block is not None:
-            out |= {f"{name}{j + 1}": block[:, j] for j in range(m.n)}
+    for name, block in m.groups.items():
+        out |= {f"{name}{j + 1}": block[:, j] for j in range(m.n)}
     return out
 
 
-def joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
-    """Number of joints and whether dq is there, from a header; InputError where it is incomplete."""
+def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
+    """Number of joints and the groups there are, from a header; InputError where it is incomplete."""
     found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
     if not found:
         raise InputError("row 1 names no column q1", f"write the header {HEADER}", path)
     n = max(found)
-    has_dq = any(re.fullmatch(r"dq[0-9]+", name) for name in names)
-    wanted = [
-        "t",
-        *(f"{p}{j + 1}" for p in ("q", *(("dq",) if has_dq else ()), "tau") for j in range(n)),
-    ]
+    there = {g for g in _OPTIONAL if any(re.fullmatch(rf"{g}[0-9]+", name) for name in names)}
+    groups = [g for g in _GROUPS if g not in _OPTIONAL or g in there]
+    wanted = ["t", *(f"{group}{j + 1}" for group in groups for j in range(n))]
     for name in wanted:
         if names.count(name) != 1:
             problem = "is missing" if names.count(name) == 0 else "comes twice"
@@ -159,4 +169,4 @@ def joints_of(path: Path, names: Sequence[str]) -> tuple[int, bool]:
             raise InputError(
                 f"column {name!r} is unknown", "keep t, q, dq and tau with joint numbers only", path
             )
-    return n, has_dq
+    return n, groups

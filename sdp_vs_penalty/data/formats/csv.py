@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats import csv_text
-from sdp_vs_penalty.data.formats.columns import Choice, from_columns, joints_of
+from sdp_vs_penalty.data.formats.columns import Choice, columns_of, from_columns, groups_of, run_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
@@ -30,24 +30,22 @@ def read(path: Path, choice: Choice) -> Measurements:
 def write(measurements: Measurements, path: Path) -> None:
     """Write one run as RUN.csv, whole or not at all."""
     m = measurements
-    groups = [("q", m.q), *([] if m.dq is None else [("dq", m.dq)]), ("tau", m.tau)]
-    header = ["t", *(f"{name}{j + 1}" for name, _ in groups for j in range(m.n))]
-    rows = np.column_stack([m.t, *(a for _, a in groups)])
-    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
+    columns = columns_of(m)
+    rows = np.column_stack(list(columns.values()))
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows.tolist())]
     write_text(path, "\n".join(lines) + "\n")
 
 
 def _read_csv(path: Path) -> Measurements:
     header = csv_text.header(path)
-    n, has_dq = joints_of(path, header)
+    n, groups = groups_of(path, header)
     rows = csv_text.numbers(path, len(header))
     column = {name: k for k, name in enumerate(header)}
 
     def group(prefix: str) -> Array:
         return np.ascontiguousarray(rows[:, [column[f"{prefix}{j + 1}"] for j in range(n)]])
 
-    dq = group("dq") if has_dq else None
-    return Measurements(rows[:, column["t"]].copy(), group("q"), group("tau"), dq, None, (path.name,))
+    return run_of(path, rows[:, column["t"]].copy(), {name: group(name) for name in groups})
 
 
 def _csv_columns(path: Path) -> dict[str, Array]:

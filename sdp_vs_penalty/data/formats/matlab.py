@@ -96,7 +96,7 @@ def write(measurements: Measurements, path: Path) -> None:
     from scipy.io import savemat
 
     m = measurements
-    content = {"t": m.t[:, None], "q": m.q, "tau": m.tau, **({} if m.dq is None else {"dq": m.dq})}
+    content = {"t": m.t[:, None], **m.groups}
     buffer = io.BytesIO()
     savemat(buffer, content, do_compression=True)
     write_bytes(path, buffer.getvalue())

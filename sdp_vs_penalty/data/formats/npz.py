@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.formats.columns import Choice, check_size, columns_of, from_columns, joints_of
+from sdp_vs_penalty.data.formats.columns import (
+    Choice,
+    check_size,
+    columns_of,
+    from_columns,
+    groups_of,
+    run_of,
+)
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import opened, write_bytes
@@ -35,7 +42,7 @@ def write(measurements: Measurements, path: Path) -> None:
 def _read_npz(path: Path) -> Measurements:
     arrays = numeric_arrays(path)
     if "q" in arrays:  # whole arrays q (N, n), tau (N, n) instead of one a joint
-        for name in ("q", "dq", "tau"):
+        for name in ("q", "dq", "tau", "temp"):
             block = arrays.pop(name, None)
             if block is not None:
                 if block.ndim == 1:
@@ -47,7 +54,7 @@ def _read_npz(path: Path) -> Measurements:
                         path,
                     )
                 arrays |= {f"{name}{j + 1}": block[:, j] for j in range(block.shape[1])}
-    n, has_dq = joints_of(path, list(arrays))
+    n, groups = groups_of(path, list(arrays))
     lengths = {name: a.shape for name, a in arrays.items()}
     if len(set(lengths.values())) != 1 or arrays["t"].ndim != 1:
         raise InputError(
@@ -57,8 +64,7 @@ def _read_npz(path: Path) -> Measurements:
     def group(prefix: str) -> Array:
         return np.column_stack([arrays[f"{prefix}{j + 1}"] for j in range(n)])
 
-    dq = group("dq") if has_dq else None
-    return Measurements(arrays["t"], group("q"), group("tau"), dq, None, (path.name,))
+    return run_of(path, arrays["t"], {name: group(name) for name in groups})
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:

@@ -107,11 +107,7 @@ def _real(view: View) -> None:
         tag("p", title, "soft")
         button("Use the real runs", view.session.real, "real")
     elif robot["source"] in DATASETS:
-        tag(
-            "p",
-            "Not downloaded. Run:",
-            "soft",
-        )
+        tag("p", "Not downloaded. Run:", "soft")
         tag("code", f"sdp-vs-penalty fetch {robot['source']}")
     else:
         tag("p", f"Public measurements exist for {show.words(list(DATASETS))}.", "soft")

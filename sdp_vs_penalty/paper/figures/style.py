@@ -16,7 +16,7 @@ WIDTH = 7.16
 
 #: Okabe, Ito, "Color universal design" (2008).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, RED, PURPLE, GREY = "#F0E442", "#0072B2", "#D55E00", "#CC79A7", "#999999"
+BLUE, RED, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#999999"
 
 #: One look a role, the same in every figure. What is drawn first is thick, what comes on top is thin
 #: or has gaps, each in another place, so that lines that coincide all stay visible.

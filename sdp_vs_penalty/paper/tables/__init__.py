@@ -89,8 +89,8 @@ def make_tables(
     out: str | Path = "results",
     progress: Progress = no_progress,
     seed: int = 0,
-) -> list[Path]:
-    """Build tables and write each as CSV, Markdown and LaTeX; the paths written, CSV first.
+) -> list[tuple[Table, list[Path]]]:
+    """Build tables and write each as CSV, Markdown and LaTeX; each with its paths, CSV first.
 
     Without the real run, a folder's measured tables are not overwritten: those without it are written to
     its subfolder ``simulated``.
@@ -100,19 +100,6 @@ def make_tables(
     budget : "quick", or "paper" for as many loss evaluations of the paper's method as its authors
     allow. Raises InputError for names that do not exist, before anything is computed or written.
     """
-    made = written_tables(names, problem, budget, out, progress, seed)
-    return [path for _, paths in made for path in paths]
-
-
-def written_tables(
-    names: Sequence[str] | None = None,
-    problem: str | Path | Problem | None = None,
-    budget: str = "quick",
-    out: str | Path = "results",
-    progress: Progress = no_progress,
-    seed: int = 0,
-) -> list[tuple[Table, list[Path]]]:
-    """The same, each table with its paths."""
     if problem is None:
         groups = [(load_problem(k), group) for k, group in _by_problem(names or DEFAULT_TABLES).items()]
     else:

@@ -62,6 +62,8 @@ def simulate_case(case: Case) -> Sitting:
     kind, rng = CLASSES[case.kind], case.generator()
     conditions = kind.conditions(draw_conditions(case.nuisance, rng))
     names = kind.names(case.seed, case.index, rng)
+    if "warming_friction" in names:
+        conditions = replace(conditions, thermometer=True)
     world = draw_world(conditions, rng, without=names)
     motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
     hidden = kind.hidden(names, world, motions[:-1], rng)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,8 +35,13 @@ def counted(record: Record) -> bool:
 
 
 def same(found: Item, truth: Item) -> bool:
-    """The effect on its joint."""
-    return bool(found["effect"] == truth["effect"] and found["joints"] == truth["joints"])
+    """The effect on its joint; on several joints, with their ratios."""
+    ratios = [k for k in truth["shape"] if re.fullmatch(r"c\d+", k)] if "shape" in truth else []
+    return bool(
+        found["effect"] == truth["effect"]
+        and found["joints"] == truth["joints"]
+        and all(found["shape"].get(k) == truth["shape"][k] for k in ratios)
+    )
 
 
 def is_true(found: Item, record: Record) -> bool:

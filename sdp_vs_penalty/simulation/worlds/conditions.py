@@ -23,14 +23,16 @@ USUAL_WIDTH = 0.01
 class Conditions:
     """width : (smallest, largest) of tanh, drawn joint by joint; asymmetry : of Coulomb and viscous
     friction, as a share; warming : share of the viscous friction that goes as grease warms up;
-    misplacement : (m, degrees) of the true joints beside the URDF; runs, duration : of what is
-    diagnosed, a test run apart; motion : of motion.KINDS."""
+    thermometer : whether the gears' temperatures are logged; misplacement : (m, degrees) of the true
+    joints beside the URDF; runs, duration : of what is diagnosed, a test run apart; motion : of
+    motion.KINDS."""
 
     arm: str = "panda"
     law: str = "tanh"
     width: tuple[float, float] = (USUAL_WIDTH, USUAL_WIDTH)
     asymmetry: float = 0.0
     warming: float = 0.0
+    thermometer: bool = False
     misplacement: tuple[float, float] = (0.0, 0.0)
     channel: Channel = field(default_factory=Channel)
     noise: Noise = field(default_factory=Noise)
@@ -99,8 +101,8 @@ NUISANCES: Mapping[str, Nuisance] = {
         ),
         Nuisance(
             "warming",
-            lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4))),
-            ("drift_friction",),
+            lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True),
+            ("drift_friction", "warming_friction"),
         ),
         Nuisance("dahl", lambda c, _: replace(c, law="dahl"), _PRESLIDING),
         Nuisance(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.simulation.worlds.friction import bristles
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, rigid, sign
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, rigid, sign
 from sdp_vs_penalty.simulation.worlds.motion import Motion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -112,6 +112,45 @@ def _warming(w: World, j: int, rng: Generator) -> Hidden:
     )
 
 
+def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
+    """Carlson, Robertsson, Johansson, 2015: grease thins exponentially with its temperature."""
+    warm, viscous = float(rng.uniform(8.0, 40.0)), bool(rng.random() < 0.5)
+
+    def law(w: World, m: Motion) -> Array:
+        thick = np.exp((20.0 - w.temperature(m.t)[:, j]) / warm)
+        return np.asarray(thick * (m.dq[:, j] if viscous else sign(w, j, m)))
+
+    shape = {"law": 1.0 + viscous, "by": 1.0, "warm": warm}
+    return Hidden("warming_friction", (j,), on_joint(j, law), 1.0, shape)
+
+
+def _transmission(w: World, j: int, rng: Generator) -> Hidden:
+    """A motor of a differential wrist turns with a combination of two neighbours (Wang et al. 2019).
+
+    Dry friction only: of the viscous kind the joints' own friction absorbs all but a cross term, from
+    which no ratio can be told."""
+    pairs = [i for i in range(w.arm.n - 1) if w.arm.rotary[i : i + 2].all()]
+    first = min(pairs, key=lambda i: abs(i - j))
+    law = int(rng.choice([2, 3, 4]))
+    ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
+    d, vs = _log(rng, 0.002, 0.01), _log(rng, 0.05, 0.25)
+    width = float(np.median(w.dry.width))
+
+    def change(w: World, m: Motion, size: float) -> Array:
+        v = m.dq[:, first] + ratio * m.dq[:, first + 1]
+        rubs = np.tanh(v / width) * (np.exp(-((v / vs) ** 2)) if law == 4 else 1.0)
+        if law == 3:
+            rubs = bristles(m.t, v[:, None], np.array([d]), np.ones_like)[:, 0]
+        out = np.zeros_like(m.q)
+        out[:, first], out[:, first + 1] = size * rubs, size * ratio * rubs
+        return out
+
+    ratios = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio}
+    own = {3: {"d": d}, 4: {"vs": vs}}.get(law, {})
+    shape = {**ratios, "law": float(law), **own}
+    return Hidden("transmission_friction", (first, first + 1), change, 1.0, shape)
+
+
 def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
     """Friction of loaded teeth with Dahl's memory."""
     d = _unit(w, j) * _log(rng, 0.002, 0.01)
@@ -163,6 +202,8 @@ FRICTION: Mapping[str, Maker] = {
     "load_dependent_friction": _load,
     "joint_coupling": _coupling,
     "drift_friction": _warming,
+    "warming_friction": _by_temperature,
+    "transmission_friction": _transmission,
     "load_dependent_hysteresis": _load_hysteresis,
     "maxwell_slip": _slip,
     "position_dependent_friction": _position,

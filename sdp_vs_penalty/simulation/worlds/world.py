@@ -52,6 +52,11 @@ class World:
         dry = self.coulomb * share + self.lopsided * np.abs(share)
         return np.asarray(dry + cold[:, None] * viscous + self.offset)
 
+    def temperature(self, t: Array) -> Array:
+        """(N, n) of the gears [degrees Celsius]: the farther out, the smaller and the warmer."""
+        rise = np.linspace(10.0, 25.0, self.arm.n)
+        return 22.0 + np.outer(-np.expm1(-t / self.warm_up), rise)
+
     def describe(self) -> dict[str, Any]:
         """What a scorer may read."""
         return asdict(self.conditions) | {"dry": self.dry.to_dict()}
@@ -124,4 +129,6 @@ def log_run(
     if c.channel.speed_noise is not None:
         speed = dq + c.channel.speed_noise * world.arm.unit_speed * rng.normal(size=dq.shape)
     counted = c.channel.position(q, world.arm.unit_speed)
-    return Logged(Measurements(t, counted, noisy, speed), Measurements(t, q, tau), tuple(shares))
+    warm = np.round(world.temperature(t), 1) if c.thermometer else None
+    run = Measurements(t, counted, noisy, speed, temperature=warm)
+    return Logged(run, Measurements(t, q, tau, temperature=warm), tuple(shares))

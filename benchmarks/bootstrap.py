@@ -8,12 +8,14 @@ certified like any other; one whose certified gap is loose is solved again from 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+from clarabel import DefaultSolver
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
@@ -22,9 +24,9 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point, solve_sdp
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, triangular
+from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import lower_bound, repair
-from sdp_vs_penalty.solvers.clarabel import Updated
-from sdp_vs_penalty.solvers.conic import Solution
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Objective
 
@@ -33,6 +35,37 @@ Array = NDArray[np.float64]
 #: Certified gap, relative to the loss, above which a draw is solved again from the beginning.
 _TIGHT = 1e-8
 _ACCURACY = 1e-10
+
+
+class Updated:
+    """One problem solved again and again with new values in A and b at the same places.
+
+    Clarabel keeps its ordering and symbolic factorisation between solves (its data update), which
+    needs presolve off and every place of A that will ever be non-zero to be stored from the start.
+    """
+
+    def __init__(self, problem: ConicProblem, accuracy: float) -> None:
+        settings = clarabel._settings(accuracy)
+        settings.presolve_enable = False
+        settings.chordal_decomposition_enable = False
+        settings.input_sparse_dropzeros = False
+        self._values = problem.A.data.copy()
+        self._b = problem.b.copy()
+        start = time.perf_counter()
+        self._solver = DefaultSolver(
+            problem.P, problem.q, problem.A, problem.b, clarabel._cones(problem), settings
+        )
+        self._setup = time.perf_counter() - start
+
+    def solve(self, where: NDArray[np.intp], values: Array, b: Array) -> Solution:
+        """Solve with A.data[where] = values and the first rows of b replaced."""
+        start = time.perf_counter()
+        self._values[where] = values
+        self._b[: len(b)] = b
+        self._solver.update(A=self._values, b=self._b)
+        ready = time.perf_counter()
+        result = self._solver.solve()
+        return clarabel._solution(result, ready - start, time.perf_counter() - ready)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,279 @@
+"""A model run forward: from joint torques to motion.
+
+    M(q) ddq = tau - b(q, dq) - f(q, dq, z, t),   dz/ds = law of the friction's internal states
+
+M and b are the links' (Pinocchio), and f everything else that the model knows. Dry friction turns round
+over velocities that a step of a millisecond passes many times over: what it does within a step is
+solved for (Moreau's time stepping), and whatever else grows with velocity or travel is linearised at
+the step's end (linearly implicit midpoint rule), so that stiff friction is stable at any step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.bristles import Remembering
+from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
+from sdp_vs_penalty.effects.effect import Array, CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+
+#: Change of velocity [rad/s, m/s] by which slopes of the force are taken.
+_SLOPE = 1e-6
+
+
+class State(NamedTuple):
+    """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z (W, k)."""
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    z: Array
+
+    def rows(self, which: slice) -> State:
+        return State(*(x[which] for x in self))
+
+
+class Terms(NamedTuple):
+    """What moves W simulations: M (W, n, n), force (W, n) = b + f without dry friction, its slope (W, n)
+    over the velocity at the middle of a step, and the dry forces (W, m) along the contacts."""
+
+    mass: Array
+    force: Array
+    slope: Array
+    dry: Array
+
+
+@dataclass(frozen=True)
+class _Probe(Motion):
+    """A motion whose dry friction is told its direction: signs (N, m) along the contacts."""
+
+    contacts: Array | None = None
+    signs: Array | None = None
+
+    def sign(self, joint: int, width: float | None = None) -> Array:
+        assert self.signs is not None
+        return self.signs[:, joint]
+
+    def sign_along(self, ratios: Array) -> Array:
+        assert self.signs is not None
+        assert self.contacts is not None
+        same = np.all(self.contacts == ratios, axis=1)
+        return self.signs[:, int(np.flatnonzero(same)[0])]
+
+
+class Plant:
+    """A model with parameters theta (W, p), one row a simulation, or (p,) for all of them.
+
+    Raises InputError where a model has no rigid body.
+    """
+
+    def __init__(self, model: Model, theta: Array) -> None:
+        self.model, self.robot = model, model.robot
+        self.theta = np.atleast_2d(np.asarray(theta, float))
+        if not len(model.rigid_indices):
+            raise InputError("the model has no rigid_body effect", "without inertia nothing can move")
+        own = list(zip(model.effects, model.indices, strict=True))
+        self.effects = [(e, k) for e, k in own if e.name != "rigid_body" and e.forward == "torque"]
+        self.channels = [(e, k) for e, k in own if e.forward == "channel"]
+        links = self.theta[:, model.rigid_indices]
+        self._rigid = [self.robot.mass_and_bias(row) for row in np.unique(links, axis=0)]
+        self._which = np.unique(links, axis=0, return_inverse=True)[1].ravel()
+        self.contacts = self._contacts()
+        self.bristles = [e.bristles for e, _ in self.effects if isinstance(e, Remembering)]
+        self.states = sum(len(b.distances) for b in self.bristles)
+        self._moves = [(e, k) for e, k in self.effects if self._feels_acceleration(e)]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """The written form of the effects that have no meaning here."""
+        return tuple(e.text for e in self.model.effects if e.forward == "left out")
+
+    def true_torque(self, t: Array, torque: Array) -> Array:
+        """(N, n) the joints' torque from what the channels read, of the first row of parameters."""
+        if self.model.gains is not None:
+            torque = torque / np.array(self.model.gains)
+        for effect, k in self.channels:
+            torque = effect.undone(self.theta[0, k], t, torque)
+        return torque
+
+    def remembered(self, motion: Motion) -> Array:
+        """(N, k) the friction's states along a measured motion."""
+        motion = replace(motion, sign_width=self.model.sign_width)
+        return np.hstack([np.zeros((len(motion.t), 0)), *(b.along(motion) for b in self.bristles)])
+
+    def advanced(self, z: Array, travel: Array) -> Array:
+        """(W, k) the friction's states after displacements (W, n)."""
+        parts = np.split(z, np.cumsum([len(b.distances) for b in self.bristles])[:-1], axis=1)
+        moved = [b.advanced(part, travel) for b, part in zip(self.bristles, parts, strict=False)]
+        return np.hstack([np.zeros((len(z), 0)), *moved])
+
+    @property
+    def can_move(self) -> bool:
+        """Whether M(q) of the first row is positive definite, at poses all over the range."""
+        first = Plant(self.model, self.theta[0])
+        return bool(np.linalg.eigvalsh(first.mass(self.robot.random_configurations(20, 0))).min() > 0.0)
+
+    def mass(self, q: Array) -> Array:
+        """(W, n, n) M(q) at configurations (W, n)."""
+        return self._mass_and_bias(q, np.zeros_like(q))[0]
+
+    def terms(self, state: State, h: float) -> Terms:
+        """At the middle of a step of h [s] from a state, if it went on as in the last step."""
+        dq = state.dq + 0.5 * h * state.ddq
+        travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
+        mass, bias = self._mass_and_bias(state.q + travel, dq)
+        delta = np.where(dq < 0.0, -_SLOPE, _SLOPE)
+        n, m = self.robot.n, len(self.contacts.directions)
+        # Probes: nothing dry, all joints' friction forwards, each other contact's, a little faster.
+        signs = np.zeros((3 + m - n, m))
+        signs[1, :n] = 1.0
+        signs[2:-1, n:] = np.eye(m - n)
+        moves = [(travel, dq)] * (2 + m - n) + [(travel + 0.5 * h * delta, dq + delta)]
+        force = self._forces(state, moves, signs, h)
+        dry = force[1] - force[0]
+        others = [
+            np.sum((f - force[0]) * c, axis=1) / float(c @ c)
+            for f, c in zip(force[2:-1], self.contacts.directions[n:], strict=True)
+        ]
+        slope = (force[-1] - force[0]) / delta
+        return Terms(mass, bias + force[0], slope, np.column_stack([dry, *others]))
+
+    def _forces(
+        self, state: State, moves: Sequence[tuple[Array, Array]], signs: Array, h: float
+    ) -> Array:
+        """(P, W, n) f with each of P displacements and velocities (W, n) and signs (P, m)."""
+        count, size = len(moves), len(state.q)
+        travel, dq = (np.concatenate(x) for x in zip(*moves, strict=True))
+        still = np.zeros_like(dq)
+        motion = _Probe(
+            np.tile(state.t + 0.5 * h, count),
+            np.tile(state.q, (count, 1)) + travel,
+            dq,
+            still,
+            sign_width=self.model.sign_width,
+            contacts=self.contacts.directions,
+            signs=np.repeat(signs, size, axis=0),
+        )
+        if self.model.needs_reference:
+            motion = self._with_load(motion, np.tile(state.ddq, (count, 1)))
+        z = self.advanced(np.tile(state.z, (count, 1)), travel) if self.states else state.z
+        theta = np.tile(self.theta, (count if len(self.theta) > 1 else 1, 1))
+        return self._sum(self.effects, motion, z, theta).reshape(count, size, -1)
+
+    def _sum(
+        self, effects: Sequence[tuple[Effect, NDArray[np.intp]]], motion: Motion, z: Array, theta: Array
+    ) -> Array:
+        out = np.zeros_like(motion.q)
+        used = 0
+        for effect, own in effects:
+            if isinstance(effect, Remembering):
+                count = len(effect.bristles.distances)
+                blocks = effect.blocks_at(motion, z[:, used : used + count])
+                used += count
+            else:
+                blocks = effect.blocks(motion)
+            for block in blocks:
+                out[:, block.joint] += (block.columns * theta[:, own[block.parameters]]).sum(axis=1)
+        return out
+
+    def _with_load(self, motion: _Probe, ddq: Array) -> _Probe:
+        """With the torque that effects refer to, at the acceleration of the last step."""
+        reference = self.model.reference
+        assert reference is not None
+        links = reference[self.model.rigid_indices].reshape(-1, 10)
+        free = [(e, k) for e, k in self.effects if not (e.needs_torque or e.needs_links)]
+        plain = [(e, k) for e, k in free if not isinstance(e, Remembering)]
+        torque = self.robot.inverse_dynamics(links, motion.q, motion.dq, ddq)
+        torque += self._sum(plain, motion, np.zeros((len(motion.t), 0)), reference[None])
+        return replace(motion, ddq=ddq, torque=torque, current=CurrentModel(self.robot, links))
+
+    def _mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        if len(self._rigid) == 1:
+            mass, bias = self._rigid[0](q, dq)
+        else:
+            mass, bias = np.empty((*q.shape, q.shape[1])), np.empty_like(q)
+            for k, terms in enumerate(self._rigid):
+                rows = self._which == k
+                mass[rows], bias[rows] = terms(q[rows], dq[rows])
+        if self._moves:
+            mass = mass + self._added_mass(q, self.theta)
+        return mass, bias
+
+    def _added_mass(self, q: Array, theta: Array) -> Array:
+        """(W, n, n) of the effects that feel an acceleration: rotors, a payload."""
+        n, size = self.robot.n, len(q)
+        still, signs = np.zeros((size * n, n)), np.zeros((size * n, len(self.contacts.directions)))
+        unit = np.tile(np.eye(n), (size, 1))
+        theta = np.repeat(theta, n if len(theta) > 1 else 1, axis=0)
+        place, c = np.repeat(q, n, axis=0), self.contacts.directions
+        rows = _Probe(np.zeros(size * n), place, still, unit, contacts=c, signs=signs)
+        z = np.zeros((size * n, self.states))
+        moved = self._sum(self._moves, rows, z, theta)
+        moved -= self._sum(self._moves, replace(rows, ddq=still), z, theta)
+        return moved.reshape(size, n, n)
+
+    def _feels_acceleration(self, effect: Effect) -> bool:
+        """Whether its torque changes with the acceleration itself, not through a reference."""
+        if effect.needs_torque or effect.needs_links:
+            return False
+        n = self.robot.n
+        q, still = np.full((1, n), 0.1), np.zeros((1, n))
+        motions = [Motion(np.zeros(1), q, still, a) for a in (still, np.ones((1, n)))]
+        before, after = ([b.columns for b in effect.blocks(motion)] for motion in motions)
+        return not all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+
+    def _contacts(self) -> Contacts:
+        """One a joint, and one for each combination of joints on which dry friction acts."""
+        n, widths = self.robot.n, list(self.model.sign_width)
+        rows = list(np.eye(n))
+        for effect, _ in self.effects:
+            ratios = effect.contact
+            if ratios is not None and not any(np.array_equal(ratios, row) for row in rows):
+                rows.append(ratios)
+                widths.append(max(widths[j] for j in np.flatnonzero(ratios)))
+        return Contacts(np.array(rows), np.array(widths))
+
+
+def advance(
+    plants: Sequence[Plant],
+    state: State,
+    torque: Array,
+    h: float,
+    damping: Array | None = None,
+) -> State:
+    """One step of h [s] of all simulations; positions move with the mean velocity.
+
+    plants : whose rows of parameters are the simulations, in order; torque : (W, n) at the middle of the
+    step, if that goes on as the last one did; damping : (W, n, n) how the torque falls with the velocity
+    there, where a controller makes it.
+    """
+    parts, first = [], 0
+    for plant in plants:
+        rows = slice(first, first + max(len(plant.theta), len(state.q) if len(plants) == 1 else 0))
+        parts.append(plant.terms(state.rows(rows), h))
+        first = rows.stop
+    mass, force, slope, dry = (np.concatenate(x) for x in zip(*parts, strict=True))
+    predicted = state.dq + h * state.ddq
+    slopes = slope[:, :, None] * np.eye(slope.shape[1])
+    if damping is not None:
+        slopes = slopes + damping
+    matrix = mass + 0.5 * h * slopes
+    # The force was taken at the velocity predicted for the middle, (dq + predicted) / 2.
+    push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
+    push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
+    dq = dry_step(matrix, push, state.dq, h * dry, plants[0].contacts)
+    travel = 0.5 * h * (state.dq + dq)
+    z, first = [], 0
+    for plant, part in zip(plants, parts, strict=True):
+        rows = slice(first, first + len(part.force))
+        z.append(plant.advanced(state.z[rows], travel[rows]))
+        first = rows.stop
+    ddq = (dq - state.dq) / h
+    return State(state.t + h, state.q + travel, dq, ddq, np.concatenate(z))

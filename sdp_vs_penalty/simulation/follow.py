@@ -1,0 +1,381 @@
+"""A model run forward along measured runs: how far ahead it says where the arm will be.
+
+Windows of a tenth of a second are started from the measured state and driven by the measured torque,
+each sample as it was logged; the free run is started once. With ``drive="pd"`` a proportional and
+derivative loop on the measured motion acts beside the measured torque, so that the arm stays with it:
+what the loop has to add is then the model's error as a torque.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.effects.forward import Plant, State, advance
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.show import Shown, Summary, Table
+from sdp_vs_penalty.signals.preprocessing import RunFilter, no_rows
+from sdp_vs_penalty.signals.runs import stretches
+
+Array = NDArray[np.float64]
+Drive = Literal["torque", "pd"]
+
+#: Seconds of a window, how many windows at most, and the longest step of the simulation [s].
+HORIZON, _WINDOWS, _STEP = 0.1, 200, 2e-3
+#: A free run has left the measured one beyond this error [rad, m]; bandwidth of the loop [Hz].
+_LEFT, _BANDWIDTH = {"rad": 0.5, "m": 0.1}, 5.0
+#: Parameters drawn from their intervals for the band of the free run, and half a 95 % band in
+#: standard deviations.
+_DRAWS, _HALF = 8, 1.96
+#: Shares (see Following.share) below which a model is good, or usable.
+_GOOD, _USABLE = 0.1, 0.5
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Errors after so many seconds, over all windows, each (n,) in rad (m) or rad/s (m/s).
+
+    rms : root mean square; band : (2, n) 5 and 95 % of the absolute errors; naive : root mean square of
+    going on at the measured velocity.
+    """
+
+    seconds: float
+    rms: Array
+    band: Array
+    naive: Array
+
+    @classmethod
+    def of(cls, seconds: float, error: Array, naive: Array) -> Ahead:
+        band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
+        return cls(seconds, _rms(error), band, _rms(naive))
+
+    def to_dict(self) -> dict[str, Any]:
+        names = ("rms", "band", "naive")
+        return {"seconds": self.seconds} | {name: getattr(self, name).tolist() for name in names}
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """One run from its first state: errors (n,) until ``seconds``, where it ``left`` the measured motion
+    or that ended; spread : half a 95 % band that the parameters' intervals make of it, where they are
+    known; loop : (n,) root mean square of what the loop added [N m, N], torque : of the measured one;
+    simulated : the motion."""
+
+    seconds: float
+    left: bool
+    rms: Array
+    largest: Array
+    spread: Array | None
+    loop: Array | None
+    torque: Array
+    simulated: Measurements
+
+    def to_dict(self) -> dict[str, Any]:
+        out: dict[str, Any] = {
+            "run": self.simulated.names[0],
+            "seconds": self.seconds,
+            "left": self.left,
+        }
+        for name in ("rms", "largest", "spread", "loop", "torque"):
+            value = getattr(self, name)
+            out[name] = None if value is None else value.tolist()
+        return out
+
+
+@dataclass(frozen=True, repr=False)
+class Following(Shown):
+    """What a model run forward makes of measured runs. one_step : velocity after one sample of the log;
+    ahead : position after a tenth of a second; left_out : effects that have no forward meaning here."""
+
+    drive: Drive
+    units: tuple[str, ...]
+    one_step: Ahead
+    ahead: Ahead
+    free: tuple[FreeRun, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def share(self) -> Array:
+        """(n,) what the grade goes by: error a tenth of a second ahead over that of going on at constant
+        velocity; with a loop, the torque that it adds over the measured one."""
+        if self.drive == "pd":
+            return np.max(
+                [f.loop / np.maximum(f.torque, 1e-300) for f in self.free if f.loop is not None], axis=0
+            )
+        return self.ahead.rms / np.maximum(self.ahead.naive, 1e-300)
+
+    @property
+    def grade(self) -> str:
+        """good, usable or do not use, by the worst joint."""
+        worst = float(self.share.max())
+        return "good" if worst < _GOOD else "usable" if worst < _USABLE else "do not use"
+
+    @property
+    def verdict(self) -> str:
+        j = int(np.argmax(self.share))
+        share = f"{100.0 * self.share[j]:.2g} %"
+        worst = max(self.free, key=lambda f: float(f.rms.max()))
+        k = int(np.argmax(worst.rms))
+        stays = f"stays within {said(worst.rms[k], self.units[k])} RMS over {worst.seconds:.3g} s"
+        if self.drive == "pd":
+            return (
+                f"{self.grade.capitalize()} for simulation under control: joint {j + 1} needs {share} "
+                f"of its measured torque from the loop, the others less; the arm {stays}."
+            )
+        first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
+        end = f"leaves the measured motion after {first.seconds:.2g} s" if first.left else stays
+        return (
+            f"{self.grade.capitalize()} for prediction: {self.ahead.seconds:.3g} s ahead the worst "
+            f"joint, {j + 1}, is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} of the "
+            f"error at constant velocity; the free run {end}."
+        )
+
+    def _summary(self) -> Summary:
+        return self.verdict, []
+
+    def _table(self) -> Table:
+        return self.table()
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Headings, and one row a joint."""
+        free = self.free[0]
+        head = ["joint", "1 step", "0.1 s ahead", "5..95 %", "constant velocity", "free run"]
+        head += ["its spread"] * (free.spread is not None) + ["loop"] * (free.loop is not None)
+        rows = []
+        for j, unit in enumerate(self.units):
+            a = self.ahead
+            row = [
+                f"{j + 1}",
+                said(self.one_step.rms[j], f"{unit}/s"),
+                said(a.rms[j], unit),
+                f"{said(a.band[0, j], unit)} .. {said(a.band[1, j], unit)}",
+                said(a.naive[j], unit),
+                said(free.rms[j], unit),
+            ]
+            row += [] if free.spread is None else [f"+-{said(free.spread[j], unit)}"]
+            row += [] if free.loop is None else [f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}"]
+            rows.append(row)
+        return head, rows
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "verdict": self.verdict,
+            "grade": self.grade,
+            "drive": self.drive,
+            "units": list(self.units),
+            "one_step_velocity": self.one_step.to_dict(),
+            "ahead_position": self.ahead.to_dict(),
+            "free_run": [f.to_dict() for f in self.free],
+            "left_out": list(self.left_out),
+        }
+
+
+def said(value: float, unit: str) -> str:
+    """An angle or a length in thousandths.
+
+    >>> said(0.0123, "rad")
+    '12.3 mrad'
+    """
+    return f"{1e3 * value:.3g} m{unit}"
+
+
+@dataclass(frozen=True)
+class _Course:
+    """A stretch of a run at the log's rate: states, the friction's states z and the joints' torque."""
+
+    name: str
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    z: Array
+    torque: Array
+    moving: NDArray[np.bool_]
+
+    @property
+    def dt(self) -> float:
+        return float(self.t[1] - self.t[0])
+
+    def state(self, at: NDArray[np.intp]) -> State:
+        return State(self.t[at], self.q[at], self.dq[at], self.ddq[at], self.z[at])
+
+
+def follow(
+    model: Estimate | str | Path,
+    measurements: Source,
+    *,
+    drive: Drive = "torque",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Following:
+    """Run a model forward along measured runs and compare the motion.
+
+    model : an Estimate or a model.json; measurements : as for ``compare``; drive : "torque" (the
+    measured torque alone) or "pd" (and a loop on the measured motion); seed : of the parameters drawn
+    for the band of the free run; progress : hears where the computation stands.
+    Raises InputError for a model that cannot accelerate, or runs too short for its filters.
+    """
+    estimate = as_estimate(model, "follow(model=...)")
+    if drive not in ("torque", "pd"):
+        raise InputError(f"unknown drive {drive!r}", "choose torque or pd")
+    runs = as_measurements(
+        measurements, estimate.robot.n, estimate.robot.joint_names, "follow(measurements=...)"
+    )
+    plant = Plant(estimate.model, estimate.theta)
+    if not plant.can_move:
+        raise InputError(
+            "M(q) is not positive definite: this arm would accelerate against the torque",
+            "identify with a method that imposes consistency (lmi-sdp, penalty)",
+            f"model {estimate.problem.name}",
+        )
+    courses = [c for run in runs.runs() for c in _courses(run, estimate, plant)]
+    loops = [_Loop(plant, course) if drive == "pd" else None for course in courses]
+    progress("simulating windows")
+    ahead = [_windows(plant, *both) for both in zip(courses, loops, strict=True)]
+    one, far, naive_one, naive_far = (np.concatenate(x) for x in zip(*ahead, strict=True))
+    drawn = _drawn(estimate, seed)
+    free = []
+    for course, loop in zip(courses, loops, strict=True):
+        progress(f"simulating {course.name} freely")
+        free.append(_free_run(estimate, drawn, course, loop))
+    return Following(
+        drive,
+        estimate.robot.position_units,
+        Ahead.of(courses[0].dt, one, naive_one),
+        Ahead.of(HORIZON, far, naive_far),
+        tuple(free),
+        plant.left_out,
+    )
+
+
+def _courses(run: Measurements, estimate: Estimate, plant: Plant) -> list[_Course]:
+    filters = RunFilter(run, estimate.preprocessing.resolve(run), every_sample=True)
+    half, out = filters.state.half, []
+    for part in stretches(run):
+        first, last = half, part.count - half - 1
+        if (last - first) * filters.dt <= 2.0 * HORIZON:
+            continue
+        motion = filters.motion(part, first, last)
+        torque = part.resampled(part.tau, first, last + 1)
+        out.append(
+            _Course(
+                run.names[0],
+                motion.t,
+                motion.q,
+                motion.dq,
+                motion.ddq,
+                plant.remembered(motion),
+                plant.true_torque(motion.t, torque),
+                filters.movement.at(motion.t),
+            )
+        )
+    if not out:
+        raise no_rows(run, 2.0 * half * filters.dt + 2.0 * HORIZON)
+    return out
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """M(q) (w^2 e + 2 w de/dt) on a measured course: critically damped, w = 2 pi 5 Hz."""
+
+    plant: Plant
+    course: _Course
+
+    def torque(self, state: State, k: NDArray[np.intp], share: float, h: float) -> tuple[Array, Array]:
+        """(W, n) at the middle of a step of h [s], between samples k and k + 1, and (W, n, n) its fall
+        with the velocity there."""
+        w = 2.0 * np.pi * _BANDWIDTH
+        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (self.course.q, self.course.dq))
+        half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
+        pull = w * w * (q - state.q - half) + 2.0 * w * (dq - state.dq - 0.5 * h * state.ddq)
+        mass = self.plant.mass(self.course.q[k])
+        return np.einsum("kij,kj->ki", mass, pull), (2.0 * w + 0.5 * h * w * w) * mass
+
+
+def _step(plant: Plant, state: State, course: _Course, k: NDArray[np.intp], loop: _Loop | None) -> State:
+    """From sample k (W,) of the course to the next, in steps no longer than the simulation's."""
+    count = int(np.ceil(course.dt / _STEP - 1e-9))
+    h = course.dt / count
+    for m in range(count):
+        share = (m + 0.5) / count
+        torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
+        more, damping = (0.0, None) if loop is None else loop.torque(state, k, share, h)
+        state = advance([plant], state, torque + more, h, damping)
+    return state
+
+
+def _windows(plant: Plant, course: _Course, loop: _Loop | None) -> tuple[Array, Array, Array, Array]:
+    """Errors (W, n) of windows all over the course: of velocity after one sample, of position at the
+    horizon; and both at constant velocity."""
+    dt = course.dt
+    steps = max(1, round(HORIZON / dt))
+    starts = np.flatnonzero(course.moving[: len(course.t) - steps - 1])
+    if not len(starts):
+        starts = np.arange(len(course.t) - steps - 1)
+    at = starts[np.unique(np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(int))]
+    state, first = course.state(at), np.zeros((len(at), course.q.shape[1]))
+    for k in range(steps):
+        state = _step(plant, state, course, at + k, loop)
+        if k == 0:
+            first = state.dq - course.dq[at + 1]
+    straight = course.q[at] + steps * dt * course.dq[at]
+    there = course.q[at + steps]
+    return first, state.q - there, course.dq[at] - course.dq[at + 1], straight - there
+
+
+def _drawn(estimate: Estimate, seed: int) -> Array:
+    """(1 + draws, p) the parameters, and some drawn from what the data leave open of them."""
+    factor = np.nan_to_num(estimate.uncertainty.factor)
+    if not np.any(factor):
+        return estimate.theta[None]
+    white = np.random.default_rng(seed).normal(size=(_DRAWS, factor.shape[1]))
+    drawn = [x for x in estimate.theta + white @ factor.T if Plant(estimate.model, x).can_move]
+    return np.array([estimate.theta, *drawn])
+
+
+def _free_run(estimate: Estimate, drawn: Array, course: _Course, loop: _Loop | None) -> FreeRun:
+    plant, size = Plant(estimate.model, drawn), len(drawn)
+    units = estimate.robot.position_units
+    limit = np.array([_LEFT[unit] for unit in units])
+    start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
+    state = course.state(np.full(size, start))
+    q, added, left = [state.q], [], False
+    for k in range(start, len(course.t) - 1):
+        at = np.full(size, k)
+        if loop is not None:
+            added.append(loop.torque(state, at, 0.0, 0.0)[0][0])
+        state = _step(plant, state, course, at, loop)
+        q.append(state.q)
+        if not np.all(np.abs(state.q[0] - course.q[k + 1]) <= limit):
+            left = True
+            break
+    motion, until = np.array(q), start + len(q)
+    error = motion[:, 0] - course.q[start:until]
+    spread = None
+    if size > 2:
+        spread = _HALF * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
+    return FreeRun(
+        float(course.t[until - 1] - course.t[start]),
+        left,
+        _rms(error),
+        np.abs(error).max(axis=0),
+        spread,
+        _rms(np.array(added)) if added else None,
+        _rms(course.torque[start:until]),
+        Measurements(
+            course.t[start:until], motion[:, 0], course.torque[start:until], names=(course.name,)
+        ),
+    )
+
+
+def _rms(error: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

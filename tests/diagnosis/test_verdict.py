@@ -1,0 +1,93 @@
+"""What remains is told from noise: the two tests of the verdict against a calculation of their own."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sdp_vs_penalty.diagnosis.verdict import FALSE_UNKNOWN, remainder
+from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
+
+RATE, SECONDS, LATE = 20.0, 30.0, 0.9
+
+
+def left(repeating: float, sign: float = 1.0, seed: int = 0) -> tuple[Any, Any, Any]:
+    """Fit, rows and noise of two joints and two segments; the second repeats the first a little late.
+
+    repeating : size of what comes back on joint 1, sign : with which sign.
+    """
+    rng = np.random.default_rng(seed)
+    M = int(RATE * SECONDS)
+    t = np.arange(M) / RATE
+    white = rng.normal(size=(2 * M, 2))
+    slow = np.sin(2.0 * np.pi * 0.4 * t)
+    white[:M, 0] += repeating * np.interp(t + LATE / RATE, t, slow)
+    white[M:, 0] += sign * repeating * slow
+    white[5:9] = 0.0  # the past of a filter
+    keep = np.ones((2 * M, 2), bool)
+    keep[100:120, 1] = False
+    Q = np.linalg.qr(rng.normal(size=(4 * M, 7)))[0]
+    level = rng.uniform(0.5, 2.0, 2)
+    residual = (white / level).T.ravel()
+    fit = SimpleNamespace(residual=residual, Q=Q, weighting=SimpleNamespace(level=level))
+    segments = [SimpleNamespace(t=t), SimpleNamespace(t=100.0 + t)]
+    rows = SimpleNamespace(n=2, t=np.tile(t, 2), keep=keep, segments=segments, rate=RATE)
+    repeat = SimpleNamespace(rows=np.arange(M), other=1, later=100.0 + t + LATE / RATE)
+    noise = SimpleNamespace(source=REPETITION, degrees=np.array([300.0, 400.0]), repeats=[repeat])
+    return fit, rows, noise
+
+
+def expected(fit: Any, rows: Any, noise: Any) -> tuple[np.ndarray, list[float]]:
+    """Shares of each joint, and the four p values, one sample at a time."""
+    M = len(rows.t) // 2
+    shares, p = [], []
+    for j in range(2):
+        white = fit.residual.reshape(2, -1)[j] * fit.weighting.level[j]
+        free = 1.0 - np.sum(fit.Q.reshape(2, 2 * M, -1)[j] ** 2, axis=1)
+        used = [k for k in range(2 * M) if rows.keep[k, j] and white[k] != 0.0]
+        degrees = sum(free[k] for k in used)
+        variance = sum(white[k] ** 2 for k in used) / degrees
+        shares.append(variance - 1.0)
+        p.append(float(stats.f.sf(variance, degrees, noise.degrees[j])))
+        seconds: dict[int, float] = {k: 0.0 for k in range(int(SECONDS))}
+        for k in range(M - 1):
+            if {k, M + k, M + k + 1} <= set(used):
+                seconds[int(k / RATE)] += white[k] * (
+                    (1 - LATE) * white[M + k] + LATE * white[M + k + 1]
+                )
+        s = np.array(list(seconds.values()))
+        student = np.sum(s) / np.sqrt(np.sum(s**2))
+        student *= np.sqrt((len(s) - 1) / (len(s) - student**2))
+        p.append(float(stats.t.sf(student, len(s) - 1)))
+    return np.array(shares), p
+
+
+@pytest.mark.parametrize(
+    ("repeating", "sign", "remains"), [(0, 1, False), (1, 1, True), (0.3, -1, False)]
+)
+def test_what_comes_back_remains(repeating: float, sign: float, remains: bool) -> None:
+    """Noise is new each time; an error of the model comes back as it was, not turned round."""
+    given = left(repeating, sign)
+    found = remainder(*given)
+    shares, p = expected(*given)
+    np.testing.assert_allclose(found.share, shares, rtol=1e-9)
+    assert found.p == pytest.approx(min(1.0, 4.0 * min(p)), rel=1e-6)
+    assert found.remains == remains == (found.p < FALSE_UNKNOWN)
+
+
+def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:
+    fit, rows, noise = left(0.0)
+    whole = remainder(fit, rows, noise).share
+    fit.residual[:20] += 1e3  # of joint 1
+    ignore = np.zeros_like(rows.keep)
+    ignore[:20, 0] = True
+    assert remainder(fit, rows, noise).remains
+    np.testing.assert_allclose(remainder(fit, rows, noise, ignore).share, whole, atol=0.1)
+    noise.source = RESIDUAL
+    assert remainder(fit, rows, noise).p == 1.0
+    rows.keep[:] = False
+    np.testing.assert_array_equal(remainder(fit, rows, noise).share, [-1.0, -1.0])

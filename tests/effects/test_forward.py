@@ -1,0 +1,144 @@
+"""Models run forward: against MuJoCo, against exact solutions, and against their own inverse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
+from sdp_vs_penalty.effects.effect import Array
+from sdp_vs_penalty.effects.forward import Plant, State, advance
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.export.content import Content
+from sdp_vs_penalty.export.mjcf import make_mjcf
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.robot import inertia
+
+SIZES = {"viscous_friction": 0.3, "coulomb_friction": 0.4, "torque_offset": 0.1, "rotor_inertia": 0.1}
+
+
+def plant(name: str, effects: str, **sizes: float) -> Plant:
+    """The nominal robot with these effects, every parameter of one the same."""
+    problem = load_problem(name)
+    model = Model(problem.robot, parse_effects(effects, problem.robot))
+    values = SIZES | sizes
+    theta = np.array([values.get(p.effect, 0.0) for p in model.parameters])
+    theta[model.rigid_indices] = problem.nominal_links.ravel()
+    return Plant(model, theta)
+
+
+def at_rest(p: Plant, q: float = 0.3) -> State:
+    n = p.robot.n
+    zero = np.zeros((1, n))
+    return State(np.zeros(1), np.full((1, n), q), zero, zero, np.zeros((1, p.states)))
+
+
+def run(p: Plant, state: State, torque: Array, h: float) -> State:
+    for row in torque:
+        state = advance([p], state, row[None], h)
+    return state
+
+
+def pushes(n: int, steps: int, h: float, size: float = 8.0) -> Array:
+    t = h * (np.arange(steps) + 0.5)
+    return np.column_stack([size * np.sin((3.0 + j) * t + j) for j in range(n)])
+
+
+@pytest.mark.parametrize("name", ["two_link", "panda", "ur10e"])
+def test_as_mujoco_with_armature_and_damping(name: str) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    p = plant(name, "rigid_body,viscous_friction,rotor_inertia")
+    n, h, steps = p.robot.n, 1e-3, 300
+    others = np.full(n, SIZES["viscous_friction"]), np.zeros(n), np.full(n, SIZES["rotor_inertia"])
+    own = p.theta[0, p.model.rigid_indices].reshape(-1, 10)
+    frames = [joint.link_frame for joint in p.robot.joints]
+    links = np.stack([inertia.transform(f) @ row for f, row in zip(frames, own, strict=True)])
+    model = mujoco.MjModel.from_xml_string(make_mjcf(p.robot, Content(links, *others, ())).decode())
+    model.opt.timestep, model.opt.integrator = h, mujoco.mjtIntegrator.mjINT_RK4
+    model.jnt_limited[:] = 0
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.3
+    torque = pushes(n, steps, h)
+    for row in torque:
+        data.qfrc_applied[:] = row
+        mujoco.mj_step(model, data)
+    ours = run(p, at_rest(p), torque, h)
+    travel = np.abs(data.qpos - 0.3).max()
+    np.testing.assert_allclose(ours.q[0], data.qpos, atol=1e-4 * travel)
+
+
+@pytest.mark.parametrize("h", [1e-3, 1e-2])
+def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h: float) -> None:
+    p = plant("emps", "rigid_body,coulomb_friction@v_s=0.00002", coulomb_friction=20.0)
+    mass = float(p.mass(np.zeros((1, 1)))[0, 0, 0])
+    steps = round(1.0 / h)
+    held = run(p, at_rest(p), np.full((steps, 1), 19.0), h)
+    assert abs(held.q[0, 0] - 0.3) < 1e-3  # creeps below the width of the sign
+    slid = run(p, at_rest(p), np.full((steps, 1), 30.0), h)
+    assert slid.q[0, 0] - 0.3 == pytest.approx(0.5 * 10.0 / mass, rel=0.02)
+    # Braked, it comes to rest and does not go back.
+    still = run(p, slid, np.zeros((steps, 1)), h)
+    assert abs(still.dq[0, 0]) < 2e-5
+    assert still.q[0, 0] - slid.q[0, 0] == pytest.approx(
+        0.5 * mass * slid.dq[0, 0] ** 2 / 20.0, rel=0.03
+    )
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        "rigid_body,viscous_friction,coulomb_friction@v_s=0.002,stribeck_friction:1",
+        "rigid_body,coulomb_friction@v_s=0.01,presliding_hysteresis@d=0.003",
+        "rigid_body,viscous_friction,transmission_friction:1+2,maxwell_slip:1",
+    ],
+)
+def test_smaller_steps_change_little_and_ever_less(effects: str) -> None:
+    sizes = {"stribeck_friction": 0.2, "presliding_hysteresis": 0.3, "maxwell_slip": 0.1}
+    p = plant("two_link", effects, transmission_friction=0.2, **sizes)
+    ends = []
+    for h in (2e-3, 1e-3, 2.5e-4):
+        ends.append(run(p, at_rest(p), pushes(2, round(0.5 / h), h, 3.0), h).q[0])
+    coarse, fine = (np.abs(end - ends[-1]).max() for end in ends[:2])
+    assert fine < 0.7 * coarse + 1e-6
+    assert fine < 1e-3
+
+
+def test_as_a_stiff_solver_has_it() -> None:
+    """One joint with a smooth sign, against scipy's Radau on the equation written down again."""
+    p = plant("emps", "rigid_body,viscous_friction,coulomb_friction@v_s=0.001", coulomb_friction=20.0)
+    mass, h = float(p.mass(np.zeros((1, 1)))[0, 0, 0]), 1e-3
+
+    def f(t: float, x: Array) -> list[float]:
+        friction = SIZES["viscous_friction"] * x[1] + 20.0 * np.tanh(x[1] / 0.001)
+        return [x[1], (60.0 * np.sin(6.0 * t) - friction) / mass]
+
+    exact = solve_ivp(f, (0.0, 1.0), [0.3, 0.0], method="Radau", rtol=1e-8, atol=1e-10).y[0, -1]
+    t = h * (np.arange(1000) + 0.5)
+    ours = run(p, at_rest(p), 60.0 * np.sin(6.0 * t)[:, None], h).q[0, 0]
+    assert ours == pytest.approx(exact, abs=2e-3 * abs(exact - 0.3))
+
+
+def test_the_step_is_solved_on_any_scale() -> None:
+    rng = np.random.default_rng(0)
+    for n in (1, 3, 7):
+        root = rng.normal(size=(50, n, n)) * 10.0 ** rng.uniform(-2, 1, (50, 1, n))
+        matrix = root @ np.swapaxes(root, 1, 2) + 1e-4 * np.eye(n)
+        contacts = Contacts(np.eye(n), 10.0 ** rng.uniform(-5, -1, n))
+        push, before = rng.normal(size=(50, n)), rng.normal(size=(50, n))
+        impulse = 10.0 ** rng.uniform(-4, 1, (50, n))
+        v = dry_step(matrix, push, before, impulse, contacts)
+        friction = push - np.einsum("kij,kj->ki", matrix, v)
+        # Passive, no larger than it may be, and the law where it slides.
+        assert np.all(np.abs(friction) <= impulse * (1.0 + 1e-6) + 1e-9)
+        np.testing.assert_allclose(friction, impulse * np.tanh(v / contacts.widths), atol=1e-5)
+
+
+def test_channels_are_undone_and_others_left_out() -> None:
+    p = plant("two_link", "rigid_body,torque_gain:2,joint_elasticity:1", torque_gain=0.1)
+    torque = np.ones((5, 2))
+    np.testing.assert_allclose(p.true_torque(np.arange(5.0), torque)[:, 1], 1.0 / 1.1)
+    assert p.left_out == ("joint_elasticity:1",)
+    declared = {kind.forward for kind in effect_types().values()}
+    assert declared == {"torque", "channel", "left out"}
