@@ -55,10 +55,7 @@ ROWS = (
     ),
 )
 #: What the inner folds may add to hysteresis, and how often.
-CHOICES = (
-    *(GAIN, "torque_gain:3", "base_tilt", "joint_spring:5+6+7", "joint_elasticity"),
-    *("stribeck_friction@vs=0.3", "load_dependent_hysteresis", "torque_ripple:1+2+3+4@k=242"),
-)
+CHOICES = (GAIN, "torque_gain:3", "base_tilt", "joint_spring:5+6+7", "joint_elasticity")
 STEPS = 2
 #: The clock is cut into so many cells: four are a judged fold, three an inner one. Training keeps off
 #: by two cells, which is more than the filters' reach; the inner folds by one.

@@ -66,6 +66,18 @@ def unreadable(error: Exception, where: Any) -> InputError:
     return InputError(f"cannot be read ({why})", "check its name and your right to read it", where)
 
 
+def other_robot(joints: int, expected: int, where: Any, choose: str = "problem") -> InputError:
+    """The error of data or a model of a robot with another number of joints.
+
+    >>> str(other_robot(1, 7, "run.csv"))
+    'run.csv: 1 joint, the robot has 7: choose the problem that belongs to it.'
+    """
+    have = f"{joints} joint{'' if joints == 1 else 's'}"
+    return InputError(
+        f"{have}, the robot has {expected}", f"choose the {choose} that belongs to it", where
+    )
+
+
 def install_command(extra: str) -> str:
     """What installs an optional part, for those who have the package and for those with a checkout."""
     return f"pip install 'sdp-vs-penalty[{extra}]' (in a checkout: pip install '.[{extra}]')"

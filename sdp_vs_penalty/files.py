@@ -165,27 +165,38 @@ def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str,
 
     Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
     """
-    path = Path(path)
+
+    def checked(data: Any) -> T:
+        if not isinstance(data, dict) or mark not in data:
+            raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}")
+        return build(data)
+
+    return _built(Path(path), "JSON", json.loads, checked, "write the file anew")
+
+
+def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
+    """What ``build`` makes of the TOML file at ``path``; errors as of :func:`read_json`."""
+    import tomllib
+
+    return _built(path, "TOML", tomllib.loads, build, "compare the file with a built-in one")
+
+
+def _built(
+    path: Path, kind: str, parse: Callable[[str], Any], build: Callable[[Any], T], remedy: str
+) -> T:
     opened(path)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parse(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise unreadable(error, path) from error
     except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"not a JSON file ({error})", "name a file that this program wrote", path
-        ) from error
-    if not isinstance(data, dict) or mark not in data:
-        raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}", path)
+        raise InputError(f"not a {kind} file ({error})", "correct it, or name another", path) from error
     try:
         return build(data)
     except InputError as error:
-        raise error.within(path) from error
+        # One that names a file of its own, which this one mentions, stays as it is.
+        raise error if isinstance(error.where, Path) else error.within(path) from error
     except KeyError as error:
-        raise InputError(
-            f"the field {error.args[0]!r} is missing", "write the file anew", path
-        ) from error
+        raise InputError(f"the field {error.args[0]!r} is missing", remedy, path) from error
     except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(
-            f"a field has the wrong content ({error})", "write the file anew", path
-        ) from error
+        raise InputError(f"a field has the wrong content ({error})", remedy, path) from error

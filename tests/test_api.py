@@ -283,3 +283,11 @@ def test_without_matplotlib_a_sentence(
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     with pytest.raises(InputError, match=r"Plots need the extra \[plot\]"):
         compare(estimate, files[0]).plot()
+
+
+def test_what_follows_the_clock_is_predicted_at_a_time(files: list[Path]) -> None:
+    found = identify("two_link", files[0], "ols", effects="rigid_body,drift_offset")
+    rest = np.zeros((3, 2))
+    with pytest.raises(InputError, match="drift_offset depends on time: pass t"):
+        found.predict(rest, rest, rest)
+    assert found.predict(rest, rest, rest, t=np.arange(3.0)).shape == (3, 2)

@@ -22,7 +22,7 @@ from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
@@ -110,13 +110,7 @@ def check(
     if not np.any(measurements.tau):
         raise InputError("every torque is zero", "log the torque, or the current", measurements.names[0])
     if measurements.n != problem.robot.n:
-        raise InputError(
-            (
-                f"The measurements have {show.count(measurements.n, 'joint')}, the robot "
-                f"{problem.name} has {problem.robot.n}"
-            ),
-            "choose the problem that belongs to the file",
-        )
+        raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
     return [_check_run(problem, run, settings, thorough) for run in measurements.runs()]
 

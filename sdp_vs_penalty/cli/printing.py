@@ -201,6 +201,8 @@ def diagnosis(
         explain(f"retune {retune.explanation}{weak}")
     if result.effects:
         _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
+    for curve in result.curves:
+        explain(f"curve: {curve.sentence(units)}")
     share = ", ".join(f"{100 * max(x, 0.0):.0f} %" for x in result.unexplained)
     known = result.noise_source == "repetition"
     say(f"unexplained variance / noise variance, per joint: {share if known else 'not known'}")

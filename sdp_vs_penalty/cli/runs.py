@@ -2,40 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.cli.arguments import time_windows
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.data.measurements import Runs
     from sdp_vs_penalty.estimation.estimate import Estimate
-
-
-@dataclass(frozen=True)
-class Given:
-    """train : what to fit, test : what to test on, windows of what was measured; whole : all of that,
-    each run once, in which the noise is measured."""
-
-    train: Measurements
-    test: Measurements | None
-    whole: Measurements
-
-    @property
-    def judge(self) -> Measurements:
-        """What errors are shown of."""
-        return self.train if self.test is None else self.test
 
 
 def runs_for(
     estimate: Estimate, data: list[Path], window: str | None, test: Path | None, test_window: str | None
-) -> Given:
+) -> Runs:
     """The runs to fit and the run to test on, both possible for the model's robot."""
     from sdp_vs_penalty.data.files import load_measurements, windowed
-    from sdp_vs_penalty.data.measurements import concatenate
+    from sdp_vs_penalty.data.measurements import Runs, concatenate
     from sdp_vs_penalty.data.plausibility import check_plausible
 
     robot = estimate.robot
@@ -49,15 +32,11 @@ def runs_for(
     tested = None if test is None else load_measurements(test, names=names)
     for given in (measured, tested):
         if given is not None and given.n != robot.n:
-            raise InputError(
-                f"the file has {show.count(given.n, 'joint')}, the model {robot.n}",
-                "choose the model that belongs to it",
-                given.names[0],
-            )
+            raise other_robot(given.n, robot.n, given.names[0], "model")
         if given is not None:
             check_plausible(robot, given)
     whole = measured
     if tested is not None and tested.data_hash not in {run.data_hash for run in measured.runs()}:
         whole = concatenate([measured, tested])
     held_out = None if tested is None else windowed(tested, judge)
-    return Given(windowed(measured, train), held_out, whole)
+    return Runs(windowed(measured, train), held_out, whole)

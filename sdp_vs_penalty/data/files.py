@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.formats.pipes import spooled
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.files import opened
 
 
@@ -89,11 +89,7 @@ def read_run(
         part: Measurements = home.read(file, Choice(names, topic, rename))
     part = replace(part, names=(path.name,)) if file is not path else part
     if joints is not None and part.n != joints:
-        raise InputError(
-            f"the file has {show.count(part.n, 'joint')}, the robot has {joints}",
-            "choose the problem that belongs to this file",
-            path,
-        )
+        raise other_robot(part.n, joints, path)
     return part
 
 

@@ -104,6 +104,22 @@ class Measurements(Shown):
         return digest.hexdigest()
 
 
+@dataclass(frozen=True)
+class Runs:
+    """train : to identify from, test : to judge on, windows of what was measured; None without a test.
+
+    whole : all of that, each run once, in which the noise is measured."""
+
+    train: Measurements
+    test: Measurements | None
+    whole: Measurements
+
+    @property
+    def judge(self) -> Measurements:
+        """What errors are shown of."""
+        return self.train if self.test is None else self.test
+
+
 #: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
 #: [encoder counts], tau [mN m], temp [degrees].
 LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12, "temp": 1e4}

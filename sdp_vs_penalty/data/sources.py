@@ -9,11 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.data.files import check_usable, load_measurements, read_run, refuse_twice
 from sdp_vs_penalty.data.formats.columns import from_columns
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.errors import InputError, given
+from sdp_vs_penalty.errors import InputError, given, other_robot
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence of runs.
 Source: TypeAlias = Any
@@ -68,11 +67,7 @@ def _one(
         )
     run = from_columns(f"run{number}", columns, None, remedy=_REMEDY, what=what)
     if joints is not None and run.n != joints:
-        raise InputError(
-            f"the arrays have {show.count(run.n, 'joint')}, the robot has {joints}",
-            "choose the problem that belongs to them",
-            what,
-        )
+        raise other_robot(run.n, joints, what)
     if usable:
         check_usable(run.names[0], run)
     return run

@@ -20,6 +20,7 @@ from sdp_vs_penalty.diagnosis.added_shapes import (
     refitted,
     shaped_effects,
 )
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.effects import parse_effects
@@ -75,7 +76,12 @@ def add(
     )
     estimate.require_joints(measurements)
     if isinstance(effects, Diagnosis):
-        frozen, effects = frozen or effects.frozen, (*effects.retuned, *effects.effects)
+        # What a curve stands instead of is not added beside it.
+        named = [
+            f for f in effects.effects if not (effects.curves and CURVE in f.indistinguishable_from)
+        ]
+        frozen = frozen or effects.frozen
+        effects = (*effects.retuned, *named, *(c.effect(estimate.robot).text for c in effects.curves))
     texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
     wanted = parse_effects(texts, estimate.robot)
     if not wanted:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -17,11 +17,12 @@ from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.show import (
     fit_verdict,
     new_motion,
+    outside_warning,
     plot_errors,
     plot_residual,
     repeatability_warning,
 )
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.show import Shown, Summary
@@ -60,7 +61,8 @@ class Comparison(Shown):
     all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows themselves;
     new_motion_share: of the rows, those whose motion the model has not been trained on (see
     :mod:`~sdp_vs_penalty.signals.motion`), farther than new_motion_distance spreads from all that it
-    has; None where its model.json does not record that.
+    has; None where its model.json does not record that; outside: by effect the share of the rows that
+    lie outside of its table (a measured curve), where it is held constant.
     """
 
     name: str
@@ -73,11 +75,14 @@ class Comparison(Shown):
     signals: Signals = field(compare=False)
     new_motion_share: float | None = None
     new_motion_distance: float | None = None
+    outside: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def warning(self) -> str | None:
-        """One sentence where these measurements repeat the motion that the model was trained on."""
-        return repeatability_warning(self.new_motion_share)
+        """A sentence where these measurements repeat the motion that the model was trained on, and one
+        where they leave what its measured curves are known for."""
+        said = [repeatability_warning(self.new_motion_share), outside_warning(self.outside)]
+        return " ".join(filter(None, said)) or None
 
     @property
     def verdict(self) -> str:
@@ -126,6 +131,7 @@ class Comparison(Shown):
             "relative_error_percent": _number(self.relative_error_percent),
             "band_hz": self.band_hz,
             "new_motion_share": self.new_motion_share,
+            "outside": dict(self.outside),
         }
 
 
@@ -201,13 +207,7 @@ def compare(
     settings = settings.resolve(measurements)
     for name, model in models.items():
         if model.robot.n != measurements.n:
-            raise InputError(
-                (
-                    f"model {name} is of a robot with {show.count(model.robot.n, 'joint')}, the "
-                    f"measurements have {measurements.n}"
-                ),
-                "choose the model that belongs to them",
-            )
+            raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
     given = (measurements.whole or measurements) if noise_from is None else as_measurements(noise_from)
     last = list(models.values())[-1]
@@ -241,7 +241,22 @@ def _judged(
         signals,
         None if record is None else record.new_share(q, dq),
         None if record is None else record.distance,
+        _outside(model, runs),
     )
+
+
+def _outside(model: Estimate, runs: Sequence[Rows]) -> dict[str, float]:
+    """By effect the share of the rows that lie outside of what it is known for."""
+    count = sum(len(rows.motion.t) for rows in runs)
+    found: dict[str, float] = {}
+    for rows in runs:
+        motion = replace(rows.motion, torque=predicted(rows, model.theta))
+        for effect in model.model.effects:
+            rest = float(effect.outside(motion).sum()) / max(count, 1)
+            if rest > 0.0:
+                name = effect.parameters[0].name
+                found[name] = found.get(name, 0.0) + rest
+    return found
 
 
 def predicted(rows: Rows, theta: Array) -> Array:

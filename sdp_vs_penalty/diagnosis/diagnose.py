@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis import explanations
+from sdp_vs_penalty.diagnosis.curves.measure import measured_curves, stood_in
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
     NOTHING_MISSING,
@@ -122,8 +123,11 @@ def conclude(
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
     findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
+    rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
+    measured = measured_curves(state, left, [j - 1 for j in doubted], rows)
+    findings = stood_in(findings, measured)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
-    if left.remains or doubted:
+    if left.remains or doubted or measured.curves:
         verdict = UNKNOWN
     return Diagnosis(
         verdict,
@@ -135,12 +139,13 @@ def conclude(
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(stage.noise.source, doubted, held_out.source, new_share),
+        explanations.remarks(stage.noise.source, tuple(doubted.values()), held_out.source, new_share),
         held_out.before if retuned else held_out.ladder[0],
         held_out.source,
         stage.frozen,
         new_share,
         retuned,
+        measured.curves,
     )
 
 

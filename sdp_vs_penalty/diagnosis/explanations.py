@@ -58,14 +58,15 @@ def weaknesses(holds: bool, rivals: bool, uncertain: bool, small: bool) -> tuple
     return tuple(text for text, true in reasons.items() if true)
 
 
-def doubts(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """What speaks against the findings of one kind on one joint being physical causes at all."""
+def doubts(findings: Sequence[Finding]) -> dict[int, str]:
+    """By joint (from 1) what speaks against the findings of one kind on it being physical causes at
+    all."""
     found: dict[tuple[str, int], list[Mapping[str, float]]] = {}
     for f in findings:
         if f.joints:
             found.setdefault((f.effect, f.joints[0]), []).append(f.shape)
-    said = (effect_types()[name].doubt(joint, shapes) for (name, joint), shapes in found.items())
-    return tuple(text for text in said if text)
+    said = [(j, effect_types()[name].doubt(j, shapes)) for (name, j), shapes in found.items()]
+    return {j: text for j, text in said if text}
 
 
 def remarks(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
@@ -122,7 +123,8 @@ class Diagnosis(Shown):
     unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
     held_out_rmse (n,) : before the first effect and after the last, on the source that
     held_out_source names: "test" (a test run) or "folds"; band_hz : below which all errors are meant;
-    retuned : shape constants of the model's own effects that should change;
+    retuned : shape constants of the model's own effects that should change; curves : what repeats and
+    has no name, as functions of one variable or two;
     remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
     new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched.
     """
@@ -142,11 +144,13 @@ class Diagnosis(Shown):
     frozen: bool
     new_motion_share: float | None = None
     retuned: tuple[Retune, ...] = ()
+    curves: tuple[Curve, ...] = ()
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
 
-        Changed shape constants are not numbered: they stay, the confident ones or all.
+        Changed shape constants are not numbered: they stay, the confident ones or all. So do curves,
+        but where numbers are given.
         Raises InputError for a number that is not there, and where no finding is left.
         """
         for number in numbers or ():
@@ -161,12 +165,13 @@ class Diagnosis(Shown):
             if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
         )
         retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
-        if not chosen and not retuned:
+        curves = self.curves if numbers is None else ()
+        if not chosen and not retuned and not curves:
             kind = "confident finding" if confident and self.effects else "finding"
             raise InputError(
                 f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
             )
-        return replace(self, effects=chosen, retuned=retuned)
+        return replace(self, effects=chosen, retuned=retuned, curves=curves)
 
     @property
     def headline(self) -> str:
@@ -215,6 +220,7 @@ class Diagnosis(Shown):
             "frozen": self.frozen,
             "effects": [{"number": k, **f.to_dict()} for k, f in enumerate(self.effects, start=1)],
             "retuned": [r.to_dict() for r in self.retuned],
+            "curves": [c.to_dict() for c in self.curves],
             "noise_floor": self.noise_floor.tolist(),
             "noise_source": self.noise_source,
             "unexplained": self.unexplained.tolist(),
@@ -249,6 +255,7 @@ class Diagnosis(Shown):
             bool(data["frozen"]),
             data.get("new_motion_share"),
             tuple(map(Retune.from_dict, data.get("retuned", ()))),
+            tuple(map(Curve.from_dict, data.get("curves", ()))),
         )
 
 

@@ -46,7 +46,8 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     repeats = _repeating(mask, stage)
     mask &= ~repeats
     if repeats.any():
-        left = replace(left, remains=True)
+        where = {*left.joints, *np.flatnonzero(repeats.any(axis=0)).tolist()}
+        left = replace(left, remains=True, joints=tuple(sorted(where)))
     if mask.any():
         without = remainder(fit, rows, noise, mask)
         if without.remains:

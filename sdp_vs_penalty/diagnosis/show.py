@@ -47,6 +47,17 @@ def repeatability_warning(new_share: float | None) -> str | None:
     )
 
 
+def outside_warning(shares: Mapping[str, float]) -> str | None:
+    """One sentence where rows lie outside of measured curves (by name), else None."""
+    if not shares:
+        return None
+    listed = ", ".join(f"{name} {100.0 * share:.2g} %" for name, share in shares.items())
+    return (
+        f"Share of the rows outside of a measured curve's table, where it is held constant: {listed}; "
+        "predictions there are not known."
+    )
+
+
 def new_motion(new_share: float | None) -> str:
     """The share of the judged motion that the model has not been trained on, as text."""
     return "not recorded" if new_share is None else f"{100.0 * new_share:.0f} %"

@@ -30,11 +30,13 @@ FALSE_UNKNOWN = 5e-4
 class Remainder:
     """share (n,) : variance above the noise over that of the noise; p : smallest p value, corrected
     for the number of tests (1 where only the residual shows the noise: nothing can be tested then);
-    remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat."""
+    remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat; joints : those
+    on which it is, from 0."""
 
     share: Array
     p: float
     remains: bool
+    joints: tuple[int, ...] = ()
 
 
 def remainder(fit: WhiteFit, rows: SegmentedRuns, noise: Noise, ignore: Mask | None = None) -> Remainder:
@@ -52,7 +54,8 @@ def remainder(fit: WhiteFit, rows: SegmentedRuns, noise: Noise, ignore: Mask | N
         p_values += list(stats.f.sf(variance, degrees, noise.degrees))
         p_values += _repeated_products(white, keep, rows, noise)
     p = min(1.0, min(p_values, default=1.0) * max(len(p_values), 1))
-    return Remainder(variance - 1.0, float(p), p < FALSE_UNKNOWN)
+    small = {k % n for k, each in enumerate(p_values) if each * len(p_values) < FALSE_UNKNOWN}
+    return Remainder(variance - 1.0, float(p), p < FALSE_UNKNOWN, tuple(sorted(small)))
 
 
 def _repeated_products(white: Array, keep: Mask, rows: SegmentedRuns, noise: Noise) -> list[float]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.registration import classes
 from sdp_vs_penalty.robot.robot import Robot
 
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
@@ -26,13 +25,8 @@ _MADE_OF = {
 @cache
 def effect_types() -> dict[str, type[Effect]]:
     """Every effect of the library by name, the rigid body first."""
-    found: dict[str, type[Effect]] = {}
-    for module in pkgutil.iter_modules(__path__):
-        home = importlib.import_module(f"{__name__}.{module.name}")
-        for value in vars(home).values():
-            if isinstance(value, type) and issubclass(value, Effect) and hasattr(value, "name"):
-                found[value.name] = value
-    return dict(sorted(found.items(), key=lambda item: (item[0] != "rigid_body", item[0])))
+    found = classes(__name__, __path__, Effect)
+    return {"rigid_body": found.pop("rigid_body"), **found}
 
 
 def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...]:

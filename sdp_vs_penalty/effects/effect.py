@@ -194,7 +194,7 @@ class Effect(ABC):
     #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
     follows_clock: bool = False
     #: True where the columns need Motion.torque.
-    needs_torque: ClassVar[bool] = False
+    needs_torque: bool = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
     #: True where the columns need Motion.temperature.
@@ -332,6 +332,10 @@ class Effect(ABC):
         return out
 
     # What a reader is told.
+
+    def outside(self, motion: Motion) -> NDArray[np.bool_]:
+        """(N,) where a motion leaves what the effect is known for; nowhere, but for measured tables."""
+        return np.zeros(len(motion.t), bool)
 
     @property
     def constants(self) -> str:

@@ -58,9 +58,10 @@ class WarmingFriction(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """By temperature: by the clock it is drift_friction."""
-        warms = cls.shapes["warm"].grid
-        return [{"law": law, "warm": x} for law in cls.shapes["law"].choices for x in warms]
+        """By temperature: by the clock it is drift_friction, which a search knows already."""
+        scales = list(zip(cls.shapes["warm"].grid, cls.shapes["T"].grid, strict=True))
+        laws = cls.shapes["law"].choices
+        return [{"law": law, "warm": warm, "T": T} for law in laws for warm, T in scales]
 
     def unit_on(self, joint: int) -> str:
         torque = super().unit_on(joint)

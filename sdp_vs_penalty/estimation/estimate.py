@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.show import parameter_rows, plot_parameters
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.files import read_json, write_text
@@ -26,7 +26,6 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.motion import MotionRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.certificate import Certificate
 
 if TYPE_CHECKING:
     import pandas
@@ -107,11 +106,12 @@ class Estimate(Shown):
         for name, x in zip(names, states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (self.robot.n,):
                 raise InputError(
-                    (f"predict({name}=...) has shape {np.shape(x)}"),
+                    f"predict({name}=...) has shape {np.shape(x)}",
                     f"give q, dq and ddq as (N, {self.robot.n})",
                 )
         if t is None:
-            timed = [e.name for e in self.model.effects if e.has_memory or "t0" in e.shape]
+            clocks = {e.name for e in self.model.effects for s in e.shapes.values() if s.role == "clock"}
+            timed = [e.name for e in self.model.effects if e.has_memory or e.name in clocks]
             if timed:
                 raise InputError(f"predict(): {timed[0]} depends on time", "pass t, (N,) in seconds")
             t = np.zeros(len(states[0]))
@@ -196,13 +196,7 @@ class Estimate(Shown):
     def require_joints(self, measurements: Measurements, what: str = "measurements") -> None:
         """Raises InputError unless the measurements have as many joints as the robot."""
         if measurements.n != self.robot.n:
-            raise InputError(
-                (
-                    f"The {what} have {show.count(measurements.n, 'joint')}, the model's robot has "
-                    f"{self.robot.n}"
-                ),
-                "choose the model that belongs to them",
-            )
+            raise other_robot(measurements.n, self.robot.n, what, "model")
 
     def save(self, path: str | Path) -> None:
         """Write model.json, whole or not at all."""

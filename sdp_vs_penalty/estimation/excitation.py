@@ -30,8 +30,10 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.robot.point_trajectory import PointTrajectory
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
+from sdp_vs_penalty.show import Shown, Summary
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -97,13 +99,18 @@ class Limits:
         return float(max(ratio.max() for ratio in ratios))
 
 
-@dataclass(frozen=True)
-class Excitation:
+@dataclass(frozen=True, repr=False)
+class Excitation(Shown):
     """An optimised trajectory; condition : of its base regressor, history : after each iteration."""
 
     trajectory: FourierTrajectory
     condition: float
     history: tuple[float, ...]
+
+    def _summary(self) -> Summary:
+        n = self.trajectory.a.shape[0]
+        rows = [("length", f"{self.trajectory.duration:g} s"), ("joints", str(n))]
+        return f"Excitation: condition number {self.condition:.4g} of the base regressor", rows
 
     def save(self, path: str | Path) -> None:
         """Write t, q, dq, ddq at 1 kHz as CSV, whole or not at all."""
@@ -168,10 +175,12 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     )
 
 
-def save_trajectory(trajectory: FourierTrajectory, path: str | Path, rate: float = 1000.0) -> None:
+def save_trajectory(
+    trajectory: FourierTrajectory | PointTrajectory, path: str | Path, rate: float = 1000.0
+) -> None:
     """Write t, q1..qn, dq1..dqn, ddq1..ddqn at ``rate`` [Hz]: what a robot's controller plays."""
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
-    n = trajectory.a.shape[0]
+    n = trajectory.states(t[:1])[0].shape[1]
     header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
     rows = np.column_stack([t, *trajectory.states(t)])
     lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty import show
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.errors import Infeasible, InputError, other_robot
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
@@ -71,47 +72,25 @@ def identify(
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
     """
-    problem = as_problem(problem, "identify(problem=...)")
-    if not isinstance(measurements, BlackBox):
-        measurements = as_black_box(measurements, problem.robot.n) or as_measurements(
-            measurements, problem.robot.n, problem.robot.joint_names, "identify(measurements=...)"
-        )
-    if measurements.n != problem.robot.n:
-        raise InputError(
-            (
-                f"The measurements have {show.count(measurements.n, 'joint')}, the robot "
-                f"{problem.name} has {problem.robot.n}"
-            ),
-            "choose the problem that belongs to the file",
-        )
-    estimator = make_estimator(method)
+    problem, estimator = as_problem(problem, "identify(problem=...)"), make_estimator(method)
+    measurements = _usable(problem, measurements, estimator, proof is not None)
     if isinstance(measurements, BlackBox):
-        if proof is not None:
-            raise InputError(
-                "proof: a black box's answers are fitted without constraints", "leave it out"
-            )
         return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
-    if estimator.needs_black_box:
-        raise InputError(
-            f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix",
-            "choose another method for measured runs",
-        )
-    check_plausible(problem.robot, measurements)
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
     progress("estimating shape constants")
     shapes = estimate_shapes(model, measurements, settings, weighting)
     model = replace(model, effects=with_shapes(model.effects, shapes))
     errors = independent_gains(gain_uncertainty, problem.robot.n)
-    found = None
+    details: dict[str, Any] = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
     if known_loads:
         progress("determining the gains from the known loads")
-        names = problem.robot.joint_names
-        loads = as_known_loads(known_loads, problem.robot.n, names)
+        loads = as_known_loads(known_loads, problem.robot.n, problem.robot.joint_names)
         prior = float(np.max(gain_uncertainty)) or GAIN_PRIOR
         found = gains_from_loads(model.reference_free, measurements, loads, settings, prior)
         problem = replace(problem, gains=tuple(found.gain.tolist()))
         model, errors = replace(model, gains=problem.gains), found.factor
+        details["gains"] = {"gain": found.gain.tolist(), "std": (found.gain * found.std).tolist()}
     if model.needs_reference:
         model = with_reference(
             problem, model, lambda part: compress(measurements, part, settings), weighting, progress
@@ -129,16 +108,36 @@ def identify(
     estimate = build_estimate(
         problem, task, estimator, fit, regression, settings, measurements, weighting, errors
     )
-    if shapes:
-        shown = {"shapes": [s.to_dict() for s in shapes]}
-        estimate = replace(estimate, details={**estimate.details, **shown})
-    if found is not None:
-        told = {"gain": found.gain.tolist(), "std": (found.gain * found.std).tolist()}
-        estimate = replace(estimate, details={**estimate.details, "gains": told})
+    estimate = replace(estimate, details={**estimate.details, **details})
     if proof is not None:
         progress("proving the optimum")
         write_proof(proved(task, fit, estimate), proof)
     return estimate
+
+
+def _usable(
+    problem: Problem, measurements: Source | BlackBox, estimator: Estimator, proof: bool
+) -> Measurements | BlackBox:
+    """What was given as measurements, read; InputError where problem, method and data do not fit."""
+    n, names = problem.robot.n, problem.robot.joint_names
+    if not isinstance(measurements, BlackBox):
+        measurements = as_black_box(measurements, n) or as_measurements(
+            measurements, n, names, "identify(measurements=...)"
+        )
+    if measurements.n != n:
+        raise other_robot(measurements.n, n, f"measurements for {problem.name}")
+    if isinstance(measurements, BlackBox):
+        if proof:
+            what = "proof: a black box's answers are fitted without constraints"
+            raise InputError(what, "leave it out")
+        return measurements
+    if estimator.needs_black_box:
+        raise InputError(
+            f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix",
+            "choose another method for measured runs",
+        )
+    check_plausible(problem.robot, measurements)
+    return measurements
 
 
 def _identify_black_box(

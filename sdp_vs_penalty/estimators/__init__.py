@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from functools import cache
 
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.registration import classes
 
 DEFAULT_METHOD = "lmi-sdp"
 
@@ -15,13 +14,7 @@ DEFAULT_METHOD = "lmi-sdp"
 @cache
 def estimator_types() -> dict[str, type[Estimator]]:
     """Every estimator by name."""
-    found: dict[str, type[Estimator]] = {}
-    for module in pkgutil.iter_modules(__path__):
-        home = importlib.import_module(f"{__name__}.{module.name}")
-        for value in vars(home).values():
-            if isinstance(value, type) and issubclass(value, Estimator) and hasattr(value, "name"):
-                found[value.name] = value
-    return dict(sorted(found.items()))
+    return classes(__name__, __path__, Estimator)
 
 
 def make_estimator(method: str | Estimator) -> Estimator:

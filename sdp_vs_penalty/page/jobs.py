@@ -16,15 +16,15 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.diagnosis import add, diagnose
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.page.summary import Runs, summary, violation
+from sdp_vs_penalty.page.summary import summary, violation
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import real_data_folder
@@ -162,14 +162,7 @@ def open_model(request: Request, progress: Progress) -> Answer:
     runs = _runs(request)
     estimate = load_estimate(request["model"])
     if estimate.robot.n != runs.train.n:
-        raise InputError(
-            (
-                f"is of a robot with {show.count(estimate.robot.n, 'joint')}, the runs have "
-                f"{runs.train.n}"
-            ),
-            "choose the model that belongs to them",
-            request["model"],
-        )
+        raise other_robot(runs.train.n, estimate.robot.n, request["model"], "model")
     return asdict(summary(estimate, runs, Path(request["out"]), 0.0, progress))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.constraints.constraint import BarycentricBound
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
@@ -19,20 +19,6 @@ from sdp_vs_penalty.estimation.shape_profiles import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
-
-
-@dataclass(frozen=True)
-class Runs:
-    """train : to identify from; test : to judge on, None without; whole : all of them, as measured."""
-
-    train: Measurements
-    test: Measurements | None
-    whole: Measurements
-
-    @property
-    def judge(self) -> Measurements:
-        """What errors are shown of."""
-        return self.train if self.test is None else self.test
 
 
 @dataclass(frozen=True)

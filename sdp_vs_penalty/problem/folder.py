@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.files import opened
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import read_toml
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.fields import check_fields
@@ -31,26 +30,7 @@ Array = NDArray[np.float64]
 
 
 def load_folder(folder: Path) -> Problem:
-    file = folder / "problem.toml"
-    opened(file)
-    try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise unreadable(error, file) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"not a TOML file ({error})", "correct it there", file) from error
-    try:
-        return _from_toml(folder, data)
-    except InputError as error:
-        if str(folder) in str(error):
-            raise
-        raise error.within(file) from error
-    except KeyError as error:
-        raise InputError(f"the field {error.args[0]!r} is missing", "add it", file) from error
-    except (TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise InputError(
-            f"a field has the wrong content ({error})", "compare it with a built-in problem.toml", file
-        ) from error
+    return read_toml(folder / "problem.toml", lambda data: _from_toml(folder, data))
 
 
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:

@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats.npz import numeric_arrays
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -116,11 +115,7 @@ def load_black_box(path: str | Path, joints: int | None = None) -> BlackBox:
                 path,
             )
     if joints is not None and n != joints:
-        raise InputError(
-            f"the file has {show.count(n, 'joint')}, the robot has {joints}",
-            "choose the problem that belongs to this file",
-            path,
-        )
+        raise other_robot(n, joints, path)
     difference = np.abs(mass_matrix - np.swapaxes(mass_matrix, 1, 2)).max(axis=(1, 2))
     worst = int(np.argmax(difference))
     if difference[worst] > _ASYMMETRY * np.abs(mass_matrix).max():

@@ -45,7 +45,7 @@ class _Reader:
         try:
             return build()
         except InputError as error:
-            raise error if str(self.path) in str(error) else error.within(self.path) from error
+            raise error if error.where == self.path else error.within(self.path) from error
 
     @property
     def massless(self) -> tuple[int, ...]:

@@ -31,7 +31,7 @@ from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, unsvec
+from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
 
 Array = NDArray[np.float64]
 
@@ -46,8 +46,10 @@ SLACK = 10.0
 class Answer:
     """What a contestant returned. multipliers : of all convex constraints, or None without a dual.
 
-    dimacs : the largest DIMACS error of the conic problem that was sent; own_error : the same relative
-        to all terms of each sum, as solvers' own criteria are. None where no conic problem was sent.
+    dimacs : the largest DIMACS error of the conic problem that the solver saw, rewritten for it;
+        own_error : the same relative to all terms of each sum, as solvers' own criteria are. None where
+        no conic problem was sent.
+    attempts : runs that went into it, as far as the contestant starts several.
     """
 
     theta: Array
@@ -60,6 +62,7 @@ class Answer:
     entropy_slopes: Array | None = None
     dimacs: float | None = None
     own_error: float | None = None
+    attempts: int = 1
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,7 @@ def _value(instance: Instance, theta: Array) -> float:
     return value if np.isfinite(value) else instance.data.loss(theta)
 
 
-def conic_errors(problem: ConicProblem, solution: Solution) -> tuple[float, float]:
+def conic_errors(problem: ConicProblem, x: Array, z: Array) -> tuple[float, float]:
     """The largest DIMACS error of a conic solution, and the largest error relative to all terms.
 
     With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
@@ -146,7 +149,6 @@ def conic_errors(problem: ConicProblem, solution: Solution) -> tuple[float, floa
     objectives. Solvers' own criteria (Clarabel, SCS): relative to the largest of all terms that are
     summed up, and 1. Infinite for numbers that are none.
     """
-    x, z = solution.x, solution.z
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
         return np.inf, np.inf
     s = problem.b - problem.A @ x

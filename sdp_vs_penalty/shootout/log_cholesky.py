@@ -1,191 +1,281 @@
-"""Identification without an SDP: every link's matrix as L L^T with a positive diagonal.
+"""Identification without an SDP solver: log-Cholesky variables, exact Hessians, Newton's method.
 
-The log-Cholesky parametrisation of Rucker and Wensing ("Smooth parameterization of rigid-body
-inertia", RA-L 2022): consistency holds by construction. A link with a minimum thickness gets the
-4x4 matrix of that demand, which contains the pseudo-inertia. What remains (bounds, cones) is
-imposed by SciPy's SLSQP, which is started again from where it stops until it gains nothing; the
-problem is no longer convex.
+Links are consistent by construction (:mod:`chart`). What remains (bounds, cones) is imposed by a
+logarithmic barrier whose weight falls to what the accuracy needs; the links' determinants take part
+in it, because a variable that has run to minus infinity no longer feels any slope. In theta each
+barrier problem is convex, and the chart maps one to one onto the interior: there is one stationary
+point, whatever the start. The Hessian in x is indefinite all the same, hence the damping. Rounding
+may end a run early; then it is started again from another point.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
-from scipy import optimize
 
-from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet, ConstraintStack
+from sdp_vs_penalty.shootout.chart import Chart, owners
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
+from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
 
-_RESTARTS = 3
-_LOWER = np.tril_indices(4)
-_DIAGONAL = _LOWER[0] == _LOWER[1]
+#: Starting points, tried until one run converges; steps of one run.
+_STARTS, _STEPS = 4, 600
+#: Each barrier's weight in units of the one before.
+_FALL = 0.1
+#: A promised decrease below which a barrier problem counts as solved, in units of its distance
+#: from the optimum.
+_ENOUGH = 0.1
 
 
 def solve(instance: Instance, accuracy: float) -> Answer:
-    """Minimise the objective over log-Cholesky variables by SLSQP from the interior point."""
+    """Minimise the objective to a relative accuracy; its multipliers are those of the barrier."""
     start = time.perf_counter()
     interior = instance.interior
     if interior is None:
         nothing = np.full(len(instance.task.bound), np.nan)
         return Answer(nothing, "failed", "no interior point to start from", 0, 0.0, 0.0)
-    links, remaining = _split(instance.constraints.convex)
-    chart = _Chart(links, instance.task.bound, interior)
-    objective = instance.objective
-    data = objective.least_squares
-    size = max(data.loss(instance.task.ols), 1e-9 * data.tau_squared, 1e-300)
-
-    def value(x: Array) -> float:
-        return objective.value(chart.theta(x)) / size
-
-    def slope(x: Array) -> Array:
-        return chart.pull(x, objective.gradient(chart.theta(x))) / size
-
-    demands = []
-    if remaining:
-        rows = _Rows(remaining, interior)
-        demands = [
-            {
-                "type": "ineq",
-                "fun": lambda x: rows.values(chart.theta(x)),
-                "jac": lambda x: chart.pull_rows(x, rows.jacobian(chart.theta(x))),
-            }
-        ]
-    begin = chart.variables(interior)
+    barrier = Barrier.of(instance, interior)
+    rng = np.random.default_rng(instance.task.seed)
     ready = time.perf_counter()
-    x, steps = begin, 0
-    reached, message, success = value(begin), "", False
-    for _ in range(_RESTARTS):
-        result = optimize.minimize(
-            value,
-            x,
-            jac=slope,
-            method="SLSQP",
-            constraints=demands,
-            options={"maxiter": 300, "ftol": 1e-2 * accuracy},
-        )
-        steps += int(result.nit)
-        message, success = str(result.message), bool(result.success)
-        gained = reached - float(result.fun)
-        if not np.isfinite(result.fun) or gained <= 0.0:
+    best, steps, attempts = None, 0, 0
+    for attempt in range(_STARTS):
+        begin = barrier.chart.variables(interior)
+        if attempt:
+            begin = barrier.inside(begin, begin + 0.5 * rng.normal(size=len(begin)))
+        run = barrier.minimise(begin, accuracy)
+        steps, attempts = steps + run.steps, attempt + 1
+        if best is None or (run.converged, -run.loss) > (best.converged, -best.loss):
+            best = run
+        if run.converged:
             break
-        x, reached = result.x, float(result.fun)
-        if gained <= accuracy * max(reached, 1e-12 * data.tau_squared / size):
-            break
+    assert best is not None
+    theta = barrier.chart.theta(best.x)
     end = time.perf_counter()
-    claims = "optimal" if success else "failed"
-    return Answer(chart.theta(x), claims, message, steps, ready - start, end - ready)
+    sent = {id(c): barrier.size * best.weight * m for c, m in barrier.duals(theta)}
+    multipliers = [sent.get(id(c), np.zeros_like(c.constant)) for c in instance.constraints.convex]
+    return Answer(
+        theta,
+        "optimal" if best.converged else "failed",
+        f"barrier {best.weight:.1e}, promised {best.promised:.1e}",
+        steps,
+        ready - start,
+        end - ready,
+        multipliers,
+        attempts=attempts,
+    )
 
 
-def _split(convex: Sequence[Constraint]) -> tuple[list[Constraint], list[Constraint]]:
-    """One 4x4 demand of each link for the chart, and what has to be imposed beside it."""
-    owner: dict[int, Constraint] = {}
-    for c in convex:
-        whole = c.cone == "psd" and c.constant.shape == (4, 4) and len(c.indices) == 10
-        if whole and (c.family == "minimum thickness" or int(c.indices[0]) not in owner):
-            owner[int(c.indices[0])] = c
-    kept = [c for c in convex if c.cone != "psd"]
-    return list(owner.values()), kept
+@dataclass(frozen=True)
+class Run:
+    """Where one start ended.
+
+    weight : of the last barrier; promised : what another step would gain there; loss : without barrier.
+    """
+
+    x: Array
+    converged: bool
+    loss: float
+    weight: float
+    promised: float
+    steps: int
 
 
-class _Chart:
-    """theta from unconstrained variables: ten log-Cholesky a link, the others scaled by their size."""
+@dataclass(frozen=True)
+class Barrier:
+    """objective / size - weight sum log(distance from each constraint's boundary), in the chart.
 
-    def __init__(self, links: Sequence[Constraint], bound: Array, inside: Array) -> None:
-        self.links = links
-        self.inside = inside
-        covered = np.concatenate([np.zeros(0, np.intp), *(c.indices for c in links)]).astype(np.intp)
-        self.others = np.setdiff1d(np.arange(len(bound)), covered)
-        self.scale = np.maximum(np.abs(inside[self.others]), 1e-2)
-        self.maps, self.corners = [], []
-        for c in links:
-            flat = c.coefficients.reshape(10, 16)
-            self.maps.append(np.asarray(np.linalg.pinv(flat), float))  # (16, 10): theta from the matrix
-            self.corners.append(np.sqrt(np.diagonal(c.value(inside))))
+    order : the barrier's parameter, the sum over cones of their ranks; twice: 2 R^T R / size.
+    """
 
-    def variables(self, theta: Array) -> Array:
-        """The variables of a strictly feasible theta."""
-        parts = []
-        for c, corner in zip(self.links, self.corners, strict=True):
-            factor = np.linalg.cholesky(c.value(theta) / np.outer(corner, corner))
-            x = factor[_LOWER]
-            x[_DIAGONAL] = np.log(x[_DIAGONAL])
-            parts.append(x)
-        return np.concatenate([*parts, theta[self.others] / self.scale])
+    objective: Objective
+    size: float
+    chart: Chart
+    stacks: tuple[ConstraintStack, ...]
+    order: int
+    twice: Array
 
-    def _factors(self, x: Array) -> list[Array]:
-        out = []
-        for k in range(len(self.links)):
-            part = x[10 * k : 10 * k + 10].copy()
-            part[_DIAGONAL] = np.exp(np.clip(part[_DIAGONAL], -40.0, 40.0))
-            factor = np.zeros((4, 4))
-            factor[_LOWER] = part
-            out.append(factor)
+    @classmethod
+    def of(cls, instance: Instance, interior: Array) -> Barrier:
+        data = instance.data
+        size = max(data.loss(instance.task.ols), 1e-9 * data.tau_squared, 1e-300)
+        sent = ConstraintSet(tuple(instance.sent))
+        ranks = {"psd": lambda d: d, "soc": lambda _: 2, "nonnegative": lambda d: d}
+        order = sum(ranks[c.cone](len(c.constant)) for c in sent.convex)
+        chart = Chart.at(owners(sent.convex), interior)
+        twice = 2.0 * data.R.T @ data.R / size
+        return cls(instance.objective, size, chart, sent.stacks, order, twice)
+
+    def value(self, x: Array, weight: float) -> float:
+        """Infinite outside of the constraints."""
+        theta = self.chart.theta(x)
+        total = 0.0
+        for stack in self.stacks:
+            total += _log_barrier(stack, theta)
+            if not np.isfinite(total):
+                return np.inf
+        return self.objective.value(theta) / self.size + weight * total
+
+    def derivatives(self, x: Array, weight: float) -> tuple[Array, Array, Array]:
+        """Slope (len x,) and Hessian (len x, len x) in two parts: convex, and the chart's curvature."""
+        theta = self.chart.theta(x)
+        slope, hessian = self.objective.gradient(theta) / self.size, self.twice.copy()
+        if self.objective.entropy is not None:
+            entropy = self.objective.entropy
+            _add_cones(entropy.links, theta, entropy.weight / self.size, np.zeros_like(slope), hessian)
+        for stack in self.stacks:
+            if stack.cone == "nonnegative":
+                inverse = 1.0 / stack.values(theta).ravel()
+                width = stack.matrix.shape[1]
+                slope[:width] -= weight * stack.matrix.T @ inverse
+                scaled = stack.matrix * inverse[:, None]
+                hessian[:width, :width] += weight * scaled.T @ scaled
+            else:
+                _add_cones(stack.members, theta, weight, slope, hessian)
+        half = self.chart.pull(x, hessian)
+        inner = self.chart.pull(x, half.T)
+        return self.chart.pull(x, slope[None])[0], inner, self.chart.curvature(x, slope)
+
+    def minimise(self, x: Array, accuracy: float) -> Run:
+        """Barrier problem after barrier problem, until its weight is a tenth of what was asked."""
+        data, steps = self.objective.least_squares, 0
+        weight = 0.1 * self.objective.value(self.chart.theta(x)) / self.size / self.order
+        while True:
+            x, promised, taken = self._newton(x, weight)
+            steps += taken
+            theta = self.chart.theta(x)
+            goal = max(data.loss(theta), 1e-12 * data.tau_squared) / self.size
+            last = 0.1 * accuracy * goal / self.order
+            solved = 0.0 <= promised <= _ENOUGH * self.order * weight
+            if not solved or weight <= last:
+                value = self.objective.value(theta)
+                return Run(x, solved and weight <= last, value, weight, promised, steps)
+            weight = max(_FALL * weight, 0.999 * last)
+
+    def _newton(self, x: Array, weight: float) -> tuple[Array, float, int]:
+        """Damped Newton steps until the next one promises little; beside x that promise, and the steps.
+
+        The promise of an undamped step is Newton's decrement: free of units, unlike the slope.
+        """
+        value, damping, promised = self.value(x, weight), 0.0, np.inf
+        slope, convex, bend = self.derivatives(x, weight)
+        for taken in range(_STEPS):
+            step, promised = _newton_step(slope, convex, bend, damping)
+            if damping == 0.0 and 0.0 <= promised <= _ENOUGH * self.order * weight:
+                return x, promised, taken
+            trial, reached = self._lowest(x, step, weight)
+            share = (value - reached) / promised if promised > 0.0 else -1.0
+            largest = float(np.diagonal(convex).max())
+            if share < 0.1:
+                damping = max(10.0 * damping, 1e-10 * largest)
+                if abs(promised) <= 1e-15 * abs(value):
+                    break  # nothing that rounding would not hide
+                continue
+            x, value = trial, reached
+            slope, convex, bend = self.derivatives(x, weight)
+            damping = 0.1 * damping if share > 0.5 else damping
+            damping = 0.0 if damping < 1e-11 * largest else damping
+        _, promised = _newton_step(slope, convex, bend, 0.0)
+        return x, promised, taken
+
+    def _lowest(self, x: Array, step: Array, weight: float) -> tuple[Array, float]:
+        """x + step, or what a second-order correction makes of it: theta as far as the slope promised.
+
+        Along what the data see sharply the chart is a bent valley, in which straight steps stay short.
+        """
+        jacobian = self.chart.pull(x, np.eye(len(x)))
+        trial, before = x + step, self.chart.theta(x)
+        missed = self.chart.theta(trial) - before - jacobian @ step
+        found = [(self.value(trial, weight), trial)]
+        bent = trial - np.linalg.solve(jacobian, missed)
+        found.append((self.value(bent, weight), bent))
+        value, best = min(found, key=lambda pair: pair[0])
+        return best, value
+
+    def inside(self, x: Array, aim: Array) -> Array:
+        """The last of x + (aim - x) / 2^k that satisfies every constraint."""
+        step = aim - x
+        while not np.isfinite(self.value(x + step, 1.0)):
+            step = 0.5 * step
+        return np.asarray(x + step)
+
+    def duals(self, theta: Array) -> list[tuple[Constraint, Array]]:
+        """Each constraint with the slope of its barrier's logarithm: multipliers for weight one."""
+        out: list[tuple[Constraint, Array]] = []
+        for c in (c for stack in self.stacks for c in stack.members):
+            value = c.value(theta)
+            if c.cone == "psd":
+                out.append((c, np.asarray(np.linalg.inv(value), float)))
+            elif c.cone == "soc":
+                out.append((c, _mirrored(value)))
+            else:
+                out.append((c, 1.0 / value))
         return out
 
-    def theta(self, x: Array) -> Array:
-        theta = np.zeros(len(self.inside))
-        for c, back, corner, factor in zip(
-            self.links, self.maps, self.corners, self._factors(x), strict=True
-        ):
-            matrix = factor @ factor.T * np.outer(corner, corner) - c.constant
-            theta[c.indices] = matrix.reshape(16) @ back
-        theta[self.others] = x[10 * len(self.links) :] * self.scale
-        return theta
 
-    def pull(self, x: Array, gradient: Array) -> Array:
-        """Gradient in x from the gradient in theta."""
-        return self.pull_rows(x, gradient[None])[0]
+def _newton_step(slope: Array, convex: Array, bend: Array, damping: float) -> tuple[Array, float]:
+    """The step and what the quadratic model promises of it.
 
-    def pull_rows(self, x: Array, jacobian: Array) -> Array:
-        """(r, len x) from (r, p), by the chain rule through L L^T."""
-        out = np.zeros((len(jacobian), len(x)))
-        for k, (c, back, corner, factor) in enumerate(
-            zip(self.links, self.maps, self.corners, self._factors(x), strict=True)
-        ):
-            weight = (jacobian[:, c.indices] @ back.T).reshape(-1, 4, 4) * np.outer(corner, corner)
-            weight = weight + np.swapaxes(weight, 1, 2)
-            part = np.einsum("rab,bc->rac", weight, factor)[:, _LOWER[0], _LOWER[1]]
-            part[:, _DIAGONAL] *= np.diagonal(factor)[_LOWER[0][_DIAGONAL]]
-            out[:, 10 * k : 10 * k + 10] = part
-        out[:, 10 * len(self.links) :] = jacobian[:, self.others] * self.scale
-        return out
+    With the exact Hessian where that is positive definite, else with its convex part (the generalised
+    Gauss-Newton matrix of a convex function of the chart).
+    """
+    shift = max(damping, 1e-15 * float(np.diagonal(convex).max()))
+    hessian = convex + bend + shift * np.eye(len(slope))
+    while True:
+        try:
+            factor = scipy.linalg.cho_factor(hessian)
+            break
+        except np.linalg.LinAlgError:
+            hessian = convex + shift * np.eye(len(slope))
+            shift *= 10.0
+    step = -scipy.linalg.cho_solve(factor, slope)
+    return step, -float(slope @ step + 0.5 * step @ hessian @ step)
 
 
-class _Rows:
-    """The constraints that are not matrices as g(theta) >= 0, each of about unit size."""
+def _log_barrier(stack: ConstraintStack, theta: Array) -> float:
+    values = stack.values(theta)
+    if stack.cone == "psd":
+        try:
+            factors = np.linalg.cholesky(values)
+        except np.linalg.LinAlgError:
+            return np.inf
+        return -2.0 * float(np.log(np.diagonal(factors, axis1=1, axis2=2)).sum())
+    if stack.cone == "soc":
+        axis = values[:, 0]
+        inside = axis**2 - np.sum(values[:, 1:] ** 2, axis=1)
+        return -float(np.log(inside).sum()) if axis.min() > 0.0 and inside.min() > 0.0 else np.inf
+    return -float(np.log(values).sum()) if values.min() > 0.0 else np.inf
 
-    def __init__(self, constraints: Sequence[Constraint], inside: Array) -> None:
-        self.linear = [c for c in constraints if c.cone == "nonnegative"]
-        self.cones = [c for c in constraints if c.cone == "soc"]
-        self.p = len(inside)
-        self.size = np.maximum(np.abs(self._raw(inside)), 1e-6)
 
-    def _raw(self, theta: Array) -> Array:
-        parts = [c.value(theta) for c in self.linear]
-        for c in self.cones:
-            v = c.value(theta)
-            parts.append(np.array([v[0] - np.sqrt(v[1:] @ v[1:] + 1e-24)]))
-        return np.concatenate(parts)
+def _add_cones(
+    cones: Sequence[Constraint], theta: Array, weight: float, slope: Array, hessian: Array
+) -> None:
+    """Add slope and Hessian of -weight log det F or -weight log(s^2 - |u|^2) of each, in place."""
+    for c in cones:
+        value = c.value(theta)
+        if c.cone == "psd":
+            root = np.linalg.inv(np.linalg.cholesky(value))
+            local = (root @ c.coefficients @ root.T).reshape(len(c.indices), -1)
+            first = local @ np.eye(len(value)).ravel()
+            second = local @ local.T
+        else:
+            mirrored = _mirrored(value)
+            first = c.coefficients @ mirrored
+            signs = np.append(1.0, -np.ones(len(value) - 1))
+            inside = float(value @ (signs * value))
+            second = np.outer(first, first) - 2.0 / inside * (c.coefficients * signs) @ c.coefficients.T
+        slope[c.indices] -= weight * first
+        hessian[np.ix_(c.indices, c.indices)] += weight * second
 
-    def values(self, theta: Array) -> Array:
-        return self._raw(theta) / self.size
 
-    def jacobian(self, theta: Array) -> Array:
-        rows = []
-        for c in self.linear:
-            part = np.zeros((len(c.constant), self.p))
-            part[:, c.indices] = c.coefficients.T
-            rows.append(part)
-        for c in self.cones:
-            v = c.value(theta)
-            direction = np.concatenate([[1.0], -v[1:] / np.sqrt(v[1:] @ v[1:] + 1e-24)])
-            part = np.zeros((1, self.p))
-            part[0, c.indices] = c.coefficients @ direction
-            rows.append(part)
-        return np.concatenate(rows) / self.size[:, None]
+def _mirrored(value: Array) -> Array:
+    """2 (s, -u) / (s^2 - |u|^2): minus the slope of a second-order cone's barrier."""
+    flipped = np.append(value[0], -value[1:])
+    return np.asarray(2.0 * flipped / float(value @ flipped))

@@ -26,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.shootout.contestants import Contestant, contestants
+from sdp_vs_penalty.shootout.contestant import Contestant
+from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
 from sdp_vs_penalty.shootout.judge import Answer, Verdict, judge
@@ -128,6 +129,7 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
             "claimed": answer.claims,
             "status": answer.status,
             "iterations": answer.iterations,
+            "attempts": answer.attempts,
             "setup_seconds": answer.setup_seconds,
             "solve_seconds": answer.solve_seconds,
             "seconds": taken,
@@ -138,6 +140,7 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
         "claimed": "",
         "status": payload.decode(errors="replace"),
         "iterations": 0,
+        "attempts": 0,
         "setup_seconds": 0.0,
         "solve_seconds": seconds,
         "seconds": seconds,
@@ -262,6 +265,7 @@ def _pack(answer: Answer) -> bytes:
         "dual": answer.multipliers is not None,
         "dimacs": answer.dimacs,
         "own_error": answer.own_error,
+        "attempts": answer.attempts,
     }
     arrays = {"theta": np.asarray(answer.theta, float)}
     for k, multiplier in enumerate(answer.multipliers or ()):
@@ -288,6 +292,7 @@ def _unpack(payload: bytes) -> Answer:
             file["slopes"] if "slopes" in file.files else None,
             head["dimacs"],
             head["own_error"],
+            int(head["attempts"]),
         )
 
 

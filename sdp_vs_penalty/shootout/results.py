@@ -18,7 +18,7 @@ Row = dict[str, Any]
 COLUMNS = (
     "problem", "group", "hash", "solver", "settings", "accuracy", "claimed", "status", "class",
     "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
-    "setup_seconds", "solve_seconds", "iterations", "version", "machine", "seed", "remark",
+    "setup_seconds", "solve_seconds", "iterations", "attempts", "version", "machine", "seed", "remark",
 )  # fmt: skip
 _NUMBERS = (
     "accuracy", "objective_error", "violation", "gap", "own_gap", "dimacs", "lower", "upper", "seconds",
@@ -150,5 +150,6 @@ def parsed(row: Row) -> Row:
     out = {c: row.get(c, "") for c in COLUMNS}
     for name in _NUMBERS:
         out[name] = float(out[name]) if out[name] not in ("", None) else float("inf")
-    out["iterations"] = int(out["iterations"] or 0)
+    for name in ("iterations", "attempts"):
+        out[name] = int(out[name] or 0)
     return out

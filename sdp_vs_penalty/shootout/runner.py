@@ -14,7 +14,8 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.parallel import spread
-from sdp_vs_penalty.shootout.contestants import Contestant, chosen
+from sdp_vs_penalty.shootout.contestant import Contestant
+from sdp_vs_penalty.shootout.contestants import chosen
 from sdp_vs_penalty.shootout.instances import GROUPS, Entry, instance, selected
 from sdp_vs_penalty.shootout.results import Results
 from sdp_vs_penalty.shootout.work import Assignment, perform

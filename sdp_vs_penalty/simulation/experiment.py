@@ -6,7 +6,6 @@ links as truth, mild friction, a random trajectory and white noise, all stated b
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import read_toml
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_friction, published_links, published_trajectory
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
@@ -81,13 +80,7 @@ def experiment(problem: Problem) -> Experiment:
     """The simulated experiment of a problem. Raises InputError for an incomplete simulation.toml."""
     if problem.folder is None or not (problem.folder / "simulation.toml").is_file():
         return _assumed(problem)
-    file = problem.folder / "simulation.toml"
-    try:
-        return _described(problem, tomllib.loads(file.read_text()))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not a TOML file ({error})", "correct it there", file) from error
-    except KeyError as error:
-        raise InputError(f"the field {error.args[0]!r} is missing", "add it", file) from error
+    return read_toml(problem.folder / "simulation.toml", lambda data: _described(problem, data))
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
@@ -136,6 +129,8 @@ def _assumed(problem: Problem) -> Experiment:
         problem, problem.nominal_links, None, trajectory, quiet, (10, 10.0), problem.default_effects
     )
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
+    # A motor whose links weigh nothing rubs all the same, and is measured with noise.
+    size = np.where(size > 1e-6 * size.max(), size, 0.01 * size.max())
     phi = np.column_stack([2.0 * _FRICTION_SHARE * size, np.full(robot.n, 10.0), np.zeros(robot.n)])
     steps = np.full(robot.n, _POSITION_STEP)
     return replace(bare, friction=phi, sensor=Sensor.white(_NOISE_SHARE * size, steps))

@@ -4,30 +4,26 @@ NAME : on the command line; EXTRA : what installs it (None: the core installatio
 ("package", module) or ("program", command) without which it is absent; CONES : what it takes, after
 rewriting where it lacks quadratic objectives, equalities or second-order cones. Where they are needed:
 options(accuracy), what the solver is told; warm_up(), what a first call pays for; licence(), why it
-must not run; SYSTEM_PACKAGE, Debian's name of a program's package.
+must not run; SYSTEM_PACKAGE, Debian's name of a program's package; DEFAULT_ACCURACY, what it asks of
+itself if solve() is given None; FINEST, what a loop around it may ask; SAME_AS, another file's solver.
 """
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
-import pkgutil
 import shutil
 import subprocess
 from importlib import metadata
 from types import ModuleType
 
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.registration import marked
 
 
 def solver_modules() -> dict[str, ModuleType]:
     """Every solver of the library by name; :func:`absent` says which are not installed."""
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        home = importlib.import_module(f"{__name__}.{module.name}")
-        if hasattr(home, "NAME"):
-            found[home.NAME] = home
-    return dict(sorted(found.items()))
+    return marked(__name__, __path__)
 
 
 def solver(name: str) -> ModuleType:

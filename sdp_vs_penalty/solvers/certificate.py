@@ -13,11 +13,9 @@ give a tight one. Nothing a solver says about itself enters.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -25,101 +23,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
-from sdp_vs_penalty.constraints.constraint import BarycentricBound, Constraint, ConstraintSet
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, repr=False)
-class Certificate(Shown):
-    """violations : worst violation of each family, in its own units (kg, kg m, kg m^2, ...).
-
-    loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of
-    the nearest feasible point towards the interior; lower : a lower bound on the optimum of the
-    convex problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : the
-    share of random poses at which M(q) is positive definite. None where it does not apply.
-    largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to
-    the largest half axis of its body, at most 1 for what fits; density : least and largest mean density
-    of the links whose geometry has a volume [kg/m^3].
-    held : the effects that were not optimised but held as they were: violations are of the whole model
-    all the same, upper, lower and gap of the other effects alone.
-    """
-
-    violations: dict[str, float]
-    loss: float
-    upper: float | None = None
-    lower: float | None = None
-    gap: float | None = None
-    positive_mass_matrices: float | None = None
-    smallest_thickness: float | None = None
-    held: list[str] = field(default_factory=list)
-    largest_gyration: float | None = None
-    body_share: float | None = None
-    density: list[float] | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @property
-    def worst(self) -> float:
-        return max(self.violations.values(), default=0.0)
-
-    def __str__(self) -> str:
-        """Everything in words, a line each."""
-        families = ", ".join(f"{family} {value:.2g}" for family, value in self.violations.items())
-        lines = self.summary()
-        lines.insert(1, ("violation by family", families or "there are no constraints"))
-        if self.upper is not None:
-            lines.insert(3, ("objective", f"{self.upper:.9g}"))
-        if self.lower is not None:
-            lines.insert(4, ("certified lower bound", f"{self.lower:.9g}"))
-        return "\n".join(["certificate", *(f"  {name:22} {text}" for name, text in lines)])
-
-    def _summary(self) -> Summary:
-        return "Certificate", self.summary()[:4]
-
-    def summary(self) -> list[tuple[str, str]]:
-        """What matters of it: names and texts."""
-        out = [
-            ("worst violation", self._violations_text()),
-            ("loss", f"{self.loss:.6g} (sum of squared weighted torque errors)"),
-            ("optimality gap", self._gap_text()),
-        ]
-        if self.smallest_thickness is not None:
-            out.append(("smallest thickness", f"{1e3 * self.smallest_thickness:.1f} mm"))
-        if self.largest_gyration is not None and self.body_share is not None:
-            fits = "at most" if self.body_share <= 1.0 else "beyond what any mass inside can have:"
-            text = f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a link's body)"
-            out.append(("largest radius of gyration", text))
-        if self.density is not None:
-            low, high = self.density
-            out.append(("mean density", f"{low:.3g} to {high:.3g} kg/m^3 of the links' geometry"))
-        if self.positive_mass_matrices is not None:
-            share = 100.0 * self.positive_mass_matrices
-            out.append(("M(q) positive definite", f"at {share:.4g} % of 10 000 random poses"))
-        return out
-
-    def _violations_text(self) -> str:
-        broken = {family: v for family, v in self.violations.items() if v > 0.0}
-        if not broken:
-            return "0 (every constraint holds)"
-        worst = sorted(broken.items(), key=lambda item: -item[1])
-        text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
-        if self.gap is not None and set(broken) == {BarycentricBound.family}:
-            return f"{text} (not convex, hence not imposed); every other constraint holds"
-        return text
-
-    def _gap_text(self) -> str:
-        if self.gap is None:
-            return "no lower bound: this method is not convex, or has no constraints"
-        # Once each: a joint may have its effect with a shape constant of its own.
-        names = ", ".join(dict.fromkeys(re.split("[:@]", text)[0] for text in self.held))
-        held = f", with {names} held fixed" if self.held else ""
-        return f"{self.gap:.1e} of the loss (certified lower bound){held}"
 
 
 @dataclass(frozen=True)

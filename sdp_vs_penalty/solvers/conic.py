@@ -46,7 +46,8 @@ class Solution:
     """What a solver returned and claims; nothing here is believed before it is certified.
 
     x (m,) primal, z (rows,) dual of A x + s = b with z in K*; claims : "optimal", "inaccurate",
-    "infeasible", "unbounded" or "failed"; status : the solver's own word.
+    "infeasible", "unbounded" or "failed"; status : the solver's own word. seen : the problem as it was
+    rewritten for the solver, with its own x and z: what its tolerances are about; None: ours as it is.
     """
 
     x: Array
@@ -56,6 +57,7 @@ class Solution:
     iterations: int
     setup_seconds: float
     solve_seconds: float
+    seen: tuple[ConicProblem, Array, Array] | None = None
 
 
 @cache

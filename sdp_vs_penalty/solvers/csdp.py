@@ -13,6 +13,8 @@ EXTRA = "a system package: coinor-csdp"
 REQUIRES = ("program", "csdp")
 SYSTEM_PACKAGE = "coinor-csdp"
 CONES = frozenset({"nonnegative", "psd"})
+#: What it asks of itself by default; what our loop asks of it.
+FINEST = 1e-8
 
 #: Its exit codes. Our problem is the one that CSDP calls the dual.
 _CLAIMS = {0: "optimal", 1: "unbounded", 2: "infeasible", 3: "inaccurate"}

@@ -16,6 +16,8 @@ NAME = "cvxopt"
 EXTRA = "solvers"
 REQUIRES = ("package", "cvxopt")
 CONES = frozenset({"zero", "nonnegative", "soc", "psd"})
+#: What it asks of itself by default; what our loop asks of it.
+FINEST = 1e-7
 
 _CLAIMS = {
     "optimal": "optimal",
@@ -66,9 +68,10 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     status = result["status"]
     x = _array(result["x"], len(made.q))
     z = np.concatenate([_array(result["y"], equal), _array(result["z"], len(made.b) - equal)])
-    x, z = ordered.back(*full.back(x, z))
+    seen = (p, *full.back(x, z))
+    x, z = ordered.back(*seen[1:])
     iterations = int(result["iterations"])
-    return Solution(x, z, _CLAIMS[status], status, iterations, ready - start, end - ready)
+    return Solution(x, z, _CLAIMS[status], status, iterations, ready - start, end - ready, seen)
 
 
 def _array(values: Any, size: int) -> NDArray[np.float64]:

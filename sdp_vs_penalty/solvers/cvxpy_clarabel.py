@@ -10,6 +10,7 @@ NAME = "cvxpy-clarabel"
 EXTRA = None  # part of the core installation
 REQUIRES = ("package", "clarabel")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+SAME_AS = "clarabel"  # in the shootout
 
 
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:

@@ -10,6 +10,7 @@ NAME = "cvxpy-scs"
 EXTRA = "solvers"
 REQUIRES = ("package", "scs")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+SAME_AS = "scs"  # in the shootout
 
 
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:

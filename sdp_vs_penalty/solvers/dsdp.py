@@ -13,6 +13,8 @@ EXTRA = "a system package: dsdp"
 REQUIRES = ("program", "dsdp5")
 SYSTEM_PACKAGE = "dsdp"
 CONES = frozenset({"nonnegative", "psd"})
+#: What it asks of itself by default; what our loop asks of it.
+FINEST = 1e-6
 
 
 def options(accuracy: float) -> dict[str, Any]:

@@ -54,7 +54,8 @@ def run_program(
         answer = np.full(len(lmi.problem.q), np.nan), np.full(len(lmi.problem.b), np.nan)
         claims = "failed" if claims in ("optimal", "inaccurate") else claims
     x, z = lmi.back(*answer)
-    return Solution(x, z, claims, status, iterations, ready - start, end - ready)
+    seen = (lmi.problem, *answer)
+    return Solution(x, z, claims, status, iterations, ready - start, end - ready, seen)
 
 
 def read_solution(file: Path, problem: ConicProblem) -> tuple[Array, Array] | None:

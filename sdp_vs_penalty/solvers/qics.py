@@ -17,6 +17,9 @@ EXTRA = "solvers"
 REQUIRES = ("package", "qics")
 CONES = frozenset({"zero", "nonnegative", "soc", "psd", "exp"})
 
+#: What QICS asks of itself where it is told nothing.
+DEFAULT_ACCURACY = 1e-8
+
 _CLAIMS = {
     "optimal": "optimal",
     "near_optimal": "inaccurate",
@@ -27,12 +30,17 @@ _CLAIMS = {
 }
 
 
-def options(accuracy: float) -> dict[str, Any]:
-    """What the solver is told, in its own words, for a relative gap and feasibility."""
+def options(accuracy: float | None) -> dict[str, Any]:
+    """What the solver is told, in its own words, for a relative gap and feasibility; None: nothing.
+
+    Iterative refinement and third-order adjustments are on by default, as its documentation recommends.
+    """
+    if accuracy is None:
+        return {}
     return {"tol_gap": accuracy, "tol_feas": accuracy, "max_iter": 200}
 
 
-def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
+def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
     import qics
 
@@ -75,10 +83,11 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     end = time.perf_counter()
     x = np.asarray(info["x_opt"]).ravel()
     z = signs * np.concatenate([np.asarray(info["y_opt"]).ravel(), _stacked(info["z_opt"])])
-    x, z = ordered.back(*full.back(x, z))
+    seen = (p, *full.back(x, z))
+    x, z = ordered.back(*seen[1:])
     status = f"{info['sol_status']} ({info['exit_status']})"
     claims = _CLAIMS.get(info["sol_status"], "failed")
-    return Solution(x, z, claims, status, int(info["num_iter"]), ready - start, end - ready)
+    return Solution(x, z, claims, status, int(info["num_iter"]), ready - start, end - ready, seen)
 
 
 def _stacked(point: object) -> np.ndarray:

@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.programs import run_program
+from sdp_vs_penalty.solvers.sdpa import CLAIMS, options
 
 NAME = "sdpa-program"
 EXTRA = "a system package: sdpa"
 REQUIRES = ("program", "sdpa")
 CONES = frozenset({"nonnegative", "psd"})
-
-#: SDPA's phases; our problem is its primal (P): minimise c^T x, X = sum F_i x_i - F_0 >= 0.
-_CLAIMS = {
-    "pdOPT": "optimal",
-    "pdFEAS": "inaccurate",
-    "pFEAS": "inaccurate",
-    "dFEAS": "inaccurate",
-    "pINF_dFEAS": "infeasible",
-    "pFEAS_dINF": "unbounded",
-    "pUNBD": "unbounded",
-    "dUNBD": "infeasible",
-}
+#: What it asks of itself by default; what our loop asks of it.
+FINEST = 1e-7
 
 _PARAMETERS = """{maxIteration} unsigned int maxIteration;
 {epsilonStar} double 0.0 < epsilonStar;
@@ -46,11 +36,6 @@ _PARAMETERS = """{maxIteration} unsigned int maxIteration;
 """
 
 
-def options(accuracy: float) -> dict[str, Any]:
-    """What the solver is told, in its own words, for a relative gap and feasibility."""
-    return {"epsilonStar": accuracy, "epsilonDash": accuracy, "maxIteration": 200}
-
-
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (gap and feasibility)."""
     files = {"param.sdpa": _PARAMETERS.format(**options(accuracy))}
@@ -62,7 +47,7 @@ def _judge(text: str, code: int) -> tuple[str, str, int]:
     phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
     steps = re.search(r"Iteration\s*=\s*(\d+)", text)
     status = phase.group(1) if phase else f"exit code {code}"
-    return _CLAIMS.get(status, "failed"), status, int(steps.group(1)) if steps else 0
+    return CLAIMS.get(status, "failed"), status, int(steps.group(1)) if steps else 0
 
 
 def _read(folder: Path, problem: ConicProblem) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

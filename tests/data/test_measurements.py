@@ -128,7 +128,7 @@ def test_robots_of_different_size_do_not_mix(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a has 3, b has 2"):
         concatenate([random_run(0, 3, name="a"), random_run(0, 2, name="b")])
     save(random_run(0, 3), tmp_path / "run.csv")
-    with pytest.raises(InputError, match="the file has 3 joint"):
+    with pytest.raises(InputError, match="3 joints, the robot has"):
         load_measurements(tmp_path / "run.csv", joints=7)
     with pytest.raises(InputError, match="No measurement file"):
         load_measurements()

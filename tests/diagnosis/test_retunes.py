@@ -10,9 +10,11 @@ from random_arms import SCARA_FRICTION, run_of, scara
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.problem.load import as_problem
 
 EFFECTS = "rigid_body,viscous_friction,torque_offset,coulomb_friction@v_s=0.01"
@@ -77,3 +79,26 @@ def test_the_text_tells_both_values(found: Diagnosis) -> None:
     text = next(r.explanation for r in found.retuned if r.joint == 4)
     assert text.startswith("joint 4: Coulomb turns over 0.0")
     assert "not 0.01 rad/s" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "errors", "said"),
+    [
+        ({}, (1.0, 0.5), "confident"),
+        ({"gain": 20.0}, (1.0, 0.5), "weak"),  # luck in one search of ten thousand
+        ({"gain": 10.0}, (1.0, 0.5), None),
+        ({"at_end": True}, (1.0, 0.5), "weak"),
+        ({"after": 0.0103, "std": 1e-6}, (1.0, 0.5), None),  # makes no other torque
+        ({"std": 0.008}, (1.0, 0.5), None),  # 1.4 standard deviations of its logarithm
+        ({}, (0.5, 1.0), None),
+        ({}, (0.5, 0.5), None),
+    ],
+)
+def test_a_constant_is_changed_where_data_tell(
+    change: dict[str, float], errors: tuple[float, float], said: str | None
+) -> None:
+    known = {"effect": "coulomb_friction", "joint": 1, "shape": "v_s", "before": 0.01, "after": 0.02}
+    one = ShapeEstimate(**{**known, "std": 1e-3, "gain": 100.0, "at_end": False, **change})  # type: ignore[arg-type]
+    made = retunes([one], as_problem("two_link").robot, *(np.array([0.0, e]) for e in errors))
+    assert [r.confidence for r in made] == ([] if said is None else [said])
+    assert all(r.joint == 2 and (r.rmse_before, r.rmse_after) == errors for r in made)

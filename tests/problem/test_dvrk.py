@@ -14,6 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.report.parameters import joint_poses
 from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.simulation.experiment import experiment
 
 
 def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
@@ -52,6 +53,13 @@ def test_a_simulated_arm_is_identified() -> None:
     left = model.torque(estimate.theta, motion) - tau
     assert estimate.certificate.worst == 0.0
     assert np.all(np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(tau, axis=0))
+
+
+def test_a_simulated_tool_without_weight_rubs_and_is_measured_with_noise() -> None:
+    setup = experiment(load_problem("dvrk_psm"))
+    assert setup.friction is not None
+    assert np.all(setup.friction[:, 0] > 0.0)
+    assert np.all(setup.sensor.torque_std > 0.0)
 
 
 def test_tables_without_header_are_read_at_their_rate(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import signal
 import time
@@ -11,7 +12,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.shootout import hostile, log_cholesky, regular, summary
+from sdp_vs_penalty.shootout import hostile, log_cholesky, pages, profile, regular, summary
+from sdp_vs_penalty.shootout.chart import Chart, owners
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
@@ -177,10 +179,7 @@ def test_what_our_interval_cannot_decide_is_not_called_wrong(
 
 @pytest.mark.parametrize("name", list(CONTESTANTS))
 @pytest.mark.parametrize("problem", SMALL)
-def test_every_contestant_on_every_small_instance(
-    name: str, problem: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(log_cholesky, "_RESTARTS", 1)
+def test_every_contestant_on_every_small_instance(name: str, problem: str) -> None:
     contestant = CONTESTANTS[name]
     if contestant.absent:
         pytest.skip(contestant.absent)
@@ -198,28 +197,48 @@ def test_every_contestant_on_every_small_instance(
         assert verdict.kind == "right"
 
 
-@pytest.mark.parametrize("name", ["two_link one-step gyration", "chain of 2 links"])
-def test_log_cholesky_variables_and_gradients(name: str) -> None:
-    made = instance(name)
+@pytest.mark.parametrize(
+    "name", ["two_link one-step gyration", "two_link one-step cones", "two_link one-step regulariser"]
+)
+def test_log_cholesky_derivatives(name: str) -> None:
+    """The chart, and the barrier problem's slope and Hessian, against finite differences."""
+    if name in catalogue():
+        made = instance(name)
+    else:
+        made = regular.simulated(name, "two_link", "two_link", "one-step", "cones")
     assert made.interior is not None
-    links, rest = log_cholesky._split(made.constraints.convex)
-    chart = log_cholesky._Chart(links, made.task.bound, made.interior)
-    rows = log_cholesky._Rows(rest, made.interior)
+    chart = Chart.at(owners(made.sent), made.interior)
     x = chart.variables(made.interior)
     np.testing.assert_allclose(chart.theta(x), made.interior, rtol=1e-9, atol=1e-12)
-    x = x + 0.1 * np.random.default_rng(0).normal(size=len(x))
+    far = x + np.random.default_rng(0).normal(size=len(x))
     # Whatever the variables are, every link is consistent.
-    assert all(link.margin(chart.theta(x)) > 0.0 for link in links)
-    gradient = chart.pull(x, made.objective.gradient(chart.theta(x)))
-    jacobian = chart.pull_rows(x, rows.jacobian(chart.theta(x)))
-    for k in range(0, len(x), 3):
+    assert all(link.margin(chart.theta(far)) > 0.0 for link in chart.links)
+    barrier = log_cholesky.Barrier.of(made, made.interior)
+    x = barrier.inside(x, x + 0.1 * np.random.default_rng(0).normal(size=len(x)))
+    weight = 1e-2
+    slope, convex, bend = barrier.derivatives(x, weight)
+    for k in range(len(x)):
         step = np.zeros(len(x))
         step[k] = 1e-6
-        up, down = chart.theta(x + step), chart.theta(x - step)
-        slope = (made.objective.value(up) - made.objective.value(down)) / 2e-6
-        assert slope == pytest.approx(gradient[k], rel=1e-4, abs=1e-5 * np.abs(gradient).max())
-        slopes = (rows.values(up) - rows.values(down)) / 2e-6
-        np.testing.assert_allclose(slopes, jacobian[:, k], rtol=1e-4, atol=1e-6)
+        up, down = x + step, x - step
+        difference = (barrier.value(up, weight) - barrier.value(down, weight)) / 2e-6
+        assert difference == pytest.approx(slope[k], rel=1e-4, abs=1e-5 * np.abs(slope).max())
+        row = (barrier.derivatives(up, weight)[0] - barrier.derivatives(down, weight)[0]) / 2e-6
+        largest = np.abs(convex + bend).max()
+        np.testing.assert_allclose(row, (convex + bend)[k], rtol=1e-4, atol=1e-5 * largest)
+    assert np.linalg.eigvalsh(convex)[0] > -1e-12 * np.abs(convex).max()
+
+
+def test_log_cholesky_starts_again_where_a_run_does_not_converge(
+    two_link: Instance, proved: Reference, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    once = log_cholesky.solve(two_link, 1e-6)
+    assert once.attempts == 1
+    assert judge(two_link, proved, once, 1e-6).kind == "right"
+    monkeypatch.setattr(log_cholesky, "_STEPS", 3)
+    short = log_cholesky.solve(two_link, 1e-6)
+    assert short.claims == "failed"
+    assert short.attempts == log_cholesky._STARTS
 
 
 def test_the_forms_users_write_have_the_same_optimum(two_link: Instance) -> None:
@@ -240,16 +259,16 @@ def test_conic_errors_see_each_kind_of_mistake(two_link: Instance) -> None:
     for made in (two_link, instance("two_link one-step regulariser")):
         conic = made.sdp.conic
         answer = clarabel.solve(conic, 1e-10)
-        assert max(conic_errors(conic, answer)) < 1e-7
+        assert max(conic_errors(conic, answer.x, answer.z)) < 1e-7
         nothing = replace(answer, x=np.full_like(answer.x, np.nan))
-        assert conic_errors(conic, nothing) == (np.inf, np.inf)
+        assert conic_errors(conic, nothing.x, nothing.z) == (np.inf, np.inf)
         shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
         for wrong in (
             replace(answer, z=answer.z + 1e-2),
             replace(answer, z=answer.z - 1e-2),
             replace(answer, x=shifted),
         ):
-            dimacs, own = conic_errors(conic, wrong)
+            dimacs, own = conic_errors(conic, wrong.x, wrong.z)
             assert min(dimacs, own) > 1e-4
 
 
@@ -330,7 +349,7 @@ def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def
             "problem": problem, "group": "g", "hash": "h", "solver": solver, "settings": "1e-06",
             "accuracy": 1e-6, "claimed": claimed, "class": kind, "objective_error": gap,
             "violation": 0.0, "own_gap": np.inf, "dimacs": 1e-7, "seconds": seconds, "version": "1",
-            "machine": "m",
+            "machine": "m", "lower": 1.0, "upper": 1.0, "attempts": 1,
         }  # fmt: skip
 
     rows = [
@@ -351,17 +370,59 @@ def test_summary_of_known_runs(tmp_path) -> None:  # type: ignore[no-untyped-def
     assert "good at 1e-06" in second
     assert "liar" in third
     assert "2 of 2 runs" in third
-    profile = summary.profile(rows)
-    np.testing.assert_allclose(profile["good"][0], [1.0, 2.0])
-    np.testing.assert_allclose(profile["good"][1], [0.5, 1.0])
-    np.testing.assert_allclose(profile["fast"][0], [1.0])
-    assert len(profile["liar"][0]) == 0
+    curves = profile.profile(rows, 1e-6)
+    np.testing.assert_allclose(curves["good"][0], [1.0, 2.0])
+    np.testing.assert_allclose(curves["good"][1], [0.5, 1.0])
+    np.testing.assert_allclose(curves["fast"][0], [1.0])
+    assert len(curves["liar"][0]) == 0
     paths = summary.write_summary(tmp_path, rows, 10.0, {"mosek": "no licence"}, [("a", "x", "no cone")])
     text = paths[0].read_text()
     assert "**WRONG** 3e-01" in text
     assert "mosek: no licence" in text
     assert r"silently wrong & " in paths[1].read_text()
     assert (tmp_path / "profile.svg").read_text().startswith("<?xml")
+    assert "**silently wrong** 10" in (tmp_path / "g.md").read_text()
+    with (tmp_path / "profile.csv").open() as file:
+        shares = {(r["class"], r["solver"], r["ratio"]): float(r["share"]) for r in csv.DictReader(file)}
+    assert shares["g", "good", "2"] == shares["all", "good", "2"] == 1.0
+
+
+def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
+    row: dict[str, object] = {
+        "problem": problem, "group": "panda", "solver": solver, "settings": "1e-06", "accuracy": 1e-6,
+        "claimed": "optimal", "class": "right", "objective_error": 1e-6, "violation": 0.0,
+        "lower": 1.0, "attempts": 1, "seconds": 0.1,
+    }  # fmt: skip
+    return row | changes
+
+
+def test_a_run_counts_by_its_figures_at_any_accuracy() -> None:
+    assert profile.reached(_run("a", "x"), 1e-6)
+    assert not profile.reached(_run("a", "x"), 1e-8)
+    assert not profile.reached(_run("a", "x", violation=1e-4), 1e-6)
+    assert not profile.reached(_run("a", "x", claimed="inaccurate"), 1e-6)
+    assert not profile.reached(_run("a", "x", lower=np.inf), 1e-6)
+    infeasible = {"claimed": "infeasible", "objective_error": np.inf}
+    assert profile.reached(_run("a", "x", **infeasible), 1e-8)
+    assert not profile.reached(_run("a", "x", **{**infeasible, "class": "silently_wrong"}), 1e-8)
+
+
+def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time() -> None:
+    rows = [
+        _run("a", "slow"), _run("b", "slow", seconds=0.3),
+        _run("a", "quick", seconds=0.001),
+        _run("b", "quick", **{"seconds": 0.001, "objective_error": 1.0, "class": "silently_wrong"}),
+        _run("chain of 14 links", "other", group="chains"),
+        _run("hostile a", "other", group="hostile"),
+    ]  # fmt: skip
+    table = pages.ranking(rows)
+    assert [(r["solver"], r["right"], r["silently wrong"]) for r in table] == [
+        ("slow", 2, 0),
+        ("quick", 1, 1),
+    ]
+    assert table[0]["seconds"] == pytest.approx(0.2)
+    assert pages.answer(rows).startswith("Take **slow**: right on 2 of 2")
+    assert pages.answer(rows[-2:]) == ""
 
 
 @pytest.mark.real_data

@@ -55,7 +55,7 @@ def test_hidden_effects_have_their_size_and_level() -> None:
 
 def test_hidden_effects_are_found_and_clean_robots_are_clean() -> None:
     """Small cases end to end; that sign and size agree is physics stated twice."""
-    hidden = run_case(Case("strong", "encoder", 1000, 0))[1]
+    hidden = run_case(Case("strong", "encoder", 1000, 20))[1]
     assert judge.counted(hidden)
     assert judge.first_right(hidden)
     assert judge.sizes(hidden)[0][1] < 0.2

@@ -12,6 +12,7 @@ from random_robots import link_parameters, task_of, tree
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.certify import certify, positive_mass_matrices
 from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpThickness, interior_point, solve_sdp
@@ -20,7 +21,6 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import (
-    Certificate,
     _Rows,
     _Tangent,
     dual_evidence,

@@ -46,7 +46,7 @@ def verb(
         ),
     ] = None,
     motor_side: Annotated[
-        bool, typer.Option("--motor-side", help="The log is of motors: the problem's transmission.")
+        bool, typer.Option("--motor-side", help="The problem's transmission, for a log of motors.")
     ] = False,
     rate: Annotated[
         float | None,

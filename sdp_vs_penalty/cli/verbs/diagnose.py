@@ -62,9 +62,11 @@ def verb(
         what = [",".join([*(r.text for r in result.retuned), *(f.text for f in shown)])]
         if json_file is not None:
             what = ["--from", str(json_file)]
-            if len(shown) < len(result.effects):
+            if len(shown) < len(result.effects) and not result.curves:
                 what += ["--only", ",".join(str(k + 1) for k in range(len(shown)))]
         add = ["add", str(model), *what, *words, "--out", str(_next_to(model))]
+    elif result.curves and json_file is not None:
+        add = ["add", str(model), "--from", str(json_file), *words, "--out", str(_next_to(model))]
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
     printing.diagnosis(result, estimate.robot.torque_units, add, verbose)

@@ -48,3 +48,58 @@ def verb(
         f"{found.condition:.1f} after {len(found.history) - 1} iterations"
     )
     console.written(out)
+
+
+def _separate(
+    model: Path,
+    effects: str,
+    out: Path,
+    urdf: Path | None,
+    duration: float,
+    level: float,
+    iterations: int,
+    seed: int,
+) -> None:
+    """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.estimation.excitation import save_trajectory
+    from sdp_vs_penalty.estimation.separation import RIGHT, separate
+    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.robot.point_trajectory import joint_trajectory
+    from sdp_vs_penalty.robot.self_collision import SelfCollision
+
+    estimate = load_estimate(model)
+    shapes = None if urdf is None else SelfCollision.of_urdf(urdf, estimate.robot.n)
+    with console.progress("separating") as progress:
+        found = separate(
+            estimate,
+            effects,
+            duration=duration,
+            level=level,
+            iterations=iterations,
+            seed=seed,
+            collision=shapes,
+            progress=progress,
+        )
+    ros = out.with_suffix(".yaml")
+    save_trajectory(found.trajectory, out)
+    write_text(ros, joint_trajectory(estimate.robot.joint_names, found.trajectory))
+    console.say(
+        f"right decision after {duration:g} s: {100 * found.default_right:.0f} % on the default "
+        f"excitation, {100 * found.right:.0f} % on this one",
+        style="bold",
+    )
+    needed = [f"{t:.3g} s" if t < 1e7 else "never" for t in (found.default_seconds, found.seconds)]
+    console.say(f"seconds for {100 * RIGHT:.0f} % right decisions: {needed[0]} and {needed[1]}")
+    squares = [f"{d:.3g}" for d in (found.default_delta2, found.delta2)]
+    console.say(f"squared distance of the two, in noise variances: {squares[0]} and {squares[1]}")
+    console.explain(
+        f"Effects of {level:g} noise standard deviations (root mean square) on the default excitation; "
+        "longer runs repeat the motion."
+    )
+    if not found.collisions:
+        why = "no --urdf is named" if urdf is None else f"{urdf.name} has no collision shapes"
+        console.explain(f"Self-collision is not checked: {why}. Look at the motion before it is run.")
+    for path in (out, ros):
+        console.written(path)

@@ -8,18 +8,17 @@ afterwards, or mended by the data check.
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+
+from sdp_vs_penalty.registration import modules
 
 
 @cache
 def formats() -> tuple[ModuleType, ...]:
     """Every module of this folder that reads measurements."""
-    homes = (importlib.import_module(f"{__name__}.{m.name}") for m in pkgutil.iter_modules(__path__))
-    return tuple(home for home in homes if hasattr(home, "SUFFIXES"))
+    return tuple(modules(__name__, __path__, "SUFFIXES"))
 
 
 def format_of(path: Path) -> ModuleType | None:

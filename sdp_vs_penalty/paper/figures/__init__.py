@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 import io
-import pkgutil
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -16,6 +14,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.registration import marked
 
 #: Figure 4 of the paper is a photograph of a simulator's window: there is nothing to compute in it.
 LEFT_OUT = {4: "a photograph of V-REP's window"}
@@ -24,12 +23,7 @@ LEFT_OUT = {4: "a photograph of V-REP's window"}
 @cache
 def figure_modules() -> dict[int, ModuleType]:
     """Every figure of the package by its number."""
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        home = importlib.import_module(f"{__name__}.{module.name}")
-        if hasattr(home, "NUMBER"):
-            found[home.NUMBER] = home
-    return dict(sorted(found.items()))
+    return marked(__name__, __path__, "NUMBER")
 
 
 def make_figures(

@@ -7,8 +7,6 @@ PROBLEMS, a tuple of their names.
 from __future__ import annotations
 
 import csv
-import importlib
-import pkgutil
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -20,6 +18,7 @@ from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table, is_measured
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.registration import marked
 
 #: What `tables` without names makes.
 DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
@@ -29,12 +28,7 @@ DEFAULT_PROBLEM = "panda"
 @cache
 def table_modules() -> dict[str, ModuleType]:
     """Every table of the package by its name."""
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        home = importlib.import_module(f"{__name__}.{module.name}")
-        if hasattr(home, "NAME"):
-            found[home.NAME] = home
-    return dict(sorted(found.items()))
+    return marked(__name__, __path__)
 
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:

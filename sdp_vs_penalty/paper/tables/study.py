@@ -15,6 +15,7 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
@@ -30,7 +31,6 @@ from sdp_vs_penalty.regression.regression import Regression, compress, compress_
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
-from sdp_vs_penalty.solvers.certificate import Certificate
 
 Array = NDArray[np.float64]
 

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from functools import cache
 
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.registration import classes
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
 
 @cache
 def engine_types() -> dict[str, type[Engine]]:
     """Every engine that this package knows, by name; ``version()`` says whether it is at hand."""
-    found: dict[str, type[Engine]] = {}
-    for module in pkgutil.iter_modules(__path__):
-        home = importlib.import_module(f"{__name__}.{module.name}")
-        for value in vars(home).values():
-            if isinstance(value, type) and issubclass(value, Engine) and hasattr(value, "name"):
-                found[value.name] = value
-    return dict(sorted(found.items()))
+    return classes(__name__, __path__, Engine)
 
 
 def engine(name: str) -> type[Engine]:

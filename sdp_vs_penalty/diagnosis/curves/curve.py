@@ -1,0 +1,128 @@
+"""A measured curve as a finding: what it runs over, its values with their band, and its JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.measured_curve import (
+    VARIABLES,
+    MeasuredCurve,
+    parse_variable,
+    variable_unit,
+)
+from sdp_vs_penalty.robot.robot import Robot
+
+Array = NDArray[np.float64]
+#: What a finding cannot be told apart from where a curve stands instead of it.
+CURVE = MeasuredCurve.name
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The missing torque of a joint (from 1) as a function of what ``of`` names.
+
+    x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower, upper (P,) : the
+    curve and its simultaneous 95 % band [N m or N], without what the model's own columns can make;
+    explained_share : of the joint's error beyond the noise, on data left out; formula : the simplest
+    law within the band, or None; held_out_rmse_before, _after : of the joint.
+    """
+
+    joint: int
+    of: tuple[str, ...]
+    x: Array
+    torque: Array
+    lower: Array
+    upper: Array
+    explained_share: float
+    formula: str | None
+    held_out_rmse_before: float
+    held_out_rmse_after: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "joint": self.joint,
+            "of": list(self.of),
+            "x": self.x.tolist(),
+            "torque": self.torque.tolist(),
+            "lower": self.lower.tolist(),
+            "upper": self.upper.tolist(),
+            "explained_share": self.explained_share,
+            "formula": self.formula,
+            "held_out_rmse_before": self.held_out_rmse_before,
+            "held_out_rmse_after": self.held_out_rmse_after,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Curve:
+        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
+        of = tuple(str(name) for name in data["of"])
+        for name in of:
+            parse_variable(name)
+        x, torque, lower, upper = (np.array(data[k], float) for k in ("x", "torque", "lower", "upper"))
+        each = (len(x),)
+        if x.shape != each + (len(of),) * (len(of) > 1) or not torque.shape == lower.shape == each:
+            raise ValueError("a curve has a value and a band for each x")
+        return cls(
+            int(data["joint"]),
+            of,
+            x,
+            torque,
+            lower,
+            upper,
+            float(data["explained_share"]),
+            None if data["formula"] is None else str(data["formula"]),
+            float(data["held_out_rmse_before"]),
+            float(data["held_out_rmse_after"]),
+        )
+
+    @property
+    def points(self) -> Array:
+        """(P, variables)."""
+        return self.x.reshape(len(self.torque), -1)
+
+    def effect(self, robot: Robot) -> MeasuredCurve:
+        """The curve as an effect that can be added to a model."""
+        return table_effect(robot, self.joint - 1, self.of, self.points, self.torque)
+
+    def sentence(self, torque_units: Sequence[str]) -> str:
+        """What was measured, in one or two sentences; torque_units : of all joints."""
+        unit = torque_units[self.joint - 1].replace("*", " ")
+        units = [variable_unit(torque_units, *parse_variable(v)) for v in self.of]
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        ranges = " and ".join(
+            f"{v} from {a:.3g} to {b:.3g}{'' if u == '-' else ' ' + u}"
+            for v, a, b, u in zip(self.of, low, high, units, strict=True)
+        )
+        said = f" Within the band: {self.formula}." if self.formula else " No simple law fits its band."
+        return (
+            f"joint {self.joint} misses a torque over {ranges}: {np.ptp(self.torque):.3g} {unit} from "
+            f"peak to peak, {100.0 * self.explained_share:.0f} % of the error beyond noise; held-out "
+            f"error {self.held_out_rmse_before:.3g} to {self.held_out_rmse_after:.3g} {unit}.{said}"
+        )
+
+
+def table_effect(
+    robot: Robot, joint: int, of: Sequence[str], points: Array, values: Array
+) -> MeasuredCurve:
+    """The table of values (P,) at points (P, variables) of an equally spaced grid, of which some may be
+    missing. joint : from 0."""
+    shape: dict[str, float] = {}
+    places, counts = [], []
+    for axis, name, x in zip("xy", of, points.T, strict=False):
+        word, partner = parse_variable(name)
+        steps = np.diff(np.unique(x))
+        low, high = float(x.min()), float(x.max())
+        count = round((high - low) / float(steps.min(initial=high - low))) + 1
+        shape[axis], shape[f"{axis}j"] = VARIABLES.index(word) + 1.0, partner + 1.0
+        shape[f"{axis}low"], shape[f"{axis}high"] = float(f"{low:.6g}"), float(f"{high:.6g}")
+        shape[f"{axis}n"] = float(count)
+        places.append(np.rint((x - low) / (high - low) * (count - 1)))
+        counts.append(count)
+    known = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
+    shape |= {f"v{k + 1}": float(f"{v:.6g}") for k, v in zip(known, values, strict=True)}
+    return MeasuredCurve(robot, [joint], **shape)

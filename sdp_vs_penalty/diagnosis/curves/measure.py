@@ -1,0 +1,150 @@
+"""From what a search leaves to findings: which joints, instead of which stand-ins, with which band."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.curves.bases import Variables
+from sdp_vs_penalty.diagnosis.curves.choose import Fitted, Look, search_curves
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
+from sdp_vs_penalty.diagnosis.curves.formula import formula_of
+from sdp_vs_penalty.diagnosis.curves.held_out import HeldOutCurves, TestRun
+from sdp_vs_penalty.diagnosis.curves.smooth import draws, identifiable
+from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
+from sdp_vs_penalty.diagnosis.stage import MISFIT
+from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.diagnosis.verdict import Remainder
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.signals.noise import RESIDUAL
+
+Array = NDArray[np.float64]
+
+#: Draws of the bootstrap, and the level of the band.
+_DRAWS, _LEVEL = 300, 0.95
+
+Found = list[tuple[Fitted, MeasuredCurve, Look]]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """curves, in the order of adding; replaced : places of the picks for which they stand instead."""
+
+    curves: tuple[Curve, ...] = ()
+    replaced: frozenset[int] = frozenset()
+
+
+def measured_curves(
+    state: SearchState, left: Remainder, doubted: Sequence[int] = (), test: TestRun | None = None
+) -> Measured:
+    """The curves of those joints on which the search leaves error that repeats, or that it doubts.
+
+    left : what is known of the rest; where nothing repeats, so that nothing is, all joints are looked
+    at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
+    run with the model attached, for the held-out errors; without one they are those of folds. What a
+    search without curves has named on such a joint is kept, unless curves without it explain the joint
+    better by the Bayesian information criterion (Schwarz 1978).
+    """
+    joints = sorted({*left.joints, *doubted})
+    if state.stage.noise.source == RESIDUAL:
+        joints = list(range(state.stage.rows.n))
+    if not joints:
+        return Measured()
+    seed, variables = state.stage.seed, Variables(state.stage.rows)
+    places = list(range(len(state.picks)))
+    every: Found = []
+    replaced: set[int] = set()
+    for joint in joints:
+        beside, found = search_curves(state, variables, [joint], seed)
+        own = [k for k in places if state.picks[places.index(k)].candidate.key[1] == joint]
+        if own:
+            kept = tuple(p for k, p in zip(places, state.picks, strict=False) if k not in own)
+            after = state.picks[len(places) :]
+            alone, instead = search_curves(state.with_picks((*kept, *after)), variables, [joint], seed)
+            better = _cost(beside, joint, found) - _cost(alone, joint, instead)
+            if instead and (better > TOLD_APART or (joint in doubted and _explains(alone, joint))):
+                beside, found = alone, instead
+                replaced |= set(own)
+                places = [k for k in places if k not in own]
+        state = beside
+        every += found
+    judge = HeldOutCurves(replace(state, picks=state.picks[: len(places)]), test)
+    curves = tuple(_curve(f, effect, look, judge, seed) for f, effect, look in every)
+    return Measured(curves, frozenset(replaced))
+
+
+def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding, ...]:
+    """The findings; those that curves stand instead of are weak, and cannot be told apart from one."""
+    return tuple(
+        replace(
+            f,
+            confidence="weak",
+            indistinguishable_from=(*f.indistinguishable_from, CURVE),
+            remarks=(*f.remarks, "a measured curve explains the joint better without it"),
+        )
+        if k in measured.replaced
+        else f
+        for k, f in enumerate(findings)
+    )
+
+
+def _explains(state: SearchState, joint: int) -> bool:
+    """Whether what is left of a joint is little more than noise."""
+    fit = state.fit
+    return bool(
+        fit.joint_chi2[joint] < MISFIT * fit.degrees[joint] * fit.weighting.noise_variance[joint]
+    )
+
+
+def _cost(state: SearchState, joint: int, found: Found) -> float:
+    """The information criterion of a joint's rows: deviance and the price of what explains them."""
+    fit = state.fit
+    degrees, noise = float(fit.degrees[joint]), float(fit.weighting.noise_variance[joint])
+    chi2 = float(fit.joint_chi2[joint])
+    variance = max(chi2 / degrees, noise)
+    curves = {effect.text for _, effect, _ in found}
+    named = [p.candidate for p in state.picks if p.candidate.effect.text not in curves]
+    freedom = sum(f.smooth.edf for f, _, _ in found)
+    freedom += sum(len(h.beta) + len(h.effect.searched) for h in named if h.key[1] == joint)
+    return degrees * np.log(variance) + chi2 / variance + freedom * np.log(degrees)
+
+
+def _curve(f: Fitted, effect: MeasuredCurve, look: Look, judge: HeldOutCurves, seed: int) -> Curve:
+    points = look.variables.supported(f.basis)
+    grid = f.basis.at(*points.T)
+    projector = identifiable(f.factors)
+    errors = draws(look.fit, f.Z, f.C, f.smooth, f.joint, seed, _DRAWS) @ projector.T
+    half = _simultaneous(errors @ grid.T)
+    torque = grid @ f.coefficients
+    before, after = judge.added(f, effect, look)
+    level2 = look.fit.weighting.level[f.joint] ** 2
+    return Curve(
+        f.joint + 1,
+        f.basis.of,
+        points[:, 0] if points.shape[1] == 1 else points,
+        torque,
+        torque - half,
+        torque + half,
+        _share(look, f, level2),
+        formula_of(f, points, half, projector, effect.robot.torque_units),
+        before,
+        after,
+    )
+
+
+def _simultaneous(errors: Array) -> Array:
+    """(P,) half width of the band that holds _LEVEL of whole curves, from errors (draws, P)."""
+    deviation = np.maximum(errors.std(axis=0), 1e-300)
+    largest = np.max(np.abs(errors) / deviation, axis=1)
+    return np.asarray(np.quantile(largest, _LEVEL) * deviation)
+
+
+def _share(look: Look, f: Fitted, level2: float) -> float:
+    """Of the joint's squared error beyond the noise, what the curve takes on folds left out."""
+    fit = look.fit
+    excess = fit.joint_chi2[f.joint] - fit.degrees[f.joint] * fit.weighting.noise_variance[f.joint]
+    return float(np.clip(f.gain * level2 / max(excess, 1e-12), 0.0, 1.0))

@@ -1,0 +1,209 @@
+"""Penalised splines on white rows: fitted, weighed and bootstrapped on compressed factors.
+
+With Z the white columns of a basis on one joint's rows, Q the model's (orthonormal, all joints) and r
+what the model leaves, everything follows from D = Z'Z - (Q'Z)'Q'Z and s = Z'r, in all and block by
+block: c = (D + P)^-1 s, P = lambda S + Z'Z / M. S is the roughness of the splines (second differences),
+the last term a prior worth one row (unit information), which also settles what the model's own columns
+can make: there D is nothing, and c the smallest curve. lambda maximises the marginal likelihood (REML):
+
+    2 log BF = s' (D + P)^-1 s - log |D + P| / |P|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.fit import WhiteFit
+
+Array = NDArray[np.float64]
+
+#: Weights of the roughness that are tried, relative to the data's.
+_COARSE = 10.0 ** np.arange(-4.0, 5.0, 2.0)
+_FINE = 10.0 ** np.arange(-5.0, 5.5, 0.75)
+#: Of a pair each roughness has its own.
+_FINE_PAIR = 10.0 ** np.arange(-4.0, 4.5, 1.5)
+#: Share of a direction's energy below which the model's columns make it.
+ABSORBED = 0.02
+
+
+@dataclass(frozen=True)
+class Factors:
+    """D (k, k), s (k,), raw = Z'Z (k, k); count : rows of the joint."""
+
+    D: Array
+    s: Array
+    raw: Array
+    count: float
+
+    @classmethod
+    def of(cls, fit: WhiteFit, Z: Array, joint: int) -> tuple[Factors, Array]:
+        """From white weighted columns (M, k) of one joint; also C = Q'Z (r, k)."""
+        M = len(fit.rows.block)
+        mine = slice(joint * M, (joint + 1) * M)
+        C = fit.Q[mine].T @ Z
+        raw = Z.T @ Z
+        return cls(raw - C.T @ C, Z.T @ fit.residual[mine], raw, float(fit.rows.count[joint])), C
+
+    def prior(self, penalties: Sequence[Array], weights: Sequence[float]) -> Array:
+        """P (k, k)."""
+        out = self.raw / max(self.count, 1.0) + 1e-10 * np.trace(self.raw) * np.eye(len(self.s))
+        for S, w in zip(penalties, weights, strict=True):
+            out = out + w * np.trace(self.raw) / max(np.trace(S), 1e-300) * S
+        return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """c (k,) : coefficients; P (k, k) : the penalty; evidence : 2 log BF; chi2 : drop of the squared
+    residual; edf : effective degrees of freedom."""
+
+    c: Array
+    P: Array
+    evidence: float
+    chi2: float
+    edf: float
+
+
+def smooth(f: Factors, penalties: Sequence[Array], fine: bool = False) -> Smooth:
+    """The penalised fit with the most evidence."""
+    if fine and len(penalties) > 1:
+        weights = list(product(_FINE_PAIR, repeat=len(penalties)))
+    else:
+        weights = [(w,) * len(penalties) for w in (_FINE if fine else _COARSE)]
+    weights = weights if penalties else [()]
+    best: tuple[float, Array, Array] | None = None
+    for w in weights:
+        P = f.prior(penalties, w)
+        A = scipy.linalg.cho_factor(f.D + P, lower=True, check_finite=False)
+        c = scipy.linalg.cho_solve(A, f.s, check_finite=False)
+        size = 2.0 * np.sum(np.log(np.diagonal(A[0])))
+        before = 2.0 * np.sum(np.log(np.diagonal(np.linalg.cholesky(P))))
+        value = float(f.s @ c - size + before)
+        if best is None or value > best[0]:
+            best = value, P, c
+    assert best is not None
+    value, P, c = best
+    edf = float(np.trace(np.linalg.solve(f.D + P, f.D)))
+    return Smooth(c, P, value, float(2.0 * c @ f.s - c @ f.D @ c), edf)
+
+
+def block_scores(fit: WhiteFit, Z: Array, C: Array, joint: int, overlap: Array) -> Array:
+    """(B, k) s of each block; overlap (B, r) : block sums of Q r."""
+    M = len(fit.rows.block)
+    mine = fit.residual[joint * M : (joint + 1) * M]
+    return np.asarray(fit.rows.sums(Z * mine[:, None]) - overlap @ C)
+
+
+def agreement(scores: Array, A: Array) -> Array:
+    """(B, B) G with T(e) = e' G e, what the blocks explain together when their scores change sign by
+    e; its diagonal is what each explains alone, and it is scaled to a standard deviation of 1 under
+    random signs."""
+    G = scores @ np.linalg.solve(A, scores.T)
+    off = G - np.diag(np.diagonal(G))
+    spread = np.sqrt(2.0 * np.sum(off**2))
+    return np.asarray(off / spread) if spread > 0.0 else np.zeros_like(off)
+
+
+def held_out_gains(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> Array:
+    """(B,) gain of each block in squared white residual, from fits on the other folds."""
+    M = len(fit.rows.block)
+    gain = np.zeros(len(fit.target))
+    pull_all = Z.T @ fit.target[joint * M : (joint + 1) * M]
+    for part in fit.without_folds(fit.rows.fold):
+        c, change = _without(fit, part.out, Z, C, f, P, joint, part.inverse, part.theta, pull_all)
+        gain[part.out] = part.error**2 - (part.error - change @ c) ** 2
+    return fit.rows.block_sums(gain)
+
+
+def _without(
+    fit: WhiteFit,
+    out: NDArray[np.bool_],
+    Z: Array,
+    C: Array,
+    f: Factors,
+    P: Array,
+    joint: int,
+    inverse: Array,
+    theta: Array,
+    pull_all: Array,
+) -> tuple[Array, Array]:
+    """Coefficients from the other folds, and what a unit of each changes on the rows left out."""
+    n, M = fit.rows.n, len(fit.rows.block)
+    held = out[:M]
+    Z_out, target = Z[held], fit.target[joint * M : (joint + 1) * M][held]
+    Q_out = fit.Q[out]
+    own = Q_out.reshape(n, -1, Q_out.shape[1])[joint]
+    overlap = C - own.T @ Z_out
+    gram = f.raw - Z_out.T @ Z_out - overlap.T @ inverse @ overlap
+    pull = pull_all - Z_out.T @ target - overlap.T @ theta
+    c = np.linalg.solve(gram + P, pull)
+    change = np.negative(Q_out @ (inverse @ overlap)).reshape(n, -1, len(c))
+    change[joint] += Z_out
+    return c, change.reshape(-1, len(c))
+
+
+def fold_coefficients(
+    fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int
+) -> list[Array]:
+    """Per fold (k,) the coefficients from the other folds."""
+    M = len(fit.rows.block)
+    pull_all = Z.T @ fit.target[joint * M : (joint + 1) * M]
+    return [
+        _without(fit, w.out, Z, C, f, P, joint, w.inverse, w.theta, pull_all)[0]
+        for w in fit.without_folds(fit.rows.fold)
+    ]
+
+
+def identifiable(f: Factors) -> Array:
+    """(k, k) projector onto what the model's own columns cannot make, in the metric of Z'Z."""
+    k = len(f.s)
+    metric = f.raw + 1e-9 * np.trace(f.raw) * np.eye(k)
+    values, vectors = scipy.linalg.eigh(f.D, metric)
+    kept = vectors[:, values > ABSORBED]
+    return np.asarray(kept @ kept.T @ metric)
+
+
+def draws(fit: WhiteFit, Z: Array, C: Array, found: Smooth, joint: int, seed: int, count: int) -> Array:
+    """(count, k) errors of the coefficients.
+
+    Two parts: blocks drawn with replacement (what the noise does, whatever its colour), and what
+    smoothing may have cost, a normal with the covariance that the prior leaves beyond the noise's,
+    (D + P)^-1 - (D + P)^-1 D (D + P)^-1 (Nychka, JASA 1988).
+    """
+    M = len(fit.rows.block)
+    partialled = np.negative(fit.Q @ C)
+    partialled[joint * M : (joint + 1) * M] += Z
+    left = fit.residual - partialled @ found.c
+    u = fit.rows.block_sums(partialled * left[:, None])
+    grams = _block_grams(fit, partialled)
+    rng = np.random.default_rng(seed)
+    B, k = u.shape
+    centre = found.P @ found.c
+    D = grams.sum(axis=0)
+    A = D + found.P
+    bias = np.linalg.solve(A, found.P) @ np.linalg.inv(A)
+    values, vectors = np.linalg.eigh(0.5 * (bias + bias.T))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    out = np.empty((count, k))
+    for i in range(count):
+        weight = np.bincount(rng.integers(B, size=B), minlength=B).astype(float)
+        total = np.tensordot(weight, grams, axes=1) + found.P
+        out[i] = np.linalg.solve(total, weight @ u - centre) + root @ rng.normal(size=k)
+    return out
+
+
+def _block_grams(fit: WhiteFit, columns: Array) -> Array:
+    """(B, k, k)."""
+    rows = fit.rows
+    shaped = columns.reshape(rows.n, len(rows.block), -1)
+    out = []
+    for b in range(rows.blocks):
+        part = shaped[:, rows.block == b].reshape(-1, shaped.shape[2])
+        out.append(part.T @ part)
+    return np.array(out)

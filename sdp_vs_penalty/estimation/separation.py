@@ -1,0 +1,309 @@
+"""The run that would tell: a motion on which two hypotheses about a robot differ most (T-optimality).
+
+With X the model's columns, A and B those of the two effects, all white, the torque of A by theta differs
+from everything that the model with B can make by
+
+    delta^2 = theta' A' (1 - P_[X B]) A theta                     (Atkinson, Fedorov, Biometrika 1975)
+
+and the sum of squares that the wrong model leaves exceeds that of the right one by delta^2 +- 2 delta:
+it is taken for the right one with probability Phi(-delta / 2), but for what their parameters cost.
+delta^2 grows with the length of the run. theta has the size that a user names, in the direction of A's
+parameters that B can make best; the smaller of A against B and B against A counts.
+
+Motions go from point to point: points, how slow each move is, and pauses are free. Random motions are
+drawn, the best is changed at random as long as that helps (a (1 + 1) evolution strategy: Rechenberg
+1973), and each that is looked at keeps the limits of position, velocity, acceleration, jerk and
+torque, and does not touch the arm itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.excitation import Limits, shrunk
+from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, shortest_moves
+from sdp_vs_penalty.robot.self_collision import SelfCollision
+from sdp_vs_penalty.robot.trajectory import random_trajectory
+
+Array = NDArray[np.float64]
+States = Callable[[Array], tuple[Array, Array, Array]]
+Progress = Callable[[str], None]
+
+#: Rate at which motions are looked at [Hz], and at which poses are tested for collisions.
+_RATE, _POSES = 20.0, 10.0
+#: Row rate over the torque's cut-off: independent samples; the cut-off where a model states none [Hz].
+_ROWS, _CUTOFF = 2.0, 8.0
+#: Acceleration within so many seconds of its limit: the limit of jerk where nothing states one.
+_TIME_TO_ACCELERATION = 0.1
+#: Random motions to begin with; how slow a move may be over the fastest, and how long a pause [s].
+_DRAWN, _SLOWEST, _PAUSE = 30, 10.0, 0.8
+#: Shares of the limits that a motion uses.
+_SHARE = 0.95
+#: Probability of the right decision that is asked for.
+RIGHT = 0.95
+
+
+@dataclass(frozen=True)
+class Separation:
+    """trajectory : the best motion found; delta2, default_delta2 : squared distance of the hypotheses on
+    it and on the default excitation of the same length; right, default_right : probability of the right
+    decision then; seconds, default_seconds : of each motion, repeated, that are needed for RIGHT;
+    sizes : of the two effects, as they were taken; collisions : whether the arm's shapes are known."""
+
+    trajectory: PointTrajectory
+    delta2: float
+    default_delta2: float
+    right: float
+    default_right: float
+    seconds: float
+    default_seconds: float
+    sizes: tuple[float, float]
+    collisions: bool
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """Two effects beside a model, and how large the noise is."""
+
+    estimate: Estimate
+    effects: tuple[Effect, Effect]
+    noise: Array
+    row_rate: float
+    scale: tuple[float, float]
+
+    @classmethod
+    def of(cls, estimate: Estimate, texts: str, level: float) -> Hypotheses:
+        """Of two effects as they are written, each of ``level`` times the noise of its joint (root mean
+        square) on the default excitation. Raises InputError for anything but two effects, or one that
+        the model has already."""
+        found = parse_effects(texts, estimate.robot)
+        if len(found) != 2:
+            raise InputError(
+                f"--separate {texts!r} names {len(found)} effects",
+                'name two, such as "torque_ripple:4@k=2,joint_spring:4"',
+            )
+        own = {p.name for p in estimate.model.parameters}
+        for effect in found:
+            if twice := own & {p.name for p in effect.parameters}:
+                raise InputError(
+                    f"the model has {effect.name} already ({min(twice)})",
+                    "separate effects that it lacks",
+                )
+        cutoff = estimate.preprocessing.torque_cutoff or _CUTOFF
+        noise = np.maximum(estimate.uncertainty.noise, 1e-12)
+        bare = cls(estimate, (found[0], found[1]), noise, _ROWS * cutoff, (1.0, 1.0))
+        motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
+        sizes = [level / max(bare._root_mean_square(e, motion), 1e-300) for e in found]
+        return replace(bare, scale=(sizes[0], sizes[1]))
+
+    def motion(self, states: States, duration: float) -> Motion:
+        """A motion with the model's torque and links, sampled."""
+        t = np.arange(0.0, duration, 1.0 / _RATE)
+        motion = Motion(t, *states(t))
+        e = self.estimate
+        links = e.links if len(e.links) else np.zeros((e.robot.links, 10))
+        current = CurrentModel(e.robot, links)
+        return replace(motion, torque=e.torque(motion), current=current, sign_width=e.model.sign_width)
+
+    def _root_mean_square(self, effect: Effect, motion: Motion) -> float:
+        """Of an effect with unit parameters, over the noise, on the joint that it moves most."""
+        columns = self._white(effect, motion)
+        return float(np.sqrt((columns**2).mean(axis=1).sum(axis=1).max()))
+
+    def _white(self, effect: Effect, motion: Motion) -> Array:
+        """(n, N, k)."""
+        out = np.zeros((self.estimate.robot.n, len(motion.t), len(effect.parameters)))
+        for block in effect.blocks(motion):
+            out[block.joint][:, block.parameters] += block.columns / self.noise[block.joint]
+        return out
+
+    def distance(self, motion: Motion) -> float:
+        """delta^2 of a motion, counted in independent rows."""
+        e, N = self.estimate, len(motion.t)
+        base = np.zeros((e.robot.n, N, len(e.model.parameters)))
+        for j, c in enumerate(e.model.columns(replace(motion, torque=None, current=None))):
+            base[j][:, c.indices] = c.columns / self.noise[j]
+        X = base.reshape(e.robot.n * N, -1)
+        A, B = (
+            self._white(effect, motion).reshape(len(X), -1) * scale
+            for effect, scale in zip(self.effects, self.scale, strict=True)
+        )
+        found = min(_apart(X, A, B), _apart(X, B, A))
+        return found * self.row_rate / _RATE
+
+    def right(self, delta2: float, seconds: float) -> float:
+        """Probability that the sum of squares decides rightly, whichever of the two is true."""
+        extra = abs(len(self.effects[0].parameters) - len(self.effects[1].parameters))
+        price = extra * np.log(max(self.row_rate * seconds, 2.0))
+        return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(max(delta2, 1e-300)))))
+
+    def needed(self, delta2: float, seconds: float) -> float:
+        """Seconds of the motion, repeated, for RIGHT; infinity where it never tells."""
+        low, high = 0.0, 1e7
+        if self.right(delta2 * high / seconds, high) < RIGHT:
+            return float("inf")
+        while high - low > 1e-3 * high:
+            middle = 0.5 * (low + high)
+            if self.right(delta2 * middle / seconds, middle) < RIGHT:
+                low = middle
+            else:
+                high = middle
+        return high
+
+
+def _apart(X: Array, A: Array, B: Array) -> float:
+    """delta^2 of A against everything that X and B make, in the direction of A that B makes best; A's
+    directions have unit parameters."""
+    XB = np.hstack([X, B])
+    norms = np.linalg.norm(XB, axis=0)
+    gram_columns = XB[:, norms > 0.0] / norms[norms > 0.0]
+    values, vectors = np.linalg.eigh(gram_columns.T @ gram_columns)
+    good = values > 1e-9 * values[-1]
+    part = (vectors[:, good] / np.sqrt(values[good])).T @ (gram_columns.T @ A)
+    left = A.T @ A - part.T @ part
+    return float(max(np.linalg.eigvalsh(left)[0], 0.0))
+
+
+def default_excitation(estimate: Estimate, duration: float, seed: int) -> States:
+    """What `excite` begins with: a random Fourier series within the limits."""
+    robot = estimate.robot
+    return shrunk(random_trajectory(robot, seed, duration), Limits.of_robot(robot)).states
+
+
+def separate(
+    estimate: Estimate,
+    effects: str,
+    *,
+    duration: float = 20.0,
+    level: float = 1.0,
+    iterations: int = 200,
+    seed: int = 0,
+    limits: Limits | None = None,
+    collision: SelfCollision | None = None,
+    progress: Progress = lambda _: None,
+) -> Separation:
+    """The motion of ``duration`` [s] on which two effects differ most.
+
+    effects : two, as they are written; level : root mean square of each over the noise of its joint on
+    the default excitation; iterations : changes that are tried; limits : default the robot's own;
+    collision : the arm's shapes. Raises InputError for hypotheses that cannot be separated.
+    """
+    hypotheses = Hypotheses.of(estimate, effects, level)
+    bounds = Limits.of_robot(estimate.robot) if limits is None else limits
+    search = _Search(hypotheses, bounds, collision, duration, np.random.default_rng(seed))
+    search.run(iterations, progress)
+    before = [
+        hypotheses.distance(hypotheses.motion(default_excitation(estimate, duration, s), duration))
+        for s in range(seed, seed + 3)
+    ]
+    default = float(np.median(before))
+    return Separation(
+        search.best,
+        search.value,
+        default,
+        hypotheses.right(search.value, duration),
+        hypotheses.right(default, duration),
+        hypotheses.needed(search.value, duration),
+        hypotheses.needed(default, duration),
+        hypotheses.scale,
+        collision is not None,
+    )
+
+
+class _Search:
+    """Random motions, then random changes of the best."""
+
+    def __init__(
+        self,
+        hypotheses: Hypotheses,
+        limits: Limits,
+        collision: SelfCollision | None,
+        duration: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.h, self.collision, self.duration, self.rng = hypotheses, collision, duration, rng
+        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+        self.low, self.high = middle - _SHARE * half, middle + _SHARE * half
+        self.rates = (
+            _SHARE * limits.velocity,
+            _SHARE * limits.acceleration,
+            _SHARE * limits.acceleration / _TIME_TO_ACCELERATION,
+        )
+        self.effort = np.array([j.effort for j in hypotheses.estimate.robot.joints])
+        self.value = -1.0
+
+    def run(self, iterations: int, progress: Progress) -> None:
+        for _ in range(20 * _DRAWN):
+            self._try(*self._drawn())
+            if self.value >= 0.0 and self.looked >= _DRAWN:
+                break
+        if self.value < 0.0:
+            raise InputError(
+                "no motion from point to point keeps the limits",
+                "widen the limits of position or torque, or lengthen the motion with --duration",
+            )
+        reach = 0.3
+        for k in range(iterations):
+            better = self._try(*self._changed(reach))
+            reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
+            if k % 20 == 19:
+                progress(f"separating: {k + 1} of {iterations} changes, delta {self.value**0.5:.2f}")
+
+    looked = 0
+
+    def _drawn(self) -> tuple[Array, Array, Array]:
+        """Points, slowness of each move, pauses."""
+        count = int(self.rng.integers(6, 40))
+        n = len(self.low)
+        points = self.rng.uniform(self.low, self.high, (count, n))
+        still = self.rng.random(n) < self.rng.choice([0.0, 0.3, 0.7])
+        points[:, still] = points[0, still]
+        slow = np.exp(self.rng.uniform(0.0, np.log(_SLOWEST), count - 1) * self.rng.random())
+        return points, slow, self.rng.uniform(0.0, _PAUSE, count) * self.rng.random()
+
+    def _changed(self, reach: float) -> tuple[Array, Array, Array]:
+        points, slow, pauses = (x.copy() for x in self.now)
+        share = self.rng.choice([0.1, 0.3, 1.0])
+        step = reach * (self.high - self.low) * self.rng.normal(size=points.shape)
+        points += step * (self.rng.random(points.shape) < share)
+        points = np.clip(points, self.low, self.high)
+        which = self.rng.random(len(slow)) < share
+        slow = np.clip(slow * np.exp(which * reach * 2.0 * self.rng.normal(size=len(slow))), 1.0, 10.0)
+        pauses = np.clip(pauses + reach * _PAUSE * self.rng.normal(size=len(pauses)), 0.0, _PAUSE)
+        return points, slow, pauses
+
+    def _try(self, points: Array, slow: Array, pauses: Array) -> bool:
+        """Whether a motion is allowed and better than the best."""
+        moves = slow * shortest_moves(points, *self.rates)
+        # As many points as fit; the rest of the time goes into the moves.
+        ends = np.cumsum(moves + pauses[1:]) + pauses[0]
+        fit = int(np.searchsorted(ends, self.duration))
+        if fit < 2:
+            return False
+        moves, pauses_used = moves[:fit], pauses[: fit + 1]
+        moves = moves * (self.duration - pauses_used.sum()) / moves.sum()
+        trajectory = PointTrajectory(points[: fit + 1], moves, pauses_used)
+        motion = self.h.motion(trajectory.states, self.duration)
+        if np.any(np.abs(motion.model_torque) > _SHARE * self.effort):
+            return False
+        self.looked += 1
+        value = self.h.distance(motion)
+        if value <= self.value or not self._free(trajectory):
+            return False
+        self.best, self.value, self.now = trajectory, value, (points, slow, pauses)
+        return True
+
+    def _free(self, trajectory: PointTrajectory) -> bool:
+        if self.collision is None:
+            return True
+        t = np.arange(0.0, self.duration, 1.0 / _POSES)
+        return self.collision.free(trajectory.states(t)[0])

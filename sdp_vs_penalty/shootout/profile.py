@@ -1,0 +1,136 @@
+"""Performance profiles of Dolan and More (Math. Program. 2002), by class of problem and by accuracy.
+
+For each solver the share of a class's problems that it brought to an accuracy, within a factor of the
+fastest solver that did. A run counts by its figures, whatever it was asked for: objective error and
+violation at most ten times the accuracy, and a claim of success; or infeasibility, rightly claimed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.shootout.judge import SLACK
+from sdp_vs_penalty.shootout.results import Row
+
+COLUMNS = ("class", "accuracy", "solver", "ratio", "share")
+#: Curves in a panel of the figure: those that bring the most problems to the accuracy.
+_CURVES = 9
+
+
+def reached(row: Row, accuracy: float) -> bool:
+    """Whether a run claims success rightly at this accuracy."""
+    if row["claimed"] != "optimal":
+        return bool(row["claimed"] == "infeasible" and row["class"] == "right")
+    if not np.isfinite(row["lower"]):
+        return False
+    return bool(max(row["objective_error"], row["violation"]) <= SLACK * accuracy)
+
+
+def at_accuracy(rows: Sequence[Row], accuracy: float) -> list[Row]:
+    """The runs asked for this accuracy, and those of contestants that cannot be asked."""
+    return [r for r in rows if r["settings"] == "default" or r["accuracy"] == accuracy]
+
+
+def accuracies(rows: Sequence[Row]) -> list[float]:
+    """What was asked for, loose to tight."""
+    return sorted({r["accuracy"] for r in rows if r["settings"] != "default"}, reverse=True)
+
+
+def profile(rows: Sequence[Row], accuracy: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Of each solver (ratios, shares): the corners of its step."""
+    asked = at_accuracy(rows, accuracy)
+    problems = sorted({r["problem"] for r in rows})
+    solvers = sorted({r["solver"] for r in asked})
+    seconds = np.full((len(problems), len(solvers)), np.inf)
+    for r in asked:
+        if reached(r, accuracy):
+            seconds[problems.index(r["problem"]), solvers.index(r["solver"])] = max(r["seconds"], 1e-6)
+    best = seconds.min(axis=1, initial=np.inf)
+    solved = np.isfinite(best)
+    out = {}
+    for k, solver in enumerate(solvers):
+        ratios = np.sort(seconds[solved, k] / best[solved])
+        finite = np.isfinite(ratios)
+        shares = np.arange(1, len(ratios) + 1) / max(len(problems), 1)
+        out[solver] = (ratios[finite], shares[finite])
+    return out
+
+
+def profile_rows(rows: Sequence[Row]) -> list[Row]:
+    """Every corner of every profile, each class by itself and all together."""
+    out: list[Row] = []
+    for name in (*sorted({r["group"] for r in rows}), "all"):
+        mine = [r for r in rows if name in (r["group"], "all")]
+        for accuracy in accuracies(rows):
+            for solver, (ratios, shares) in profile(mine, accuracy).items():
+                for ratio, share in zip(ratios, shares, strict=True):
+                    values = (name, accuracy, solver, float(ratio), float(share))
+                    out.append(dict(zip(COLUMNS, values, strict=True)))
+    return out
+
+
+def plot_profile(rows: Sequence[Row], path: Path) -> bool:
+    """SVG: regular problems above, hostile ones below, an accuracy a column.
+
+    False where matplotlib (extra [plot]) is absent.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        return False
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    parts = {
+        "regular": [r for r in rows if r["group"] != "hostile"],
+        "hostile": [r for r in rows if r["group"] == "hostile"],
+    }
+    parts = {name: part for name, part in parts.items() if part}
+    columns = accuracies(rows) or [1e-8]
+    colours = {s: f"C{k % 10}" for k, s in enumerate(sorted({r["solver"] for r in rows}))}
+    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 8}):
+        figure, axes = plt.subplots(
+            len(parts), len(columns), figsize=(3.6 * len(columns), 3.2 * len(parts)), squeeze=False,
+            sharex=True, sharey=True, layout="constrained",
+        )  # fmt: skip
+        for down, (name, part) in enumerate(parts.items()):
+            for across, accuracy in enumerate(columns):
+                panel = axes[down][across]
+                _panel(panel, profile(part, accuracy), colours)
+                panel.set_title(f"{name}, {accuracy:.0e}")
+        for panel in axes[-1]:
+            panel.set_xlabel("time over the fastest that was right")
+        for panel in axes[:, 0]:
+            panel.set_ylabel("share of problems got right")
+        file = io.BytesIO()
+        figure.savefig(file, format="svg", metadata={"Date": None})
+        plt.close(figure)
+    write_bytes(path, file.getvalue())
+    return True
+
+
+def _panel(panel, curves: dict[str, tuple[np.ndarray, np.ndarray]], colours: dict[str, str]) -> None:  # type: ignore[no-untyped-def]
+    ranked = sorted(curves, key=lambda s: (-len(curves[s][0]), s))[:_CURVES]
+    for solver in ranked:
+        ratios, shares = curves[solver]
+        if len(ratios):
+            panel.step(
+                np.append(ratios, 1e5),
+                np.append(shares, shares[-1]),
+                where="post",
+                label=f"{solver} {100 * shares[-1]:.0f} %",
+                color=colours[solver],
+                linestyle="--" if "certified" in solver else "-",
+                linewidth=2.2 if solver == "lmi-sdp" else 1.1,
+            )
+    panel.set_xscale("log")
+    panel.set_xlim(1.0, 1e4)
+    panel.set_ylim(0.0, 1.02)
+    panel.grid(alpha=0.3)
+    panel.legend(fontsize="x-small", loc="lower right")

@@ -1,0 +1,107 @@
+"""What nobody gave a name: measured as a curve, added to the model, flagged outside of its table."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.effects import effect_from_dict, parse_effects
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.simulation.worlds.conditions import Conditions
+from sdp_vs_penalty.simulation.worlds.hidden import at_joint
+from sdp_vs_penalty.simulation.worlds.world import draw_motion, draw_world, log_run
+
+JOINT, SIZE = 1, 0.4
+
+
+@dataclass(frozen=True)
+class Made:
+    estimate: Estimate
+    data: Measurements
+    test: Measurements
+    found: Diagnosis
+
+
+@pytest.fixture(scope="module")
+def made() -> Made:
+    """A two-axis SCARA whose second joint has a torque of q dq, which no effect of the library is."""
+    rng = np.random.default_rng(7)
+    world = draw_world(Conditions("scara", runs=2, duration=16.0), rng)
+    hidden = at_joint("q dq", JOINT, lambda _, m: SIZE * m.q[:, JOINT] * m.dq[:, JOINT])
+    runs = []
+    for k in range(3):
+        motion = draw_motion(world, k, rng)
+        runs.append(log_run(world, motion, rng, [hidden.torque(world, motion)]).run)
+    data = concatenate(runs[:2])
+    estimate = identify(load_problem(world.arm.urdf), data, "ols")
+    return Made(estimate, data, runs[2], diagnose(estimate, data, runs[2]))
+
+
+def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made: Made) -> None:
+    assert made.found.verdict == "unknown_effect"
+    (curve,) = made.found.curves
+    assert (curve.joint, sorted(curve.of)) == (JOINT + 1, [f"dq{JOINT + 1}", f"q{JOINT + 1}"])
+    assert curve.formula is not None
+    size, x, y, *_ = curve.formula.split()
+    assert {x, y} == set(curve.of)
+    assert float(size) == pytest.approx(SIZE, rel=0.05)
+    assert curve.held_out_rmse_after < 0.5 * curve.held_out_rmse_before
+    assert curve.explained_share > 0.8
+
+
+def test_the_band_holds_the_truth_beside_what_the_model_can_make(made: Made) -> None:
+    (curve,) = made.found.curves
+    x = dict(zip(curve.of, curve.points.T, strict=True))
+    q, dq = x[f"q{JOINT + 1}"], x[f"dq{JOINT + 1}"]
+    # Offset, viscous friction and a slope of the position are, or may be, the model's own.
+    own = np.column_stack([np.ones_like(q), dq])
+    left = SIZE * q * dq - curve.torque
+    left -= own @ np.linalg.lstsq(own, left)[0]
+    inside = np.abs(left) <= 0.5 * (curve.upper - curve.lower)
+    assert inside.mean() > 0.9
+    assert np.median(curve.upper - curve.lower) < 0.5 * np.ptp(curve.torque)
+
+
+def test_findings_json_carries_curves_there_and_back(made: Made) -> None:
+    data = json.loads(json.dumps(made.found.to_dict()))
+    assert set(data["curves"][0]) == {
+        *("joint", "of", "x", "torque", "lower", "upper", "explained_share", "formula"),
+        *("held_out_rmse_before", "held_out_rmse_after"),
+    }
+    assert np.shape(data["curves"][0]["x"]) == (len(data["curves"][0]["torque"]), 2)
+    assert Diagnosis.from_dict(data).to_dict() == data
+    with pytest.raises(ValueError, match="no variable"):
+        Diagnosis.from_dict(data | {"curves": [data["curves"][0] | {"of": ["q2", "speed2"]}]})
+
+
+def test_the_added_curve_takes_the_error_to_the_noise(made: Made) -> None:
+    bigger = add(made.estimate, made.found, made.data)
+    effect = bigger.model.effects[-1]
+    assert isinstance(effect, MeasuredCurve)
+    assert bigger.theta[-1] == pytest.approx(1.0, abs=0.05)
+    judged = compare(bigger, made.test)[0]
+    s = judged.signals
+    inside = ~effect.outside(Motion(s.t, s.q, s.dq, s.dq))
+    assert 0.5 < inside.mean() < 1.0
+    floor = made.found.noise_floor[JOINT]
+    after = np.sqrt(np.mean(s.residual[inside, JOINT] ** 2))
+    assert after < 1.4 * floor < 5.0 * floor < compare(made.estimate, made.test)[0].rmse[JOINT]
+    # What lies outside is flagged.
+    ((name, share),) = judged.outside.items()
+    assert name == effect.parameters[0].name
+    assert share == pytest.approx(1.0 - inside.mean(), abs=1e-3)
+    assert judged.warning is not None
+    assert name in judged.warning
+    (written,) = parse_effects(effect.text, made.estimate.robot)
+    restored = effect_from_dict(json.loads(json.dumps(effect.to_dict())), made.estimate.robot)
+    assert written.to_dict() == restored.to_dict() == effect.to_dict()
