@@ -158,6 +158,7 @@ def _pytest(words: list[str], plugins: list[object] | None = None) -> int:
     import pytest
 
     quiet = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--no-header", "--tb=no"]
+    quiet += ["-o", "python_files=test_*.py"]  # what is called *_test.py pytest would import by itself
     return int(pytest.main([*quiet, *words], plugins=plugins))
 
 

@@ -59,9 +59,11 @@ def _effects() -> Listing:
 
 
 def _methods() -> Listing:
+    from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
     from sdp_vs_penalty.estimators import estimator_types
 
-    return ("name", "what it is"), [(name, kind.description) for name, kind in estimator_types().items()]
+    rows: Rows = [(name, kind.description) for name, kind in estimator_types().items()]
+    return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
 
 
 def _solvers() -> Listing:

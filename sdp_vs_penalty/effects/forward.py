@@ -28,13 +28,15 @@ _SLOPE = 1e-6
 
 
 class State(NamedTuple):
-    """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z (W, k)."""
+    """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z (W, k);
+    temperature (W, n) of the joints, NaN where it is not known, which stays as it is."""
 
     t: Array
     q: Array
     dq: Array
     ddq: Array
     z: Array
+    temperature: Array
 
     def rows(self, which: slice) -> State:
         return State(*(x[which] for x in self))
@@ -160,6 +162,7 @@ class Plant:
             sign_width=self.model.sign_width,
             contacts=self.contacts.directions,
             signs=np.repeat(signs, size, axis=0),
+            temperature=np.tile(state.temperature, (count, 1)),
         )
         if self.model.needs_reference:
             motion = self._with_load(motion, np.tile(state.ddq, (count, 1)))
@@ -225,7 +228,7 @@ class Plant:
             return False
         n = self.robot.n
         q, still = np.full((1, n), 0.1), np.zeros((1, n))
-        motions = [Motion(np.zeros(1), q, still, a) for a in (still, np.ones((1, n)))]
+        motions = [Motion(np.zeros(1), q, still, a, temperature=still) for a in (still, np.ones((1, n)))]
         before, after = ([b.columns for b in effect.blocks(motion)] for motion in motions)
         return not all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
@@ -276,4 +279,4 @@ def advance(
         z.append(plant.advanced(state.z[rows], travel[rows]))
         first = rows.stop
     ddq = (dq - state.dq) / h
-    return State(state.t + h, state.q + travel, dq, ddq, np.concatenate(z))
+    return State(state.t + h, state.q + travel, dq, ddq, np.concatenate(z), state.temperature)

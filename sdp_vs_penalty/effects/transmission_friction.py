@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -18,6 +18,8 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: What turns with an axis: friction by four laws, and inertia. Their numbers are those of saved models.
 LAWS = ("viscous", "coulomb", "hysteresis", "stribeck", "inertia")
+#: Of these the ones without a threshold.
+_LINEAR = ("viscous", "inertia")
 #: Ratios of the second joint to the first, and of the second and third to the first.
 _PAIRS = (1.0, -1.0, 2.0, -2.0, 0.5, -0.5)
 _TRIPLES = tuple((a, b) for size in (1.0, 0.5) for a, b in product((size, -size), repeat=2))
@@ -35,7 +37,8 @@ class TransmissionFriction(Remembering):
         "A motor that drives through the gears of others (wrists, differentials, parallelograms) turns "
         "with a combination s = c q of joints. Its friction and its rotor's inertia act on s, and "
         "return to the joints by the same ratios (c^T f, so that power is kept): friction never feeds "
-        "energy. c5, c6 are the ratios of joints 5 and 6; without joints, the last two."
+        "energy. c5, c6 are the ratios of joints 5 and 6; without joints, the last two. Viscous "
+        "friction and inertia tell no ratio beside the joints' own: it is written as known, or as 1."
     )
     reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (TX40); Wang et al., RA-L 2019 (dVRK)"
     symbol = "f_t"
@@ -147,14 +150,33 @@ class TransmissionFriction(Remembering):
         ]
         shapes = [{**law, **given} for law in laws]
         shapes = [shape for k, shape in enumerate(shapes) if shape not in shapes[:k]]
-        # On three joints that are only guessed, plain laws: finer ones fit by chance among so many.
-        plain = [s for s in shapes if set(s) <= {"law", *given}]
         sure = [ratios, *map(_ratios, robot.couplings)]
         return [
             cls(robot, [int(key[1:]) - 1 for key in c], **{**c, **s})
             for c in found
-            for s in (shapes if len(c) < 3 or c in sure else plain)
+            for s in shapes
+            if c in sure or _worth_a_guess(c, s, given, sure)
         ]
+
+
+def _worth_a_guess(
+    ratios: Mapping[str, float],
+    shape: Mapping[str, float],
+    given: Mapping[str, float],
+    sure: Sequence[Mapping[str, float]],
+) -> bool:
+    """Whether a law is tried on a combination that nobody knows of.
+
+    On three joints plain laws only: finer ones fit by chance among so many. Of what is linear in
+    velocity or acceleration (f c c^T) the joints' own friction and rotors absorb all but the cross
+    terms, whose signs tell no ratio: it is tried with ratios of one, or the known ones.
+    """
+    if len(ratios) > 2 and not set(shape) <= {"law", *given}:
+        return False
+    if LAWS[int(shape["law"]) - 1] not in _LINEAR:
+        return True
+    known = any(set(ratios) == set(c) for c in sure)
+    return not known and all(abs(x) == 1.0 for x in ratios.values())
 
 
 def _combinations(robot: Robot, first: int) -> list[dict[str, float]]:

@@ -20,6 +20,7 @@ from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.known_load import GAIN_PRIOR, as_known_loads, gains_from_loads
+from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -54,7 +55,8 @@ def identify(
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     measurements : whatever :func:`~sdp_vs_penalty.data.sources.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
-    method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings.
+    method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings; "output-error"
+        refines the default method's estimate by simulation (:mod:`~estimation.output_error`).
     effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
         round is estimated joint by joint, where motion left out confirms it, unless it is given
         (``coulomb_friction@v_s=``).
@@ -72,9 +74,14 @@ def identify(
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
     """
-    problem, estimator = as_problem(problem, "identify(problem=...)"), make_estimator(method)
+    problem, refined = as_problem(problem, "identify(problem=...)"), method == OUTPUT_ERROR
+    estimator = make_estimator(DEFAULT_METHOD if refined else method)
+    if refined and proof is not None:
+        raise InputError("proof: a simulation's error is not convex", "leave it out, or take lmi-sdp")
     measurements = _usable(problem, measurements, estimator, proof is not None)
     if isinstance(measurements, BlackBox):
+        if refined:
+            raise InputError(f"method {OUTPUT_ERROR} needs measured runs", "choose another method")
         return _identify_black_box(problem, measurements, estimator, effects, seed, progress)
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
@@ -108,6 +115,8 @@ def identify(
     estimate = build_estimate(
         problem, task, estimator, fit, regression, settings, measurements, weighting, errors
     )
+    if refined:
+        estimate = refine(estimate, measurements, estimator, regression, weighting, seed, progress)
     estimate = replace(estimate, details={**estimate.details, **details})
     if proof is not None:
         progress("proving the optimum")

@@ -29,7 +29,7 @@ _PACKAGE = "sdp_vs_penalty"
 #: Of an effect's class: what identification, search and reader ask, and a torque does not need.
 _NOT_FOR_TORQUE = frozenset(
     {"constraints", "nominal", "starts", "candidates", "searched", "constants", "remark", "doubt"}
-    | {"shape_unit", "text", "to_dict", "outside"}
+    | {"shape_unit", "text", "to_dict", "outside", "undone", "contact"}
 )
 _TEMPLATE = '''\
 """Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
@@ -76,15 +76,20 @@ MODEL = Model(ROBOT, EFFECTS{reference})
 NEEDS_TIME = {needs_time}
 
 
-def torque(q, dq, ddq, t=None):
-    """Modelled joint torques, of the shape of q. Samples of one call are one motion, in order."""
+def torque(q, dq, ddq, t=None, temperature=None):
+    """Modelled joint torques, of the shape of q. Samples of one call are one motion, in order.
+
+    temperature (n,) or (N, n) in degrees Celsius: where friction follows it.
+    """
     q, dq, ddq = (np.asarray(x, float) for x in (q, dq, ddq))
     if t is None:
         if NEEDS_TIME:
             raise ValueError("pass t: " + ", ".join(NEEDS_TIME) + " depend(s) on time")
         t = np.zeros(q.size // ROBOT.n)
-    states = (np.reshape(x, (-1, ROBOT.n)) for x in (q, dq, ddq))
-    return MODEL.torque(THETA, Motion(np.atleast_1d(np.asarray(t, float)), *states)).reshape(q.shape)
+    states = [np.reshape(x, (-1, ROBOT.n)) for x in (q, dq, ddq)]
+    warm = None if temperature is None else np.broadcast_to(temperature, states[0].shape)
+    motion = Motion(np.atleast_1d(np.asarray(t, float)), *states, temperature=warm)
+    return MODEL.torque(THETA, motion).reshape(q.shape)
 '''
 
 
@@ -104,6 +109,7 @@ def make_function(estimate: Estimate) -> bytes:
             bundle.add(thing)
     for effect in model.effects:
         bundle.add(type(effect))
+    bundle.add(Motion)
     bundle.add(model_module.Model)
     timed = sorted({e.name for e in model.effects if _needs_time(e)})
     joints = [
@@ -153,7 +159,8 @@ def _needs_time(effect: Effect) -> bool:
     q, dq, ddq, torque = rng.normal(size=(4, 6, robot.n))
     current = CurrentModel(robot, rng.normal(size=(robot.links, 10)))
     fast, slow = (
-        effect.blocks(Motion(step * np.arange(6.0), q, dq, ddq, torque, current)) for step in (0.1, 0.3)
+        effect.blocks(Motion(step * np.arange(6.0), q, dq, ddq, torque, current, temperature=q))
+        for step in (0.1, 0.3)
     )
     return not all(np.array_equal(a.columns, b.columns) for a, b in zip(fast, slow, strict=True))
 

@@ -19,12 +19,11 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.courses import Course, courses_of
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.show import Shown, Summary, Table
-from sdp_vs_penalty.signals.preprocessing import RunFilter, no_rows
-from sdp_vs_penalty.signals.runs import stretches
 
 Array = NDArray[np.float64]
 Drive = Literal["torque", "pd"]
@@ -188,27 +187,6 @@ def said(value: float, unit: str) -> str:
     return f"{1e3 * value:.3g} m{unit}"
 
 
-@dataclass(frozen=True)
-class _Course:
-    """A stretch of a run at the log's rate: states, the friction's states z and the joints' torque."""
-
-    name: str
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    z: Array
-    torque: Array
-    moving: NDArray[np.bool_]
-
-    @property
-    def dt(self) -> float:
-        return float(self.t[1] - self.t[0])
-
-    def state(self, at: NDArray[np.intp]) -> State:
-        return State(self.t[at], self.q[at], self.dq[at], self.ddq[at], self.z[at])
-
-
 def follow(
     model: Estimate | str | Path,
     measurements: Source,
@@ -237,7 +215,7 @@ def follow(
             "identify with a method that imposes consistency (lmi-sdp, penalty)",
             f"model {estimate.problem.name}",
         )
-    courses = [c for run in runs.runs() for c in _courses(run, estimate, plant)]
+    courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * HORIZON)]
     loops = [_Loop(plant, course) if drive == "pd" else None for course in courses]
     progress("simulating windows")
     ahead = [_windows(plant, *both) for both in zip(courses, loops, strict=True)]
@@ -257,38 +235,12 @@ def follow(
     )
 
 
-def _courses(run: Measurements, estimate: Estimate, plant: Plant) -> list[_Course]:
-    filters = RunFilter(run, estimate.preprocessing.resolve(run), every_sample=True)
-    half, out = filters.state.half, []
-    for part in stretches(run):
-        first, last = half, part.count - half - 1
-        if (last - first) * filters.dt <= 2.0 * HORIZON:
-            continue
-        motion = filters.motion(part, first, last)
-        torque = part.resampled(part.tau, first, last + 1)
-        out.append(
-            _Course(
-                run.names[0],
-                motion.t,
-                motion.q,
-                motion.dq,
-                motion.ddq,
-                plant.remembered(motion),
-                plant.true_torque(motion.t, torque),
-                filters.movement.at(motion.t),
-            )
-        )
-    if not out:
-        raise no_rows(run, 2.0 * half * filters.dt + 2.0 * HORIZON)
-    return out
-
-
 @dataclass(frozen=True)
 class _Loop:
     """M(q) (w^2 e + 2 w de/dt) on a measured course: critically damped, w = 2 pi 5 Hz."""
 
     plant: Plant
-    course: _Course
+    course: Course
 
     def torque(self, state: State, k: NDArray[np.intp], share: float, h: float) -> tuple[Array, Array]:
         """(W, n) at the middle of a step of h [s], between samples k and k + 1, and (W, n, n) its fall
@@ -301,7 +253,7 @@ class _Loop:
         return np.einsum("kij,kj->ki", mass, pull), (2.0 * w + 0.5 * h * w * w) * mass
 
 
-def _step(plant: Plant, state: State, course: _Course, k: NDArray[np.intp], loop: _Loop | None) -> State:
+def _step(plant: Plant, state: State, course: Course, k: NDArray[np.intp], loop: _Loop | None) -> State:
     """From sample k (W,) of the course to the next, in steps no longer than the simulation's."""
     count = int(np.ceil(course.dt / _STEP - 1e-9))
     h = course.dt / count
@@ -313,7 +265,7 @@ def _step(plant: Plant, state: State, course: _Course, k: NDArray[np.intp], loop
     return state
 
 
-def _windows(plant: Plant, course: _Course, loop: _Loop | None) -> tuple[Array, Array, Array, Array]:
+def _windows(plant: Plant, course: Course, loop: _Loop | None) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one sample, of position at the
     horizon; and both at constant velocity."""
     dt = course.dt
@@ -342,7 +294,7 @@ def _drawn(estimate: Estimate, seed: int) -> Array:
     return np.array([estimate.theta, *drawn])
 
 
-def _free_run(estimate: Estimate, drawn: Array, course: _Course, loop: _Loop | None) -> FreeRun:
+def _free_run(estimate: Estimate, drawn: Array, course: Course, loop: _Loop | None) -> FreeRun:
     plant, size = Plant(estimate.model, drawn), len(drawn)
     units = estimate.robot.position_units
     limit = np.array([_LEFT[unit] for unit in units])

@@ -251,3 +251,26 @@ def test_wilson_interval() -> None:
     assert low == pytest.approx(0.9710, abs=5e-4)
     assert high == pytest.approx(0.9966, abs=5e-4)
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_a_group_of_columns_does_not_depend_on_their_units() -> None:
+    rng = np.random.default_rng(0)
+    Z, r = rng.normal(size=(200, 3)), rng.normal(size=200)
+    expected = np.linalg.lstsq(Z, r, rcond=None)[0]
+    for units in (np.ones(3), np.array([1e-9, 1.0, 1e9])):
+        scaled = Z * units
+        gram = scaled.T @ scaled
+        chi2, beta, absorbed = solve_group(gram, np.diagonal(gram), scaled.T @ r, False)
+        np.testing.assert_allclose(beta * units, expected, rtol=1e-6)
+        assert chi2 == pytest.approx(np.sum((Z @ expected) ** 2), rel=1e-6)
+        assert absorbed == 0.0
+
+
+def test_the_block_robust_test_does_not_depend_on_units() -> None:
+    rng = np.random.default_rng(5)
+    rows, A, y, weighting = problem(rng)
+    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+    Z = fit.partialled(rng.normal(size=(len(y), 2)))
+    expected = wald(BlockSums.of(fit, Z, 2))
+    for unit in (1e-6, 1e6):
+        np.testing.assert_allclose(wald(BlockSums.of(fit, unit * Z, 2)), expected, rtol=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,3 +103,12 @@ def test_a_constant_is_changed_where_data_tell(
     made = retunes([one], as_problem("two_link").robot, *(np.array([0.0, e]) for e in errors))
     assert [r.confidence for r in made] == ([] if said is None else [said])
     assert all(r.joint == 2 and (r.rmse_before, r.rmse_after) == errors for r in made)
+
+
+def test_changed_constants_are_chosen_by_confidence(found: Diagnosis) -> None:
+    sure = next(r for r in found.retuned if r.confidence == "confident")
+    both = replace(found, retuned=(sure, replace(sure, joint=3, confidence="weak")))
+    assert both.selected().retuned == both.retuned
+    assert both.selected(confident=True).retuned == (sure,)
+    assert "with the findings" in repr(both)
+    assert "with the findings" not in repr(replace(found, retuned=()))

@@ -10,6 +10,7 @@ from arms import THREE, write_urdf
 from scipy import stats
 from small_runs import small_run
 
+from sdp_vs_penalty.diagnosis.block_test import BlockSums, _exponent, flip_threshold, largest_wald
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.ladder import accepted
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
@@ -67,3 +68,17 @@ def test_what_predicts_no_rows_left_out_is_no_finding(state: SearchState) -> Non
     for _ in range(60):
         one = candidate(state, on_joint_1(state, rng.normal(size=first)))
         assert accepted(state, replace(one, chi2=1e6), -np.inf) is None
+
+
+def test_the_threshold_is_that_of_columns_beside_the_model(state: SearchState) -> None:
+    """What luck makes of one effect's columns, found as for the whole library, by the plain way."""
+    fit, library, key = state.fit, state.stage.white, ("joint_spring", 0)
+    (g,) = [i for i, group in enumerate(library.groups) if group.key == key]
+    batch = next(b for b in library.batches if g in b.groups)
+    index = batch.columns[list(batch.groups).index(g)]
+    assert batch.joint == 0
+    columns = np.column_stack([on_joint_1(state, library.joints[0][:, c]) for c in index])
+    sums = BlockSums.of(fit, fit.partialled(columns), len(index))
+    signs = np.random.default_rng(7).choice([-1.0, 1.0], (200, fit.rows.blocks))
+    expected = float(np.quantile(_exponent(largest_wald(sums, signs), len(index)), 0.99))
+    assert flip_threshold(fit, library, {key}, 7) == pytest.approx(expected, rel=1e-6)

@@ -346,7 +346,8 @@ def test_numpy_function_holds_every_effect(effect: str, tmp_path: Path) -> None:
     export(estimate, out)
     t = np.arange(300) * 0.01
     motion = random_robots.sines(np.random.default_rng(2), robot.n, t, 0.2)
-    made = imported(out).torque(motion.q, motion.dq, motion.ddq, t)
+    motion = replace(motion, temperature=30.0 + 0.1 * np.outer(t, [1.0, 2.0]))
+    made = imported(out).torque(motion.q, motion.dq, motion.ddq, t, motion.temperature)
     expected = estimate.torque(motion)
     assert np.abs(made - expected).max() <= PARITY * max(1.0, np.abs(expected).max())
 

@@ -94,13 +94,15 @@ def verb(
         console.written(proof)
 
 
-def _estimator(method: str, solver_name: str | None) -> Estimator:
+def _estimator(method: str, solver_name: str | None) -> Estimator | str:
     """The estimator of a name, with its solver exchanged where one is asked for."""
     from dataclasses import replace
 
     from sdp_vs_penalty.estimators import make_estimator
     from sdp_vs_penalty.solvers import solver
 
+    if method == "output-error" and solver_name is None:
+        return method
     estimator: Any = make_estimator(method)
     if solver_name is None:
         return estimator

@@ -1,0 +1,171 @@
+"""Output error: parameters with which the model, run forward, stays with the measured motion.
+
+    minimise sum_k |q_sim(t_k; theta) - q(t_k)|^2 / s^2   subject to every constraint of the problem
+
+Inverse dynamics weighs every torque error alike, a simulation those that add up. Started at another
+method's estimate; each Gauss-Newton step is that method's own convex problem, in which the linearised
+simulation takes the place of the torques, so that every iterate is consistent and the last one is
+certified like any other (a lower bound of the linearised problem, not of the simulation's own).
+Where the simulation cannot stay with the motion (an arm under gravity), it is restarted in windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.forward import Plant, State, advance
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.certify import build_estimate
+from sdp_vs_penalty.estimation.courses import Course, courses_of
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sandwich import visible_directions
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
+
+Array = NDArray[np.float64]
+
+OUTPUT_ERROR = "output-error"
+DESCRIPTION = (
+    "started at the default method: the model, run forward by the measured torque, stays with the "
+    "motion; each Gauss-Newton step under all constraints (one or two joints: hours for seven)"
+)
+#: Longest step of the simulation [s], and the windows that are tried [s], the longest first: one is used
+#: if the starting model stays within this share of the motion's size.
+_STEP, _WINDOWS, _STAYS = 2e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
+#: Gauss-Newton steps, shares of a step that are tried, and the relative gain that ends the search.
+_ITERATIONS, _SHARES, _GAIN = 12, (1.0, 0.5, 0.25, 0.1), 1e-3
+#: Change of a parameter for its slope, in its standard deviations.
+_SLOPE = 0.1
+
+
+@dataclass(frozen=True)
+class _Window:
+    """From ``start`` in steps of h [s]: torque (K, n) in their middle, measured q (K, n) after."""
+
+    start: State
+    h: float
+    torque: Array
+    q: Array
+
+
+def refine(
+    start: Estimate,
+    measurements: Measurements,
+    estimator: Estimator,
+    regression: Regression,
+    weighting: str = "noise",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Estimate:
+    """The estimate with the least error of a simulation, found from ``start``.
+
+    regression : the measurements in the model's columns; estimator : whose constraints and prior hold;
+    weighting, seed, progress : as for ``identify``.
+    Raises InputError for a model that cannot accelerate.
+    """
+    model, problem = start.model, start.problem
+    plant = Plant(model, start.theta)
+    if not plant.can_move or not np.all(np.isfinite(start.theta)):
+        raise InputError("M(q) is not positive definite: the model cannot be simulated", "add bounds")
+    task = make_task(problem, model, regression, weighting, seed, progress)
+    courses = [c for run in measurements.runs() for c in courses_of(run, start, plant, _WINDOWS[-1])]
+    size = np.concatenate([c.q for c in courses]).std(axis=0)
+    windows, seconds = _chosen(plant, courses, size)
+    directions = visible_directions(task.data) * np.sqrt(task.data.loss(task.ols) / task.data.rows)
+    theta, error = start.theta, _errors(Plant(model, start.theta), windows, size)[0]
+    begin, made = error, None
+    for k in range(_ITERATIONS):
+        progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")
+        linear = _linearised(task, theta, directions, windows, size)
+        posed = replace(task, data=linear)
+        fit = estimator.fit(posed)
+        tried = np.array([theta + share * (fit.theta - theta) for share in _SHARES])
+        errors = _errors(Plant(model, tried), windows, size)
+        best = int(np.argmin([_rms(e) for e in errors]))
+        gained = 1.0 - _rms(errors[best]) / _rms(error)
+        made = posed, fit
+        if not gained > _GAIN:
+            break
+        theta, error = tried[best], errors[best]
+    assert made is not None
+    posed, fit = made
+    fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
+    fit.details["simulation_rms"] = [_rms(begin * size), _rms(error * size)]
+    estimate = build_estimate(
+        problem, posed, estimator, fit, regression, start.preprocessing, measurements, weighting
+    )
+    return replace(estimate, method=OUTPUT_ERROR)
+
+
+def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[_Window], float]:
+    """The longest windows in which the plant stays with the motion."""
+    for seconds in _WINDOWS:
+        windows = [w for course in courses for w in _cut(course, seconds)]
+        if windows and _rms(_errors(plant, windows, size)[0]) <= _STAYS:
+            break
+    return windows, float(min(seconds, max(len(w.torque) * w.h for w in windows)))
+
+
+def _cut(course: Course, seconds: float) -> list[_Window]:
+    """A course in windows; a step's torque is the mean of its samples (trapezoidal rule)."""
+    stride = max(1, int(_STEP / course.dt + 1e-9))
+    steps = (len(course.t) - 1) // stride
+    weights = np.ones(stride + 1) / stride
+    weights[[0, -1]] /= 2.0
+    ends = stride * np.arange(1, steps + 1)
+    torque = sum(w * course.torque[ends - stride + m] for m, w in enumerate(weights))
+    count = int(min(steps, max(1, round(seconds / (stride * course.dt)) if seconds < np.inf else steps)))
+    return [
+        _Window(
+            course.state(np.array([stride * first])),
+            stride * course.dt,
+            np.asarray(torque)[first : first + count],
+            course.q[ends[first : first + count]],
+        )
+        for first in range(0, steps - count + 1, count)
+    ]
+
+
+def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
+    """(P, R) position errors over the motion's size, one row for each of the plant's P parameters."""
+    count, most = len(plant.theta), max(len(w.torque) for w in windows)
+    each = Plant(plant.model, np.repeat(plant.theta, len(windows), axis=0))
+    starts = [np.concatenate(x) for x in zip(*(w.start for w in windows), strict=True)]
+    state = State(*(np.tile(x, (count,) + (1,) * (x.ndim - 1)) for x in starts))
+    out = []
+    with np.errstate(all="ignore"):
+        for k in range(most):
+            torque = np.array([w.torque[min(k, len(w.torque) - 1)] for w in windows])
+            state = advance([each], state, np.tile(torque, (count, 1)), windows[0].h)
+            q = state.q.reshape(count, len(windows), -1)
+            real = np.array([w.q[k] if k < len(w.q) else q[0, m] for m, w in enumerate(windows)])
+            out.append(np.where([k < len(w.q) for w in windows], 1.0, 0.0)[:, None] * (q - real) / size)
+    errors = np.swapaxes(np.array(out), 0, 1).reshape(count, -1)
+    return np.clip(np.nan_to_num(errors, nan=1e3), -1e3, 1e3)
+
+
+def _linearised(
+    task: Task, theta: Array, directions: Array, windows: Sequence[_Window], size: Array
+) -> LeastSquares:
+    """The simulation's errors as least squares in theta, in units of the torque's variance."""
+    step = _SLOPE * directions.T
+    found = _errors(Plant(task.model, np.vstack([theta, theta + step])), windows, size)
+    error, slopes = found[0], (found[1:] - found[0]).T / _SLOPE
+    # d theta = directions x has x = pinv(directions) d theta.
+    rows = slopes @ np.linalg.pinv(directions)
+    scale = np.sqrt(task.data.loss(task.ols) / task.data.rows / np.mean(error**2))
+    q, r = np.linalg.qr(scale * rows)
+    right = scale * (rows @ theta - error)
+    rho = q.T @ right
+    rest = float(np.sqrt(max(right @ right - rho @ rho, 0.0)))
+    return LeastSquares(r, rho, rest, float(right @ right), len(right))
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(error**2)))

@@ -1,0 +1,50 @@
+"""Output error: the simulated motion is what is fitted, and the result is consistent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.regression.black_box import BlackBox
+from sdp_vs_penalty.robot.trajectory import random_trajectory
+from sdp_vs_penalty.simulation.simulate import Sensor, model_torque, simulate
+
+EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.001,torque_offset"
+
+
+def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less() -> None:
+    """Spikes at every reversal, which no effect of the model explains, under a known truth."""
+    problem = load_problem("emps")
+    model = problem.model(EFFECTS)
+    theta = np.array(
+        [
+            {"viscous_friction": 200.0, "coulomb_friction": 20.0}.get(p.effect, 0.0)
+            for p in model.parameters
+        ]
+    )
+    theta[model.rigid_indices] = 95.0 / problem.nominal_links[0, 0] * problem.nominal_links.ravel()
+    trajectory = random_trajectory(problem.robot, 3, 4.0)
+    late = Sensor.ideal(1, 500.0)
+    clean = simulate(trajectory, [model_torque(model, theta)], late)
+    spiky = lambda m: 15.0 * np.exp(-((m.dq / 0.01) ** 2)) * np.sin(400.0 * m.t)[:, None]  # noqa: E731
+    run = simulate(trajectory, [model_torque(model, theta), spiky], late)
+    start = identify(problem, run, effects=EFFECTS)
+    made = identify(problem, run, "output-error", effects=EFFECTS)
+    before, after = made.details["simulation_rms"]
+    assert made.method == "output-error"
+    assert made.certificate.worst == 0.0
+    assert after <= before
+    assert after < 1e-3 * np.ptp(clean.q)
+    k = next(iter(model.rigid_indices))
+    assert made.theta[k] == pytest.approx(95.0, rel=0.02)
+    assert start.theta[k] == pytest.approx(95.0, rel=0.1)
+
+
+def test_answers_of_a_black_box_are_no_motion() -> None:
+    problem = load_problem("two_link")
+    box = BlackBox(np.zeros((5, 2)), np.zeros((5, 2)), np.tile(np.eye(2), (5, 1, 1)))
+    with pytest.raises(InputError, match="measured runs"):
+        identify(problem, box, "output-error")
