@@ -29,7 +29,7 @@ VERBS = {
         "add": "Add an effect to a model and identify it again.",
         "report": "Write a self-contained HTML report.",
         "verify": "Check proofs of optimality in exact arithmetic.",
-        "export": "Export a model: URDF, MJCF, JSON, NumPy function.",
+        "export": "Export a model: URDF, MJCF, JSON, NumPy, C header, friction table.",
         "check-urdf": "Check a URDF's inertials for physical consistency.",
         "page": "Open the workbench in a browser.",
         "list": "List problems, effects, methods, solvers, data sets, engines.",

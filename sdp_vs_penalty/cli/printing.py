@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -217,6 +219,14 @@ def diagnosis(
         explain(f"not identifiable from these runs (absorbed by existing parameters): {names}")
     for remark in result.remarks:
         explain(remark)
+
+
+def undecided(result: Diagnosis, model: Path) -> None:
+    """The commands that design the runs which would tell a finding from what fits as well."""
+    for k, finding in enumerate(worth_showing(result.effects), start=1):
+        if finding.undecided is not None:
+            words = ["excite", str(model), "--separate", finding.undecided, "--out", f"tell{k}.csv"]
+            say(f"Finding {k}, the run that would tell: {shlex.join(['sdp-vs-penalty', *words])}")
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
@@ -50,6 +50,16 @@ class Finding:
     gain: float
     remarks: tuple[str, ...] = ()
     constants: str = ""
+
+    @property
+    def undecided(self) -> str | None:
+        """The two effects, as `excite --separate` takes them, between which a run would tell; None where
+        nothing fits as well."""
+        named = [r for r in self.indistinguishable_from if r != CURVE]
+        if not named or not self.joints:
+            return None
+        rival = named[0] if ":" in named[0] else f"{named[0]}:{self.joints[0]}"
+        return f"{self.text},{rival}"
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -360,6 +360,11 @@ class Effect(ABC):
         shape = "".join(f"@{k}={self.shapes[k].written(v)}" for k, v in self.shape.items())
         return f"{self.name}{joints}{shape}"
 
+    @property
+    def brief(self) -> str:
+        """The effect as a reader is told of it: as it is written, but for a long table."""
+        return self.text
+
     def shape_unit(self, key: str, joint: int) -> str:
         """Unit of a shape constant on a joint; "-" for a number."""
         return self.shapes[key].unit_on(self.robot.joints[joint].kind)

@@ -13,7 +13,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
 #: What a curve can run over; "none" as the second of a pair is no second variable.
-VARIABLES = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)")
+VARIABLES = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)", "temp")
 #: Most values of a table along one variable.
 _MOST = 200
 
@@ -22,6 +22,8 @@ def variable(motion: Motion, word: str, joint: int) -> Array:
     """(N,) one of VARIABLES along a motion, of a joint from 0; tau is the current model's torque."""
     if word == "t":
         return motion.t
+    if word == "temp":
+        return motion.joint_temperature[:, joint]
     if word == "tau":
         return motion.model_torque[:, joint]
     if word == "sign(dq)":
@@ -35,7 +37,13 @@ def variable_unit(torque_units: Sequence[str], word: str, joint: int) -> str:
     """Unit of one of VARIABLES of a joint, from the units of the joints' torques."""
     position = "m" if torque_units[joint] == "N" else "rad"
     rates = {"q": position, "dq": f"{position}/s", "ddq": f"{position}/s^2"}
-    return {**rates, "abs(ddq)": f"{position}/s^2", "t": "s", "tau": torque_units[joint]}.get(word, "-")
+    return {
+        **rates,
+        "abs(ddq)": f"{position}/s^2",
+        "t": "s",
+        "tau": torque_units[joint],
+        "temp": "K",
+    }.get(word, "-")
 
 
 def _is_value(key: str) -> bool:
@@ -95,6 +103,7 @@ class MeasuredCurve(JointEffect):
         self.shape = {key: self.shape[key] for key in self.shapes}
         self.needs_torque = "tau" in (self._word("x"), self._word("y"))
         self.follows_clock = "t" in (self._word("x"), self._word("y"))
+        self.needs_temperature = "temp" in (self._word("x"), self._word("y"))
         # What is missing of the table (no measurement lay there) is as the nearest that is known.
         every = np.array(list(np.ndindex(int(own["xn"]), int(own["yn"]))), float)
         there = np.array(known) - 1
@@ -164,6 +173,10 @@ class MeasuredCurve(JointEffect):
     def constants(self) -> str:
         count = int(np.sum(self._missing == 0.0))
         return f"a table of {count} values over {', '.join(self.of(self.joints[0]))}"
+
+    @property
+    def brief(self) -> str:
+        return f"{self.text.partition('@')[0]} ({self.constants})"
 
     def of(self, joint: int) -> tuple[str, ...]:
         """The variables as they are written: q4, sign(dq4), t."""

@@ -1,4 +1,4 @@
-"""Take a model elsewhere: URDF, MJCF, JSON, or one NumPy file. :func:`export` is the verb."""
+"""Take a model elsewhere: URDF, MJCF, JSON, NumPy, C, friction table; :func:`export` is the verb."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from pathlib import Path
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.export.c_header import make_c_header
 from sdp_vs_penalty.export.content import Content, require_plausible
+from sdp_vs_penalty.export.friction_table import make_friction_table
 from sdp_vs_penalty.export.mjcf import make_mjcf
 from sdp_vs_penalty.export.numpy_function import make_function
 from sdp_vs_penalty.export.sidecar import make_sidecar
@@ -16,8 +18,19 @@ from sdp_vs_penalty.export.urdf import edit_urdf, make_urdf
 from sdp_vs_penalty.files import write_bytes
 
 #: What each suffix writes, for the command line's help.
-FORMATS = {".urdf": "URDF", ".xml": "MuJoCo's MJCF", ".json": "plain JSON", ".py": "NumPy function"}
+FORMATS = {
+    ".urdf": "URDF",
+    ".xml": "MuJoCo's MJCF",
+    ".json": "plain JSON",
+    ".py": "NumPy function",
+    ".h": "C header",
+    ".csv": "friction table",
+}
 
+_PARTLY: dict[str, Callable[[Estimate], tuple[bytes, tuple[str, ...]]]] = {
+    ".h": make_c_header,
+    ".csv": make_friction_table,
+}
 _WHOLE: dict[str, Callable[[Estimate], bytes]] = {".json": make_sidecar, ".py": make_function}
 
 
@@ -28,7 +41,9 @@ def export(
     *,
     force: bool = False,
 ) -> tuple[str, ...]:
-    """Write a model in the format of the suffix: .urdf, .xml (MJCF), .json, or .py (NumPy function).
+    """Write a model in the format of the suffix: .urdf, .xml (MJCF), .json, .py (NumPy function), .h (C
+    header with links, viscous and Coulomb friction, offset and rotor inertia), .csv (friction by
+    velocity).
 
     estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
@@ -49,6 +64,10 @@ def export(
     if suffix in _WHOLE:
         write_bytes(out, _WHOLE[suffix](estimate))
         return ()
+    if suffix in _PARTLY:
+        made, left_out = _PARTLY[suffix](estimate)
+        write_bytes(out, made)
+        return left_out
     content = Content.of(estimate)
     if not force:
         require_plausible(estimate)

@@ -69,7 +69,7 @@ class Content:
                     "identify with a method that keeps signs (lmi-sdp, penalty)",
                 )
             values[place][parameter.joint - 1] += value
-        others = tuple(e.text for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
+        others = tuple(e.brief for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
         return cls(links, others=others, **values)
 
     def left_out(self, *, armature: bool) -> tuple[str, ...]:

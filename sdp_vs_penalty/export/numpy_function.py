@@ -29,7 +29,7 @@ _PACKAGE = "sdp_vs_penalty"
 #: Of an effect's class: what identification, search and reader ask, and a torque does not need.
 _NOT_FOR_TORQUE = frozenset(
     {"constraints", "nominal", "starts", "candidates", "searched", "constants", "remark", "doubt"}
-    | {"shape_unit", "text", "to_dict", "outside", "undone", "contact"}
+    | {"shape_unit", "text", "to_dict", "outside", "brief", "undone", "contact"}
 )
 _TEMPLATE = '''\
 """Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
@@ -129,7 +129,7 @@ def make_function(estimate: Estimate) -> bytes:
         version=_quoted(str(estimate.provenance.get("versions", {}).get(_PACKAGE, ""))),
         timed=", ".join(timed) or "no effect of this model",
         joints=_quoted(", ".join(j.name for j in robot.joints)),
-        effects=_quoted(", ".join(e.text for e in model.effects)),
+        effects=_quoted(", ".join(e.brief for e in model.effects)),
         imports="\n".join(sorted(bundle.imports)),
         sources="\n\n\n".join(bundle.sources),
         joint_lines="\n".join(joints),

@@ -9,13 +9,15 @@ from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.report import evidence, parameters, sections
+from sdp_vs_penalty.report import evidence, explorer, parameters, sections
 from sdp_vs_penalty.report.document import page
 from sdp_vs_penalty.report.section import Material
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
@@ -24,6 +26,8 @@ _SECTIONS = (
     sections.summary,
     sections.torques,
     sections.failures,
+    explorer.explorer,
+    explorer.curves,
     sections.ladder,
     parameters.parameters,
     parameters.arm,
@@ -40,6 +44,7 @@ def report(
     *,
     commands: Sequence[str] = (),
     noise_from: Source = None,
+    findings: Diagnosis | str | Path | None = None,
     progress: Progress = no_progress,
 ) -> None:
     """Write a report: one HTML file that needs nothing else.
@@ -48,7 +53,8 @@ def report(
         or a mapping from names to them; measurements : the runs to judge them on, whatever
         :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; out : the .html file to write.
     commands : how it was made, for its last section; noise_from : as in
-    :func:`~sdp_vs_penalty.diagnosis.comparison.compare`; progress : called with a short text.
+    :func:`~sdp_vs_penalty.diagnosis.comparison.compare`; findings : a diagnosis, or its findings.json,
+    whose curves are drawn; progress : called with a short text.
     Raises InputError where models and measurements do not belong together, or plotly is missing.
     """
     check_name(Path(out))
@@ -58,7 +64,11 @@ def report(
     whole = None
     if noise_from is not None:
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
-    made = make_report(named, runs, commands=commands, noise_from=whole, progress=progress)
+    said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
+    curves = () if said is None else said.curves
+    made = make_report(
+        named, runs, commands=commands, noise_from=whole, curves=curves, progress=progress
+    )
     write_text(out, made)
 
 
@@ -74,6 +84,7 @@ def make_report(
     *,
     commands: Sequence[str] = (),
     noise_from: Measurements | None = None,
+    curves: Sequence[Curve] = (),
     progress: Progress = no_progress,
 ) -> str:
     """The HTML of a report: models by name, in the order in which effects were added.
@@ -102,6 +113,7 @@ def make_report(
         failures,
         check(last.problem, measurements),
         commands,
+        curves,
     )
     progress("drawing")
     made = [make(material) for make in _SECTIONS]

@@ -88,7 +88,7 @@ def provenance(material: Material) -> Section:
     for name, e in material.models.items():
         versions = ", ".join(f"{k} {v}" for k, v in e.provenance.get("versions", {}).items())
         settings = ", ".join(f"{k}={v}" for k, v in e.settings.items())
-        effects = ", ".join(effect.text for effect in e.model.effects)
+        effects = ", ".join(effect.brief for effect in e.model.effects)
         p = e.preprocessing
         filters = f"states {number(p.state_cutoff)} Hz, torque {number(p.torque_cutoff)} Hz"
         for what, value in (

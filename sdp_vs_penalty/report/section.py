@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check import Report
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.report.plots import styled
@@ -26,7 +27,8 @@ class Material:
     """Everything that the sections show, computed once.
 
     models : by name, in the order in which effects were added; the last one is looked at closely.
-    rows : of each model the filtered rows of each run; commands : that made this report.
+    rows : of each model the filtered rows of each run; commands : that made this report;
+    curves : what a diagnosis measured that has no name.
     """
 
     models: Mapping[str, Estimate]
@@ -36,6 +38,7 @@ class Material:
     failures: Sequence[JointFailure]
     checks: Sequence[Report]
     commands: Sequence[str]
+    curves: Sequence[Curve] = ()
 
     @property
     def last(self) -> Estimate:

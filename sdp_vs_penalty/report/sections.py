@@ -132,9 +132,9 @@ def ladder(material: Material) -> Section:
     made = []
     known: set[str] = set()
     for name, estimate in material.models.items():
-        new = [e.text for e in estimate.model.effects if e.text not in known]
+        new = [e.brief for e in estimate.model.effects if e.text not in known]
         made.append((name, estimate.method, ", ".join(new) or "the same effects"))
-        known |= set(new)
+        known |= {e.text for e in estimate.model.effects}
     body = table(("model", "method", "new effects"), made, numbers_from=3)
     if len(names) > 1:
         errors = [c.rmse for c in material.comparisons]

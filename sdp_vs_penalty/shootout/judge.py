@@ -147,7 +147,8 @@ def conic_errors(problem: ConicProblem, x: Array, z: Array) -> tuple[float, floa
     With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
     gap. DIMACS (Mittelmann, 2003): relative to 1 + the largest entries of b and q, and to 1 + both
     objectives. Solvers' own criteria (Clarabel, SCS): relative to the largest of all terms that are
-    summed up, and 1. Infinite for numbers that are none.
+    summed up, and 1; the gap is the smaller of that of the objectives and s^T z, of which CSDP judges
+    itself by the second. Infinite for numbers that are none.
     """
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
         return np.inf, np.inf
@@ -166,7 +167,7 @@ def conic_errors(problem: ConicProblem, x: Array, z: Array) -> tuple[float, floa
     own = (
         outside / max(1.0, b, _largest(s)),
         max(outside_dual, _largest(left)) / max(1.0, q, largest, _largest(z)),
-        abs(primal - dual) / max(1.0, min(abs(primal), abs(dual))),
+        min(abs(primal - dual), abs(float(s @ z))) / max(1.0, min(abs(primal), abs(dual))),
     )
     return max(dimacs), max(own)
 

@@ -11,6 +11,7 @@ import importlib.util
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -93,7 +94,8 @@ def plot_profile(rows: Sequence[Row], path: Path) -> bool:
     }
     parts = {name: part for name, part in parts.items() if part}
     columns = accuracies(rows) or [1e-8]
-    colours = {s: f"C{k % 10}" for k, s in enumerate(sorted({r["solver"] for r in rows}))}
+    palette = matplotlib.colormaps["tab20"]
+    colours = {s: palette(k % 20) for k, s in enumerate(sorted({r["solver"] for r in rows}))}
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 8}):
         figure, axes = plt.subplots(
             len(parts), len(columns), figsize=(3.6 * len(columns), 3.2 * len(parts)), squeeze=False,
@@ -115,7 +117,7 @@ def plot_profile(rows: Sequence[Row], path: Path) -> bool:
     return True
 
 
-def _panel(panel, curves: dict[str, tuple[np.ndarray, np.ndarray]], colours: dict[str, str]) -> None:  # type: ignore[no-untyped-def]
+def _panel(panel, curves: dict[str, tuple[np.ndarray, np.ndarray]], colours: dict[str, Any]) -> None:  # type: ignore[no-untyped-def]
     ranked = sorted(curves, key=lambda s: (-len(curves[s][0]), s))[:_CURVES]
     for solver in ranked:
         ratios, shares = curves[solver]

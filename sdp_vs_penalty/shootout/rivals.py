@@ -8,8 +8,10 @@ import time
 import warnings
 from dataclasses import replace
 from importlib import metadata
+from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Fit
@@ -23,8 +25,9 @@ from sdp_vs_penalty.shootout.contestant import (
     with_proof,
 )
 from sdp_vs_penalty.shootout.instance import Instance
-from sdp_vs_penalty.shootout.judge import Answer
-from sdp_vs_penalty.solvers import through_cvxpy
+from sdp_vs_penalty.shootout.judge import Answer, conic_errors
+from sdp_vs_penalty.solvers import scs, through_cvxpy
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
 from sdp_vs_penalty.version import __version__
 
@@ -80,7 +83,7 @@ def _cvxpy(solver: str | None) -> Contestant:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                problem.solve(solver=solver)
+                dimacs, own = _solved(problem, solver)
         except cp.error.SolverError as error:
             nothing = np.full(len(instance.task.bound), np.nan)
             return Answer(nothing, "failed", str(error), 0, 0.0, time.perf_counter() - start)
@@ -90,7 +93,9 @@ def _cvxpy(solver: str | None) -> Contestant:
         value = np.full(data.R.shape[1], np.nan) if theta.value is None else np.asarray(theta.value)
         status = f"{problem.status} ({stats.solver_name})"
         claims = CLAIMS.get(problem.status, "failed")
-        return Answer(value, claims, status, int(stats.num_iters or 0), total - inside, inside)
+        steps = int(stats.num_iters or 0)
+
+        return Answer(value, claims, status, steps, total - inside, inside, dimacs=dimacs, own_error=own)
 
     def package() -> str:
         import cvxpy
@@ -109,6 +114,27 @@ def _cvxpy(solver: str | None) -> Contestant:
         CVXPY_ACCURACY if solver is None else DEFAULT_ACCURACY,
         through_cvxpy.warm_up,
     )
+
+
+def _solved(problem: Any, solver: str | None) -> tuple[float, float]:
+    """problem.solve() in its own steps, for the errors of the conic problem that CVXPY's solver saw."""
+    data, chain, inverse = problem.get_problem_data(solver, solver_opts={})
+    raw = chain.solve_via_data(problem, data, solver_opts={})
+    problem.unpack_results(raw, chain, inverse)
+    dims, columns = data["dims"], len(data["c"])
+    cones = [Cone("zero", dims.zero), Cone("nonnegative", dims.nonneg)]
+    cones += [Cone("soc", d) for d in dims.soc] + [Cone("psd", d) for d in dims.psd]
+    cones += [Cone("exp", 3)] * dims.exp
+    quadratic = data.get("P")
+    P = sparse.csc_matrix((columns, columns) if quadratic is None else sparse.triu(quadratic))
+    A, b = sparse.csr_matrix(data["A"]), np.asarray(data["b"], float)
+    if problem.solver_stats.solver_name == "SCS":
+        x, z, rows = raw["x"], raw["y"], scs.upper_triangles(tuple(cones))
+        A, b, z = A[rows], b[rows], np.asarray(z)[rows]
+    else:
+        x, z = raw.x, raw.z
+    seen = ConicProblem(P, np.asarray(data["c"], float), sparse.csc_matrix(A), b, tuple(cones))
+    return conic_errors(seen, np.asarray(x, float), np.asarray(z, float))
 
 
 def _no_entropy(instance: Instance) -> str | None:

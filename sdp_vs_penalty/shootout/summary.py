@@ -200,9 +200,11 @@ def write_summary(
         "optimal. right: error and violation are within 10 times what was asked. silently wrong: "
         "a claim of success that is further off and also misses the solver's own promise, errors "
         "of that conic problem relative to all terms, by a factor of 10; where it is kept the "
-        "answer is inaccurate. Contestants without a conic problem of their own (cvxpy, penalty, "
+        "answer is inaccurate. Contestants without a conic problem of their own (penalty, "
         "log-cholesky) have no such promise to measure: they are held to what was asked. Times are "
-        f"those of set-up and solve, a run that is not right counts {time_limit:g} s. Made by "
+        f"those of set-up and solve, a run that is not right counts {time_limit:g} s. A "
+        "solver alone finds the conic form and an interior point made when its clock starts; lmi-sdp, "
+        "the other loops, cvxpy and the penalty make theirs. Made by "
         "`sdp-vs-penalty shootout`; the runs are in runs.csv.",
         "",
         "## Alone, and inside our loop",

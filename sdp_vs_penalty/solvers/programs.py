@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
-from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities
+from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, reorder
 from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
 
 Array = NDArray[np.float64]
@@ -33,7 +33,8 @@ def run_program(
 ) -> Solution:
     """Write problem.dat-s and the program's own files into a fresh folder, run it there, read back."""
     start = time.perf_counter()
-    lmi = linear_matrix_inequalities(problem)
+    # All inequalities in one block at the end: of several, DSDP's saved solution holds none.
+    lmi = linear_matrix_inequalities(problem).then(lambda p: reorder(p, ("psd", "nonnegative")))
     with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
         folder = Path(name)
         (folder / "problem.dat-s").write_text(sdpa_text(lmi.problem))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import reorder
 
 NAME = "scs"
@@ -64,12 +66,22 @@ def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
 
 def _lower_triangles(problem: ConicProblem) -> list[np.ndarray]:
     """Our rows in SCS's order: a matrix's lower triangle column by column."""
-    order, start = [], 0
-    for cone in problem.cones:
-        if cone.kind == "psd":
-            i, j = np.triu_indices(cone.size)  # entry (j, i), j >= i: column i of the lower triangle
-            order.append(start + j * (j + 1) // 2 + i)
-        else:
-            order.append(start + np.arange(cone.rows))
+    return _placed(problem.cones, _from_upper)
+
+
+def upper_triangles(cones: Sequence[Cone]) -> NDArray[np.intp]:
+    """SCS's rows in our order: a matrix's upper triangle column by column."""
+    return np.concatenate(_placed(cones, lambda d: np.argsort(_from_upper(d))))
+
+
+def _from_upper(d: int) -> NDArray[np.intp]:
+    i, j = np.triu_indices(d)  # entry (j, i), j >= i: column i of the lower triangle
+    return np.asarray(j * (j + 1) // 2 + i)
+
+
+def _placed(cones: Sequence[Cone], order: Callable[[int], NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    rows, start = [], 0
+    for cone in cones:
+        rows.append(start + (order(cone.size) if cone.kind == "psd" else np.arange(cone.rows)))
         start += cone.rows
-    return order
+    return rows

@@ -193,7 +193,7 @@ def test_unknown_names_are_refused_with_those_that_exist(two_link: Problem) -> N
 
 
 def test_the_wrong_robot_is_refused(panda: Problem, two_link: Problem) -> None:
-    with pytest.raises(InputError, match=r"2 joint.*panda has 7"):
+    with pytest.raises(InputError, match=r"2 joints, the robot has 7"):
         identify(panda, toy_run(two_link, 1.0))
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import json
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -685,3 +688,44 @@ def test_nothing_weighs_nothing_and_zero_has_no_sign() -> None:
     assert body.com.shape == (3,)
     np.testing.assert_array_equal(body.about_com, np.zeros((3, 3)))
     assert number(-0.0) == "0.0"
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("name", [*NAMES])
+def test_c_header_makes_the_same_torques(name: str, tmp_path: Path) -> None:
+    effects = f"{FULL},torque_offset"
+    estimate = estimate_of(robots(tmp_path)[name], effects, 3)
+    robot, header, source = estimate.robot, tmp_path / "arm.h", tmp_path / "arm.c"
+    assert export(estimate, header) == ()
+    (function,) = re.findall(r"static void (\w+_torque)\(", header.read_text())
+    source.write_text(
+        '#include "arm.h"\nvoid torque(double *q, double *v, double *a, double *t) '
+        f"{{ {function}(q, v, a, t); }}"
+    )
+    library = tmp_path / "arm.so"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
+    subprocess.run(["cc", *strict, str(source), "-o", str(library), "-lm"], check=True)
+    q, dq, ddq = states(robot)
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
+    loaded = ctypes.CDLL(str(library))
+    for k in range(len(q)):
+        out = np.zeros(robot.n)
+        rows = [np.ascontiguousarray(x[k]) for x in (q, dq, ddq)]
+        loaded.torque(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*rows, out)))
+        assert np.abs(out - expected[k]).max() <= PARITY
+
+
+def test_friction_table_holds_what_follows_the_velocity(tmp_path: Path) -> None:
+    robot = load_problem("two_link").robot
+    effects = (
+        "rigid_body,viscous_friction,coulomb_friction,stribeck_friction,torque_offset,joint_spring:1"
+    )
+    estimate = estimate_of(robot, effects, 3)
+    assert export(estimate, tmp_path / "friction.csv") == ("joint_spring:1",)
+    joint, v, torque, _ = np.loadtxt(tmp_path / "friction.csv", delimiter=",", skiprows=1).T
+    value = {p.name: x for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)}
+    for j in (1, 2):
+        expected = value[f"f_v{j}"] * v + value[f"f_o{j}"]
+        turned = value[f"f_c{j}"] + value[f"f_st{j}"] * np.exp(-((v / 0.1) ** 2))
+        at = joint == j
+        np.testing.assert_allclose(torque[at], (expected + turned * np.tanh(v / 0.01))[at], rtol=1e-4)

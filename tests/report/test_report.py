@@ -16,10 +16,12 @@ import pytest
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import make_report
+from sdp_vs_penalty.report.explorer import correlation
 from sdp_vs_penalty.report.parameters import ellipsoid, joint_poses
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.experiment import experiment
@@ -30,6 +32,8 @@ SECTIONS = (
     "summary",
     "torques",
     "failures",
+    "explorer",
+    "curves",
     "ladder",
     "parameters",
     "arm",
@@ -180,7 +184,7 @@ def test_it_draws_in_chromium(
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=6000"]
     command = ["chromium", *options, "--enable-logging=stderr", "--dump-dom", path.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert done.stdout.count('class="plot-container') == 3
+    assert done.stdout.count('class="plot-container') == 5
     assert done.stdout.count("js-line") >= 2 * (3 + 2)
     assert "Uncaught" not in done.stderr
     assert "Content Security Policy" not in done.stderr
@@ -216,3 +220,26 @@ def test_how_long_it_takes_on_the_real_panda(panda: Problem, panda_run: Measurem
     html = make_report({"ols": estimate}, panda_run)
     assert time.process_time() - begin < 5.0
     assert len(html) < 8e6
+
+
+def test_correlations_of_unrelated_signals_keep_their_band_and_a_delay_is_seen() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 2000))
+    inside = np.abs(correlation(a, b)) < 1.96 / np.sqrt(len(a))
+    assert inside.mean() > 0.8
+    assert int(np.argmax(correlation(a, np.roll(a, 7)))) == 7
+    assert correlation(a, a)[0] == pytest.approx(1.0)
+    assert not correlation(np.ones(50), b[:50]).any()
+
+
+def test_measured_curves_are_drawn_with_band_and_data(
+    made: tuple[dict[str, Estimate], Measurements, str],
+) -> None:
+    models, data, _ = made
+    x = np.linspace(-1.0, 1.0, 9)
+    one = Curve(1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1)
+    pairs = np.column_stack([np.repeat(x[:3], 3), np.tile(x[:3], 3)])
+    two = replace(one, of=("q1", "dq1"), x=pairs, formula=None)
+    html = make_report(models, data, curves=(one, two))
+    assert "Joint 1 misses a torque over q1 from -1 to 1 rad" in html
+    assert "No simple law fits its band" in html

@@ -67,8 +67,7 @@ def verb(
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     for e in bigger.model.effects[len(estimate.model.effects) :]:
-        table = e.text if len(e.text) < 200 else f"{e.text.partition('@')[0]}, {e.constants}"
-        console.say(f"added: {table}")
+        console.say(f"added: {e.brief}")
     printing.certificate(bigger)
     console.written(out)
 

@@ -70,6 +70,7 @@ def verb(
     if json_file is not None:
         write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
     printing.diagnosis(result, estimate.robot.torque_units, add, verbose)
+    printing.undecided(result, model)
     if json_file is not None:
         console.written(json_file)
 

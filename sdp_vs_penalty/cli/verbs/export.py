@@ -15,8 +15,8 @@ def verb(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="out.urdf|.xml|.json|.py",
-            help="File to write; the suffix chooses URDF, MJCF (MuJoCo), JSON or a NumPy function.",
+            metavar="out.urdf|.xml|.json|.py|.h|.csv",
+            help="File to write; its suffix chooses URDF, MJCF, JSON, NumPy, C or friction table.",
         ),
     ],
     urdf: Annotated[

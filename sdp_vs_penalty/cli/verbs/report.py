@@ -24,6 +24,10 @@ def verb(
     ],
     out: Annotated[Path, typer.Option(metavar="report.html", help="File to write.")],
     window: Window = None,
+    findings: Annotated[
+        Path | None,
+        typer.Option(metavar="findings.json", help="Diagnosis whose measured curves are drawn."),
+    ] = None,
 ) -> None:
     """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.
 
@@ -41,5 +45,13 @@ def verb(
         whole = load_measurements(*data, names=robot.joint_names)
         runs = windowed(whole, time_windows(window))
         command = shlex.join(["sdp-vs-penalty", *sys.argv[1:]])
-        report(estimates, runs, out, commands=[command], noise_from=whole, progress=progress)
+        report(
+            estimates,
+            runs,
+            out,
+            commands=[command],
+            noise_from=whole,
+            findings=findings,
+            progress=progress,
+        )
     console.written(out)

@@ -113,12 +113,13 @@ class Basis:
         return np.array(list(product(*self.grid)))
 
 
-def pairs_of(j: int, n: int) -> list[tuple[Variable, ...]]:
-    """Everything that a curve of joint j may run over, one variable first."""
+def pairs_of(j: int, n: int, warm: bool = False) -> list[tuple[Variable, ...]]:
+    """Everything that a curve of joint j may run over, one variable first; warm : with temperatures."""
     others = [i for i in range(n) if i != j]
     out: list[tuple[Variable, ...]] = [
         ((w, j),) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")
     ]
+    out += [(("temp", j),)] * warm
     out += [(("t", 0),), *(((w, i),) for i in others for w in ("q", "dq"))]
     own = [("q", "dq"), ("q", "sign(dq)"), ("dq", "tau"), ("q", "tau"), ("dq", "ddq"), ("q", "ddq")]
     own += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
@@ -133,6 +134,7 @@ class Variables:
     def __init__(self, rows: SegmentedRuns) -> None:
         self.rows = rows
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
+        self.warm = all(s.motion.temperature is not None for s in rows.segments)
         self._rows: dict[Variable, Array] = {}
 
     def on_rows(self, v: Variable) -> Array:

@@ -118,7 +118,7 @@ def _screened(
     candidates, agreements = [], []
     for j in joints:
         own = {t.basis.of for t in taken if t.joint == j}
-        for of in pairs_of(j, look.rows.n):
+        for of in pairs_of(j, look.rows.n, look.variables.warm):
             basis = look.variables.basis(of)
             if basis is None or basis.of in own:
                 continue

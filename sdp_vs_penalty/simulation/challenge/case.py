@@ -17,6 +17,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.simulation.challenge.classes import CLASSES, USUAL, CaseClass
+from sdp_vs_penalty.simulation.challenge.curve_truth import judged_curve
 from sdp_vs_penalty.simulation.challenge.truth import energies, true_floor
 from sdp_vs_penalty.simulation.worlds.conditions import draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
@@ -110,7 +111,8 @@ def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
     begin = time.process_time()
     estimate = identify(problem, learnt, "ols", effects=list(sitting.effects))
     between = time.process_time()
-    result = diagnose(estimate, data, sitting.logged[-1].run, frozen=kind.frozen).to_dict()
+    diagnosis = diagnose(estimate, data, sitting.logged[-1].run, frozen=kind.frozen)
+    result = diagnosis.to_dict()
     record: Record = {
         "verdict": result["verdict"],
         "found": [{name: f[name] for name in _KEPT} for f in result["effects"]],
@@ -118,7 +120,10 @@ def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
         "events": result["events"],
         "identify_seconds": between - begin,
         "seconds": time.process_time() - between,
+        "curves": [{"joint": c.joint, "of": c.of, "formula": c.formula} for c in diagnosis.curves],
     }
+    if kind.what == "curves":
+        record["curve"] = judged_curve(diagnosis, sitting.hidden[0], sitting.logged, estimate, data)
     return record | _beside_the_truth(kind, sitting, estimate, np.array(result["held_out_rmse"]))
 
 

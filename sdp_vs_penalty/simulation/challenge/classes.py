@@ -12,7 +12,7 @@ from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE
-from sdp_vs_penalty.simulation.worlds.hidden_unknown import disturbance, unknown
+from sdp_vs_penalty.simulation.worlds.hidden_unknown import disturbance, nameless, unknown
 from sdp_vs_penalty.simulation.worlds.motion import Motion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -28,7 +28,7 @@ FARTHEST = 0.3
 
 @dataclass(frozen=True)
 class CaseClass:
-    """what : none, effects, unknown, disturbance or payload; level : of LEVELS; count : of effects;
+    """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS; count : effects;
     frozen : the model was identified before, without them."""
 
     name: str
@@ -61,7 +61,12 @@ class CaseClass:
         self, names: Sequence[str], world: World, motions: Sequence[Motion], rng: np.random.Generator
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
-        kinds = {"unknown": unknown, "disturbance": disturbance, "payload": FROZEN["payload"]}
+        kinds = {
+            "unknown": unknown,
+            "curves": nameless,
+            "disturbance": disturbance,
+            "payload": FROZEN["payload"],
+        }
         makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
         coarse = [Motion(m.t[::10], m.q[::10], m.dq[::10], m.ddq[::10]) for m in motions]
         made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]
@@ -80,6 +85,7 @@ CLASSES: Mapping[str, CaseClass] = {
         CaseClass("triples", "effects", "medium", 3),
         CaseClass("unknown_strong", "unknown", "strong"),
         CaseClass("unknown_medium", "unknown", "medium"),
+        CaseClass("unknown", "curves", "strong"),
         CaseClass("disturbance", "disturbance", "strong"),
         CaseClass("payload", "payload", "strong"),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,55 @@ def unknown(w: World, j: int, rng: Generator) -> Hidden:
     name = str(rng.choice(sorted(laws)))
     law = laws[name]
     return at_joint(f"unknown: {name}", j, lambda _, m: law(m))
+
+
+def nameless(w: World, j: int, rng: Generator) -> Hidden:
+    """A torque that no effect of the library is, over what a curve can show: position, load, velocity,
+    acceleration, or a pair of them, periodic or not.
+
+    details : "of", its variables as findings.json writes them; "words" and "numbers" of its formula at
+    size 1, the first number to be multiplied by the size.
+    """
+    i = int(rng.choice([k for k in range(w.arm.n) if k != j]))
+    c, s = float(rng.uniform(-0.5, 0.5)), w.arm.unit_speed
+    k = float(rng.uniform(2.0, 4.0)) * (1.0 if w.arm.rotary[j] else 8.0)
+    v = float(rng.uniform(0.2, 0.5)) * s[j]
+    q, dq, ddq, tau = (f"{name}{j + 1}" for name in ("q", "dq", "ddq", "tau"))
+    qi, dqi, sign = f"q{i + 1}", f"dq{i + 1}", f"sign(dq{j + 1})"
+    load = 1e-2 / max(w.arm.noise[j], 1e-9)
+
+    def wave(m: Motion) -> Array:
+        return np.asarray(
+            np.sin(k * m.q[:, j] + 3.0 * m.q[:, i] / (1.0 if w.arm.rotary[i] else 0.2) + c)
+        )
+
+    laws: Mapping[str, tuple[Callable[[Motion], Array], tuple[str, ...], str, tuple[float, ...]]] = {
+        "bumps of q": (
+            lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,), "none", ()
+        ),
+        "q^3": (lambda m: (m.q[:, j] / s[j]) ** 3, (q,), "^3", (s[j] ** -3,)),
+        "tanh of q": (lambda m: np.tanh(5.0 * m.q[:, j] / s[j]), (q,), "tanh", (1.0, 0.2 * s[j])),
+        "load squared": (
+            lambda m: (t := load * w.torque(m)[:, j]) * np.abs(t), (tau,), "||", (load**2,)
+        ),
+        "bump of dq": (lambda m: np.exp(-(((m.dq[:, j] - v) / (0.5 * v)) ** 2)), (dq,), "exp", (1.0, v)),
+        "|ddq|": (lambda m: np.abs(m.ddq[:, j]), (ddq,), "||", (1.0,)),
+        "q dq": (lambda m: m.q[:, j] * m.dq[:, j], (q, dq), "", (1.0,)),
+        "cos(2 q_i) sign(dq_j)": (
+            lambda m: np.cos(2.0 * m.q[:, i] / s[i] + c) * np.sign(m.dq[:, j]),
+            (qi, sign), "sin sign", (1.0, 2.0 / s[i]),
+        ),
+        "sin(k q_j + 3 q_i)": (wave, (q, qi), "sin", (1.0, k)),
+        "q_i dq_j": (lambda m: m.q[:, i] * m.dq[:, j], (qi, dq), "", (1.0,)),
+        "dq_i |dq_j|": (lambda m: m.dq[:, i] * np.abs(m.dq[:, j]), (dqi, dq), "||", (1.0,)),
+        "dq ddq": (lambda m: m.dq[:, j] * m.ddq[:, j], (dq, ddq), "", (1.0,)),
+        "tau dq": (lambda m: load * w.torque(m)[:, j] * m.dq[:, j], (tau, dq), "", (load,)),
+    }  # fmt: skip
+    name = str(rng.choice(sorted(laws)))
+    law, of, words, numbers = laws[name]
+    details = {"of": list(of), "words": words, "numbers": list(numbers)}
+    hidden = at_joint(f"nameless: {name}", j, lambda _, m: law(m))
+    return replace(hidden, details=details)
 
 
 def disturbance(w: World, j: int, rng: Generator) -> Hidden:

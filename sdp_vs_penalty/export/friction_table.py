@@ -1,0 +1,63 @@
+"""Friction by velocity, joint by joint, for a controller that feeds it forward."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+
+Array = NDArray[np.float64]
+
+#: Velocities on either side of zero, and the highest where a joint states none [rad/s, m/s].
+_POINTS, _FASTEST = 30, 2.0
+
+
+def make_friction_table(estimate: Estimate) -> tuple[bytes, tuple[str, ...]]:
+    """CSV with joint, velocity, torque, std: what all effects that follow the velocity alone make.
+
+    torque [N m, N] is to be added to what the links need at this velocity [rad/s, m/s]; std comes from
+    the parameters' intervals. Velocities lie closest where dry friction turns round.
+    Returns the text and the written form of the effects that such a table cannot hold.
+    Raises InputError for a model without any that it can.
+    """
+    model, robot = estimate.model, estimate.robot
+    own = list(zip(model.effects, model.indices, strict=True))
+    held = [(e, k) for e, k in own if _by_velocity(e)]
+    if not held:
+        raise InputError("the model has no friction that follows the velocity alone", "add one")
+    lines = ["joint,velocity,torque,std"]
+    for j, joint in enumerate(robot.joints):
+        fastest = joint.velocity if 0.0 < joint.velocity < np.inf else _FASTEST
+        up = np.geomspace(min(model.sign_width[j], fastest) / 4.0, fastest, _POINTS)
+        speed = np.concatenate([-up[::-1], [0.0], up])
+        still = np.zeros((len(speed), robot.n))
+        dq = still.copy()
+        dq[:, j] = speed
+        motion = Motion(np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width)
+        torque, spread = (
+            np.zeros(len(speed)),
+            np.zeros((len(speed), estimate.uncertainty.factor.shape[1])),
+        )
+        for effect, indices in held:
+            for block in (b for b in effect.blocks(motion) if b.joint == j):
+                at = indices[block.parameters]
+                torque += block.columns @ estimate.theta[at]
+                spread += block.columns @ estimate.uncertainty.factor[at]
+        for row in zip(speed, torque, np.linalg.norm(spread, axis=1), strict=True):
+            lines.append(f"{j + 1}," + ",".join(f"{x:.9g}" for x in row))
+    left = tuple(e.text for e, _ in own if not _by_velocity(e) and e.name != "rigid_body")
+    return ("\n".join(lines) + "\n").encode(), left
+
+
+def _by_velocity(effect: Effect) -> bool:
+    """Whether the torque changes with the joints' velocity, or not at all, and with nothing else."""
+    if effect.has_memory or effect.needs_torque or effect.needs_links or effect.needs_temperature:
+        return False
+    n, rng = effect.robot.n, np.random.default_rng(0)
+    dq = rng.normal(size=(3, n))
+    motions = [Motion(x * np.ones(3), np.full((3, n), x), dq, np.full((3, n), x)) for x in (0.0, 0.7)]
+    first, second = (effect.blocks(motion) for motion in motions)
+    return all(np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True))

@@ -1,0 +1,230 @@
+"""The sections of the report that show the error itself: against any signal, and as measured curves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.effects.measured_curve import parse_variable, variable, variable_unit
+from sdp_vs_penalty.report.plots import COLOURS, MEASURED
+from sdp_vs_penalty.report.section import Material, Section, figure, text
+
+Array = NDArray[np.float64]
+
+#: Points of a scatter, lags of a correlation, and the signals that an error is drawn against.
+_POINTS, _LAGS = 700, 40
+_SIGNALS = ("t", "q", "dq", "ddq", "torque")
+
+
+def explorer(material: Material) -> Section:
+    """The error of each joint against a signal, and its correlations; joint and signal are chosen."""
+    n, units = material.last.robot.n, material.last.robot.torque_units
+    body = text(
+        "Measured less modelled torque of one joint against a signal of it. Reversals of the joint are "
+        "ringed; the band is 1.96 noise floors wide to either side, where the noise is known."
+    )
+    body += figure(_scatter(material, n, units), "Choose joint and signal above the figure.", 460)
+    body += text(
+        "Correlation of the error with itself and with the joint's velocity at later instants; grey: "
+        "where 95 % of the correlations of unrelated signals lie, 1.96 / sqrt(N)."
+    )
+    body += figure(_correlations(material, n), "Choose the joint above the figure.", 380)
+    return Section("explorer", "Where it fails, seen", body)
+
+
+def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> Any:
+    from plotly.graph_objects import Figure, Scatter
+
+    plot = Figure()
+    runs = next(iter(material.rows.values()))
+    signals = {
+        name: np.concatenate(
+            [
+                np.repeat(r.motion.t[:, None], n, axis=1)
+                if name == "t"
+                else (r.torque if name == "torque" else getattr(r.motion, name))
+                for r in runs
+            ]
+        )
+        for name in _SIGNALS
+    }
+    keep = np.unique(np.linspace(0, len(signals["t"]) - 1, _POINTS).astype(int))
+    turn = np.sign(signals["dq"][1:]) != np.sign(signals["dq"][:-1])
+    xs: dict[str, list[Array]] = {name: [] for name in _SIGNALS}
+    for j in range(n):
+        # A row before each reversal is shown whatever else is left out.
+        turns = np.flatnonzero(turn[:, j])[:200]
+        for m, (name, estimate) in enumerate(material.models.items()):
+            left = np.concatenate([r.torque - predicted(r, estimate.theta) for r in material.rows[name]])
+            for rows, symbol in ((keep, "circle"), (turns, "circle-open")):
+                marker = {"size": 3 if symbol == "circle" else 8, "symbol": symbol}
+                plot.add_trace(
+                    Scatter(
+                        x=signals["q"][rows, j],
+                        y=left[rows, j],
+                        mode="markers",
+                        name=name if symbol == "circle" else f"{name}, reversals",
+                        marker={**marker, "color": COLOURS[m % len(COLOURS)]},
+                        visible=j == 0,
+                    )
+                )
+                for signal in _SIGNALS:
+                    xs[signal].append(signals[signal][rows, j])
+    traces = len(plot.data) // n
+    floor = material.comparisons[-1].noise_floor
+    shows: list[dict[str, Any]] = []
+    for j in range(n):
+        bands = [] if floor is None else _bands(1.96 * floor[j])
+        visible = [k // traces == j for k in range(len(plot.data))]
+        axis = {"yaxis.title.text": f"error of joint {j + 1} [{units[j]}]", "shapes": bands}
+        shows.append(
+            {"label": f"joint {j + 1}", "method": "update", "args": [{"visible": visible}, axis]}
+        )
+    moves = [
+        {"label": s, "method": "update", "args": [{"x": xs[s]}, {"xaxis.title.text": s}]}
+        for s in ("q", *(s for s in _SIGNALS if s != "q"))
+    ]
+    plot.update_layout(
+        shapes=shows[0]["args"][1]["shapes"],
+        updatemenus=[
+            {"buttons": shows, "x": 0.0, "y": 1.18, "xanchor": "left"},
+            {"buttons": moves, "x": 0.2, "y": 1.18, "xanchor": "left"},
+        ],
+    )
+    plot.update_yaxes(title_text=f"error of joint 1 [{units[0]}]")
+    plot.update_xaxes(title_text="q")
+    return plot
+
+
+def _bands(half: float) -> list[dict[str, Any]]:
+    place = {
+        "type": "rect",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "y0": -half,
+        "y1": half,
+        "layer": "below",
+    }
+    return [{**place, "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}]
+
+
+def correlation(a: Array, b: Array, lags: int = _LAGS) -> Array:
+    """(lags + 1,) of a(t) with b(t + lag), normalised by the lengths of both."""
+    a, b = a - a.mean(), b - b.mean()
+    scale = np.sqrt((a @ a) * (b @ b))
+    if scale == 0.0:
+        return np.zeros(lags + 1)
+    return np.array([float(a[: len(a) - k] @ b[k:]) for k in range(lags + 1)]) / scale
+
+
+def _correlations(material: Material, n: int) -> Any:
+    from plotly.graph_objects import Figure, Scatter
+
+    plot = Figure()
+    # Filtered rows are oversampled twice: every second one is a sample of its own.
+    longest = max(material.rows[material.last_name], key=lambda r: len(r.torque))
+    left = (longest.torque - predicted(longest, material.last.theta))[::2]
+    dq, t = longest.motion.dq[::2], longest.motion.t[::2]
+    lags = min(_LAGS, len(t) // 4)
+    x = np.arange(lags + 1) * float(np.median(np.diff(t)))
+    for j in range(n):
+        for name, other, colour in (
+            ("with itself", left[:, j], COLOURS[0]),
+            ("with the velocity", dq[:, j], COLOURS[1]),
+        ):
+            y = correlation(left[:, j], other, lags)
+            line = {"color": colour}
+            plot.add_trace(Scatter(x=x, y=y, name=name, mode="lines+markers", line=line, visible=j == 0))
+    buttons = [
+        {
+            "label": f"joint {j + 1}",
+            "method": "restyle",
+            "args": [{"visible": [k // 2 == j for k in range(2 * n)]}],
+        }
+        for j in range(n)
+    ]
+    plot.update_layout(
+        shapes=_bands(1.96 / np.sqrt(max(len(t), 1))),
+        updatemenus=[{"buttons": buttons, "x": 0.0, "y": 1.2, "xanchor": "left"}],
+    )
+    plot.update_xaxes(title_text="lag [s]")
+    plot.update_yaxes(title_text="correlation", range=[-1.05, 1.05])
+    return plot
+
+
+def curves(material: Material) -> Section:
+    """What a diagnosis measured without a name: each curve with its band and where the data lie."""
+    if not material.curves:
+        note = "No measured curves were given. Name a diagnosis with --findings findings.json."
+        return Section("curves", "Missing torque without a name", text(note))
+    body = ""
+    units = material.last.robot.torque_units
+    for curve in material.curves:
+        said = curve.sentence(units)
+        draw = _line if len(curve.of) == 1 else _surface
+        body += figure(draw(curve, material), f"{said[0].upper()}{said[1:]}", 360)
+    return Section("curves", "Missing torque without a name", body)
+
+
+def _values(curve: Curve, material: Material) -> list[Array]:
+    """Each variable of a curve along the judged runs."""
+    name, estimate = material.last_name, material.last
+    out = []
+    for text_of in curve.of:
+        word, joint = parse_variable(text_of)
+        parts = []
+        for rows in material.rows[name]:
+            torque = predicted(rows, estimate.theta)
+            parts.append(variable(replace(rows.motion, torque=torque), word, joint))
+        out.append(np.concatenate(parts))
+    return out
+
+
+def _titles(curve: Curve, material: Material) -> list[str]:
+    units = material.last.robot.torque_units
+    return [f"{v} [{variable_unit(units, *parse_variable(v))}]" for v in curve.of]
+
+
+def _line(curve: Curve, material: Material) -> Any:
+    from plotly.graph_objects import Figure, Histogram, Scatter
+
+    plot, x = Figure(), curve.x
+    bound = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
+    plot.add_trace(Scatter(x=x, y=curve.upper, **bound))
+    fill = {"fill": "tonexty", "fillcolor": "rgba(0,114,178,0.25)"}
+    plot.add_trace(Scatter(x=x, y=curve.lower, **fill, **bound))
+    plot.add_trace(Scatter(x=x, y=curve.torque, name="missing torque", line={"color": COLOURS[0]}))
+    (values,) = _values(curve, material)
+    shade = {"color": MEASURED}
+    plot.add_trace(Histogram(x=values, yaxis="y2", opacity=0.3, marker=shade, name="rows", nbinsx=60))
+    plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"}, barmode="overlay")
+    unit = material.last.robot.torque_units[curve.joint - 1]
+    plot.update_layout(
+        xaxis={"title": _titles(curve, material)[0]}, yaxis={"title": f"joint {curve.joint} [{unit}]"}
+    )
+    return plot
+
+
+def _surface(curve: Curve, material: Material) -> Any:
+    from plotly.graph_objects import Figure, Scatter
+
+    plot, (x, y) = Figure(), _titles(curve, material)
+    marker = {"color": curve.torque, "colorscale": "RdBu", "symbol": "square", "size": 11}
+    half = 0.5 * (curve.upper - curve.lower)
+    told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
+    unit = material.last.robot.torque_units[curve.joint - 1]
+    marker["colorbar"] = {"title": unit}
+    points = {"x": curve.points[:, 0], "y": curve.points[:, 1], "mode": "markers"}
+    plot.add_trace(Scatter(**points, marker=marker, text=told, name="missing torque and its band"))
+    first, second = _values(curve, material)
+    keep = np.unique(np.linspace(0, len(first) - 1, _POINTS).astype(int))
+    rows = {"size": 2, "color": MEASURED}
+    plot.add_trace(Scatter(x=first[keep], y=second[keep], mode="markers", marker=rows, name="rows"))
+    plot.update_layout(xaxis={"title": x}, yaxis={"title": y})
+    return plot

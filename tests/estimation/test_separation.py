@@ -1,0 +1,127 @@
+"""The run that tells two effects apart: within limits, better than the default, right when it says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import special
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.excitation import Limits
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.separation import RIGHT, Hypotheses, separate
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, joint_trajectory, shortest_moves
+from sdp_vs_penalty.robot.self_collision import SelfCollision
+from sdp_vs_penalty.simulation.experiment import experiment
+
+PAIR = "torque_ripple:2@k=2,joint_spring:2"
+
+
+@pytest.fixture(scope="module")
+def estimate() -> Estimate:
+    problem = load_problem("two_link")
+    return identify(problem, experiment(problem).training_run(), "ols")
+
+
+def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits() -> None:
+    rng = np.random.default_rng(0)
+    points, limits = rng.uniform(-1.0, 1.0, (5, 3)), np.array([[1.0], [4.0], [40.0]]) * [1.0, 2.0, 0.5]
+    trajectory = PointTrajectory(points, shortest_moves(points, *limits), rng.uniform(0.1, 0.4, 5))
+    t = np.arange(0.0, trajectory.duration, 1e-3)
+    q, dq, ddq = trajectory.states(t)
+    np.testing.assert_allclose(np.gradient(q, t, axis=0)[1:-1], dq[1:-1], atol=2e-4)
+    np.testing.assert_allclose(np.gradient(dq, t, axis=0)[1:-1], ddq[1:-1], atol=2e-2)
+    extremes = [np.abs(x).max(axis=0) for x in (dq, ddq, np.gradient(ddq, t, axis=0))]
+    shares = np.array(extremes) / limits
+    assert 0.99 < shares.max() < 1.001
+
+
+def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(estimate: Estimate) -> None:
+    found = separate(estimate, PAIR, duration=10.0, level=0.5, iterations=30)
+    limits = Limits.of_robot(estimate.robot)
+    t = np.linspace(0.0, 10.0, 4001)
+    q, dq, ddq = found.trajectory.states(t)
+    assert np.all((q >= limits.lower) & (q <= limits.upper))
+    assert np.all(np.abs(dq) <= limits.velocity)
+    assert np.all(np.abs(ddq) <= limits.acceleration)
+    assert found.delta2 > 2.0 * found.default_delta2
+    assert found.seconds < found.default_seconds
+    content = json.loads(joint_trajectory(estimate.robot.joint_names, found.trajectory))
+    assert content["joint_names"] == list(estimate.robot.joint_names)
+    np.testing.assert_allclose(content["points"][-1]["positions"], q[-1], atol=1e-3)
+
+
+def test_the_stated_length_decides_rightly_as_often_as_stated(estimate: Estimate) -> None:
+    """Least squares of both models on noise drawn anew, beside a calculation of the distance by QR."""
+    hypotheses = Hypotheses.of(estimate, PAIR, 0.5)
+    trajectory = separate(estimate, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
+    motion = hypotheses.motion(trajectory.states, 10.0)
+    base = np.zeros((2, len(motion.t), len(estimate.theta)))
+    for j, c in enumerate(estimate.model.columns(motion)):
+        base[j][:, c.indices] = c.columns / hypotheses.noise[j]
+    X = base.reshape(-1, len(estimate.theta))
+    A, B = (
+        hypotheses._white(e, motion).reshape(len(X), -1) * s
+        for e, s in zip(hypotheses.effects, hypotheses.scale, strict=True)
+    )
+
+    def basis(columns: np.ndarray) -> np.ndarray:
+        norms = np.linalg.norm(columns, axis=0)
+        columns = columns[:, norms > 0.0] / norms[norms > 0.0]
+        u, values, _ = np.linalg.svd(columns, full_matrices=False)
+        return u[:, values > 1e-6 * values[0]]
+
+    Q = {"A": basis(np.hstack([X, A])), "B": basis(np.hstack([X, B]))}
+    left = A - Q["B"] @ (Q["B"].T @ A)
+    value, direction = (x[..., 0] for x in np.linalg.eigh(left.T @ left))
+    rows = hypotheses.row_rate / 20.0
+    other = B - Q["A"] @ (Q["A"].T @ B)
+    expected = rows * min(float(value), float(np.sum(other**2)))
+    assert hypotheses.distance(motion) == pytest.approx(expected, rel=1e-3)
+    # At the length that is stated, over and above chance: the sum of squares decides.
+    seconds = hypotheses.needed(float(value) * rows, 10.0)
+    delta = np.sqrt(float(value) * rows * seconds / 10.0)
+    strength = delta / np.sqrt(float(value))
+    rng, price, right = np.random.default_rng(1), np.log(hypotheses.row_rate * seconds), 0
+    for _ in range(300):
+        y = strength * (A @ direction) + rng.normal(size=len(A))
+        squares = {k: float(y @ y - np.sum((q.T @ y) ** 2)) for k, q in Q.items()}
+        right += squares["A"] + price < squares["B"]
+    spread = 3.0 * np.sqrt(RIGHT * (1.0 - RIGHT) / 300)
+    assert abs(right / 300 - RIGHT) < spread + 0.02
+    assert special.ndtr(delta / 2.0) > RIGHT
+
+
+def test_what_cannot_be_separated_is_refused(estimate: Estimate) -> None:
+    with pytest.raises(InputError, match="names 1 effects"):
+        separate(estimate, "joint_spring:1")
+    with pytest.raises(InputError, match="has viscous_friction already"):
+        separate(estimate, "viscous_friction:1,joint_spring:1")
+
+
+_ARM = """<robot name="folding">{links}{joints}</robot>"""
+
+
+def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path: Path) -> None:
+    box = '<collision><origin xyz="0.25 0 0"/><geometry><box size="0.5 0.1 0.1"/></geometry></collision>'
+    links = "".join(f'<link name="l{k}">{box}</link>' for k in range(4))
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        '<origin xyz="0.6 0 0"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="1" effort="10"/></joint>'
+        for k in range(3)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(_ARM.format(links=links, joints=joints))
+    shapes = SelfCollision.of_urdf(path, 3)
+    assert shapes is not None
+    assert shapes.free(np.zeros((1, 3)))
+    assert not shapes.free(np.array([[0.0, 0.0, 0.0], [0.0, 2.2, 2.2]]))
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(_ARM.format(links="".join(f'<link name="l{k}"/>' for k in range(4)), joints=joints))
+    assert SelfCollision.of_urdf(bare, 3) is None
