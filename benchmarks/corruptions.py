@@ -99,7 +99,7 @@ def _names(issue: Issue, joints: Sequence[int]) -> bool:
     return sorted(np.atleast_1d(found).tolist()) == sorted(j + 1 for j in joints)
 
 
-def bench(arm: Arm, kinds: str = "", every: int = 1) -> tuple[list[Case], float]:
+def bench(arm: Arm, kinds: str = "", every: int = 1, part: int = 0) -> tuple[list[Case], float]:
     begin = time.process_time()
     cases = []
     for run in (arm.train, *arm.others):
@@ -108,7 +108,8 @@ def bench(arm: Arm, kinds: str = "", every: int = 1) -> tuple[list[Case], float]
         cases.append(Case(arm.name, "(clean)", "", "", "false alarm" if said else "silent", 1.0, said))
     chosen = [c for c in arm.corruptions() if kinds in c.name]
     # Another part of them for each arm, the same in every run.
-    cases += [run_case(arm, c) for c in chosen[sum(arm.name.encode()) % every :: every]]
+    first = (sum(arm.name.encode()) + part) % every
+    cases += [run_case(arm, c) for c in chosen[first::every]]
     return cases, time.process_time() - begin
 
 
@@ -181,6 +182,7 @@ def main() -> None:
     parser.add_argument("--arms", default="")
     parser.add_argument("--kinds", default="")
     parser.add_argument("--every", type=int, default=1, help="one corruption in so many")
+    parser.add_argument("--part", type=int, default=0, help="which of these samples, from 0")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
     chosen = [a for a in arms(given.data) if not given.arms or a.name in given.arms.split(",")]
@@ -188,7 +190,7 @@ def main() -> None:
     seconds = 0.0
     with ProcessPoolExecutor(given.workers) as pool:
         for found, took in pool.map(
-            bench, chosen, [given.kinds] * len(chosen), [given.every] * len(chosen)
+            bench, chosen, *([x] * len(chosen) for x in (given.kinds, given.every, given.part))
         ):
             cases, seconds = cases + found, seconds + took
     out = io.StringIO()

@@ -156,6 +156,33 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """While this runs, no other command adds its results to this folder; the lock ends with the process.
+
+    Raises InputError where another command does so already.
+    """
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        yield
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                "another command is writing its results there",
+                "wait until it ends, or name another folder",
+                folder,
+            ) from None
+        yield
+    finally:
+        os.close(handle)
+
+
 def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
 

@@ -6,8 +6,12 @@ triangular factors of a whole recording.
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
 
@@ -18,6 +22,8 @@ Result = TypeVar("Result")
 _RETRIES = 5
 #: Seconds to wait for a scheduler to answer.
 _PATIENCE = 10.0
+#: Name of the thread that ends a worker with its parent.
+_GUARD = "ends with its parent"
 
 
 def spread(
@@ -37,7 +43,8 @@ def spread(
 
         backend = "threading" if threads else "loky"
         parallel = Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", batch_size=1)
-        yield from parallel(delayed(function)(item) for item in items)
+        work: Callable[[Item], Result] = function if threads else Guarded(function, os.getpid())
+        yield from parallel(delayed(work)(item) for item in items)
         return
     with _connected(scheduler) as client:
         from distributed import as_completed
@@ -46,6 +53,24 @@ def spread(
         futures = client.map(function, list(items), pure=False, retries=_RETRIES)
         for _, result in as_completed(futures, with_results=True):
             yield result
+
+
+@dataclass(frozen=True)
+class Guarded(Generic[Item, Result]):
+    """A function for a worker process, which ends when its parent does, however that ends."""
+
+    function: Callable[[Item], Result]
+    parent: int
+
+    def __call__(self, item: Item) -> Result:
+        if all(thread.name != _GUARD for thread in threading.enumerate()):
+            threading.Thread(target=self._watch, name=_GUARD, daemon=True).start()
+        return self.function(item)
+
+    def _watch(self) -> None:
+        while os.getppid() == self.parent:
+            time.sleep(0.5)
+        os._exit(1)
 
 
 def _connected(scheduler: str) -> Any:

@@ -15,12 +15,23 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check import clock, dynamics, events, excitation, residual, samples, scale, signals
+from sdp_vs_penalty.check import (
+    clock,
+    dynamics,
+    events,
+    excitation,
+    last_joint,
+    residual,
+    samples,
+    scale,
+    signals,
+)
 from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
@@ -42,13 +53,15 @@ _WIDER = 3.0
 
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
-    """issues : of one run, the gravest first; mended : the run with every safe repair made;
-    unexplained : share of the torques' energy that the arm's dynamics leave over, after mending.
+    """issues : of one run, the gravest first; mended : the run with every repair made, those that are
+    only likely included, as later checks see it; fixed : with the certain ones only; unexplained :
+    share of the torques' energy that the arm's dynamics leave over, after mending.
     """
 
     run: str
     issues: tuple[Issue, ...]
     mended: Measurements
+    fixed: Measurements
     unexplained: float | None
 
     @property
@@ -77,11 +90,22 @@ class Report(Shown):
         rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
         return (("kind", "where", "certainty", "remedy"), rows) if rows else None
 
+    def changes(self, name: str) -> str:
+        """What a repaired copy of the file of this name differs in from it, and what is left to do."""
+        done = [f for f in self.issues if f.mends]
+        left = [f for f in self.problems if not f.mends]
+        lines = [f"Repaired copy of {name}, in the order of repair:" if done else f"Copy of {name}:"]
+        lines += [f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})" for f in done]
+        lines += [] if done else ["- nothing was changed"]
+        lines += ["Not repaired:"] if left else []
+        lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]
+        return "\n".join(lines) + "\n"
+
     def to_dict(self) -> dict[str, Any]:
         return {
             "run": self.run,
             "meaningless": self.meaningless,
-            "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained,
+            "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained**0.5,
             "findings": [f.to_dict() for f in self.issues],
         }
 
@@ -134,7 +158,7 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         )
     order = ("error", "warning", "note")
     issues = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))
-    return Report(run.names[0], issues, work.run, unexplained)
+    return Report(run.names[0], issues, work.run, work.fixed, unexplained)
 
 
 class _Work:
@@ -142,7 +166,7 @@ class _Work:
 
     def __init__(self, problem: Problem, run: Measurements, settings: Preprocessing) -> None:
         self.problem = problem
-        self.run = run
+        self.run = self.fixed = run
         self.settings = settings
         self.found: list[Issue] = []
         self._physics: dict[tuple[int, Preprocessing, int], Physics] = {}
@@ -150,8 +174,11 @@ class _Work:
     def mend(self, issues: Iterable[Issue]) -> None:
         for issue in issues:
             self.found.append(issue)
-            if issue.repair is not None:
-                self.run = issue.repair(self.run)
+            if issue.repair is None:
+                continue
+            self.run = issue.repair(self.run)
+            if issue.mends:
+                self.fixed = issue.repair(self.fixed)
 
     def physics(self, settings: Preprocessing, rows: int = _ROWS) -> Physics:
         """The test's data of the run as it is now; made again only after something was mended."""
@@ -174,6 +201,13 @@ class _Work:
         if stuck:  # of a motion that is not the arm's nothing else can be asked
             self.mend(stuck)
             return None
+        if beside_range(self.problem.robot, self.run.q):
+            out = list(signals.implausible(self.run, self.problem.robot))
+            if (
+                out[0].severity == "error"
+            ):  # so far beside its range that a fit would blame something else
+                self.mend(out)
+                return None
         before = len(self.found)
         assert settings.torque_cutoff is not None
         self.mend(dynamics.find(self.physics(settings), moving, settings.torque_cutoff))
@@ -181,7 +215,8 @@ class _Work:
             if issue.gravity is not None:
                 self.problem = self.problem.with_gravity(issue.gravity)
         self.mend(signals.find(self.run, self.problem.robot, settings))
-        self.mend(signals.implausible(self.run, self.problem.robot))
+        if not any(f.kind == "encoder offset" for f in self.found):
+            self.mend(signals.implausible(self.run, self.problem.robot))
         # Each on the data as the one before it has mended them.
         self.mend(scale.find(self.run, self.physics(settings), self.problem))
         self.mend(events.delay(self.run, self.physics(settings)))
@@ -191,6 +226,8 @@ class _Work:
         named = any(f.kind == "torque not explained" for f in self.found)
         if not named and physics.determined(settings.torque_cutoff):
             self.mend(residual.find(evidence, self.problem, moving, tried=True))
+            if not any(f.kind == "encoder offset" for f in self.found):
+                self.mend(last_joint.find(physics, self.problem))
         if not thorough:
             return residual.overall(evidence)
         # A knock is faster than the motion: looked for in a wider band.

@@ -17,17 +17,19 @@ from sdp_vs_penalty.data.measurements import Measurements
 
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
-_SMALLEST_GAIN = 0.06
+_SMALLEST_GAIN, _GROSS_GAIN = 0.06, 0.2
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
 _UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.1129848: "lbf in"}
 #: Delays and time constants [s] that are tried.
 _LATE = (-0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12)
 _SLOW = (0.0, 0.05, 0.12, 0.25)
 #: Where friction makes more than this share of a channel, its lag behind reversals (presliding) looks
-#: like a small delay: so much gain of the score is needed then.
-_FRICTION, _FRICTION_NEEDED = 0.5, 2.3
+#: like a small delay: so much gain of the score is needed then, unless a delay of the whole channel
+#: explains so much more than one of the friction alone.
+_FRICTION, _FRICTION_NEEDED, _MORE = 0.5, 2.3, 0.5
 #: Shares of the weight that may be left in a channel.
 _WEIGHTS = (-0.05, 0.0, 0.1, 0.3, 1.0)
+_MOSTLY_GONE = 0.5
 
 
 def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -58,6 +60,7 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         yield propose(
             partial(Physics.with_channels, scale=scale, order=same), 2, texts,
             partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
+            gross=abs(found) > np.log1p(_GROSS_GAIN),
         )  # fmt: skip
 
 
@@ -65,13 +68,17 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """One torque channel later than the others, or passed through a causal filter."""
     for j in np.flatnonzero(moving):
         one = np.eye(physics.n)[j]
-        needed = _FRICTION_NEEDED if physics.own_share(int(j)) > _FRICTION else ENOUGH
 
         def score(seconds: float, order: int, one: Array = one) -> float:
             return physics.with_lead(seconds * one, order).evidence.score
 
         delay = best_number(partial(score, order=2), _LATE)
         slow = best_number(partial(score, order=1), _SLOW)
+        rubs = physics.own_share(int(j)) > _FRICTION
+        enough = physics.friction_lag(one) - _MORE if rubs else np.inf
+        needed = [
+            ENOUGH if score(s, k) < enough else _FRICTION_NEEDED for s, k in ((delay, 2), (slow, 1))
+        ]
         if abs(delay) > 0.005:
             word = "later" if delay > 0.0 else "earlier"
             yield propose(
@@ -83,7 +90,7 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                     f"shift tau{j + 1} in time (and log all channels from one source)",
                 ),
                 partial(shifted_channel, j=int(j), seconds=delay),
-                severity="warning", needed=needed, joints=[int(j) + 1], seconds=delay,
+                severity="warning", needed=needed[0], joints=[int(j) + 1], seconds=delay,
             )  # fmt: skip
         if slow > 0.01:
             yield propose(
@@ -94,7 +101,7 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                     f"{_hertz(slow)}; the other torques have not.",
                     f"log tau{j + 1} unfiltered, or filter every channel alike and without lag",
                 ),
-                None, severity="warning", needed=needed, joints=[int(j) + 1], seconds=slow,
+                None, severity="warning", needed=needed[1], joints=[int(j) + 1], seconds=slow,
             )  # fmt: skip
 
 
@@ -102,7 +109,7 @@ def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis
     """All torques passed through the same causal filter."""
     one = np.ones(physics.n)
     slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.score, _SLOW)
-    if slow > 0.005:
+    if slow > 0.005 and physics.with_lead(slow * one, 1).evidence.score < physics.friction_lag(one):
         yield propose(
             partial(Physics.with_lead, seconds=slow * one, order=1), 2,
             (
@@ -170,4 +177,5 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         yield propose(
             partial(Physics.with_weight, share=share), 2 if every else 3, texts, None,
             gravity=(gx, gy, gz) if every else None, joints=[j + 1 for j in joints], share_left=x,
+            gross=x < _MOSTLY_GONE,
         )  # fmt: skip

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import channels, gravity, motion, order, signs, steps
-from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, HALVES, NO_WORSE, Hypothesis, few_rows
-from sdp_vs_penalty.check.issue import Issue
+from sdp_vs_penalty.check.evidence import FLOOR
+from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, GROSS, HALVES, NO_WORSE, Hypothesis, few_rows
+from sdp_vs_penalty.check.issue import Array, Issue
 from sdp_vs_penalty.check.physics import Physics
 
 #: Above this share of the energy, half of the torque, the arm's dynamics do not make these torques.
@@ -73,11 +74,15 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
     if not found and unexplained(few, moving) > 0.05:
         found = _worth_a_look(few, moving, _LAST)
     # On all rows, the most promising ones only.
-    judged = [(h.gain(physics), h) for _, h in sorted(found, key=lambda f: -f[0])[:6]]
+    found = sorted(found, key=lambda f: -f[0])
+    judged = [(h.gain(physics), h) for _, h in found[:6] + [f for f in found[6:] if not f[1].simplicity]]
     best = max((gain for gain, _ in judged), default=0.0)
     near = [(g, h) for g, h in judged if g >= best - max(ABOUT_SAME[0], ABOUT_SAME[1] * best)]
-    for gain, hypothesis in sorted(near, key=lambda f: f[1].simplicity):
-        if gain >= hypothesis.needed and _holds_in_both_halves(physics, hypothesis, gain):
+    # What is known from elsewhere (simplicity 0) need not explain more than everything else does.
+    known = [(g, h) for g, h in judged if not h.simplicity and g >= h.needed_for(physics)]
+    for gain, hypothesis in known + sorted(near, key=lambda f: f[1].simplicity):
+        enough = gain >= hypothesis.needed_for(physics)
+        if enough and _holds_in_both_halves(physics, hypothesis, gain):
             return hypothesis
     return signs.weak_signs(physics) or gravity.hanging(physics)
 
@@ -89,7 +94,7 @@ def _worth_a_look(
     for family in families:
         for hypothesis in family(few, moving):
             gain = hypothesis.gain(few)
-            if gain > 0.6 * hypothesis.needed:
+            if gain > 0.6 * min(hypothesis.needed, GROSS):
                 found.append((gain, hypothesis))
     return found
 
@@ -97,7 +102,25 @@ def _worth_a_look(
 def _holds_in_both_halves(physics: Physics, hypothesis: Hypothesis, gain: float) -> bool:
     if hypothesis.once:
         return True
+    if hypothesis.gross:
+        # It shows in either half, judged by the arms of the whole run: arms of their own, from a short
+        # half, can make up for much of it.
+        before, after = (np.log(_halves(p)).sum(axis=1) for p in (physics, hypothesis.apply(physics)))
+        return bool(min(before - after) > 0.5 * HALVES * gain)
     half = len(physics.motion.t) // 2
     parts = [physics.part(rows) for rows in (slice(0, half), slice(half, None))]
     gains = [hypothesis.gain(part) for part in parts]
     return min(gains) > -NO_WORSE and sum(gains) > HALVES * min(gain, 3.0)
+
+
+def _halves(physics: Physics) -> Array:
+    """(2, n) mean square of what one arm leaves of each channel, over its energy, in either half."""
+    left = np.column_stack(
+        [
+            y - c @ physics.evidence.theta
+            for c, y in zip(physics.columns, physics.channels.T, strict=True)
+        ]
+    )
+    half = len(left) // 2
+    found = [np.mean(part**2, axis=0) for part in (left[:half], left[half:])]
+    return np.maximum(np.array(found) / physics.energy, FLOOR)

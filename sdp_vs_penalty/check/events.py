@@ -23,6 +23,9 @@ _TRIED = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
 _ALONE = 3.0
 #: ... and this many standard deviations of the error elsewhere.
 _FAR = 12.0
+#: An error this close to a reversal [s] is friction's, unless so many reversals as slow as that one (the
+#: acceleration there up to so many times as large) do without.
+_NEAR, _RECURS, _AS_SLOW = 0.1, 2, 3.0
 #: Errors this close to a peak belong to it [s].
 _WIDTH = 1.0
 
@@ -41,6 +44,8 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
     halves = [_fit_delay(physics.part(k)).seconds for k in (slice(0, half), slice(half, None))]
     if min(found / fit.seconds for found in halves) < 0.5:
         return
+    if not beats_friction(physics, fit.seconds):
+        return
     kind, where, what, remedy = delay_texts(fit.seconds)
     yield Issue(
         kind,
@@ -53,6 +58,11 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
         lambda given: shifted(given, fit.seconds),
         {"seconds": fit.seconds, "std": fit.deviation, "error_share_left": share},
     )
+
+
+def beats_friction(physics: Physics, seconds: float) -> bool:
+    """Whether a delay of the channels explains more than a lag of all friction, the arm's own."""
+    return physics.with_delay(seconds).evidence.score < physics.friction_lag(np.ones(physics.n))
 
 
 def delay_texts(seconds: float) -> tuple[str, str, str, str]:
@@ -119,6 +129,17 @@ def shifted(run: Measurements, seconds: float) -> Measurements:
     return replace(run.rows(keep), tau=tau)
 
 
+def _own_reversal(physics: Physics, j: int, k: int) -> bool:
+    """Whether joint j turns round at row k as slowly as hardly ever: there friction errs once."""
+    t, dq, ddq = physics.motion.t, physics.motion.dq[:, j], np.abs(physics.motion.ddq[:, j])
+    turns = np.flatnonzero(np.signbit(dq[1:]) != np.signbit(dq[:-1]))
+    if not len(turns):
+        return False
+    here = turns[int(np.argmin(np.abs(t[turns] - t[k])))]
+    alike = np.sum(ddq[turns] <= _AS_SLOW * ddq[here]) - 1
+    return bool(abs(t[here] - t[k]) < _NEAR and alike < _RECURS)
+
+
 def knock(physics: Physics) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push, a lost packet."""
     t = physics.motion.t
@@ -129,6 +150,8 @@ def knock(physics: Physics) -> Iterator[Issue]:
         k = int(np.argmax(error))
         if min(t[k] - t[0], t[-1] - t[k]) < 0.5 * _WIDTH:
             continue  # the arm starts or comes to rest there: stiction
+        if _own_reversal(physics, j, k):
+            continue
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
         if len(elsewhere) and error[k] > max(_ALONE * elsewhere.max(), _FAR * np.std(elsewhere)):
             near = next((at for at in found if abs(t[at] - t[k]) < _WIDTH), k)

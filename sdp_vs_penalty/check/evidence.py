@@ -88,6 +88,12 @@ class Evidence:
         return np.maximum(1.0 - np.array(explained) / self.energy, FLOOR)
 
     @property
+    def contradiction(self) -> float:
+        """sum_j log of what one arm leaves over what each joint by itself leaves: no friction, however
+        odd, adds to it, since friction is a joint's own."""
+        return float(np.log(self.shares / self.alone).sum())
+
+    @property
     def score(self) -> float:
         return float(np.log(self.shares).sum())
 

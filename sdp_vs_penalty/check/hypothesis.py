@@ -15,6 +15,11 @@ from sdp_vs_penalty.check.physics import Physics
 #: several together, to an e-th of its energy. On clean logs, where each only trades one small error of
 #: the model for another, the best of all of them gains a few tenths.
 ENOUGH = 1.1
+#: ... and by so much where it is grosser than an arm's own imperfections (a gain of 2, a clock at half
+#: its rate), or where it settles most of what the joints say against each other.
+GROSS = 0.5
+#: Share of the joints' contradiction (see evidence.py) that may be left then.
+_SETTLED = 0.35
 #: Of hypotheses that gain about the same (this much, and this share of the gain), the simpler one.
 ABOUT_SAME = (0.4, 0.07)
 #: The halves of the run, each with an arm of its own, have to show this share of the gain together, and
@@ -32,8 +37,8 @@ _FEW_ROWS = 200
 class Hypothesis:
     """Something that may be wrong with the file; ``apply`` turns the test's data into what is right.
 
-    needed : gain of the score below which it is not believed; once : it happens at one moment, and need
-        not show in both halves of a run.
+    needed : gain of the score below which it is not believed; once : it happens at one moment, or grows,
+        and need not show in both halves of a run; gross : no arm is like that by itself.
     """
 
     issue: Issue
@@ -41,10 +46,20 @@ class Hypothesis:
     simplicity: int
     needed: float = ENOUGH
     once: bool = False
+    gross: bool = False
 
     def gain(self, physics: Physics) -> float:
         """By how much it raises the score."""
         return physics.evidence.score - self.apply(physics).evidence.score
+
+    def needed_for(self, physics: Physics) -> float:
+        """The gain of the score below which it is not believed of these data."""
+        if self.gross:
+            return min(self.needed, GROSS)
+        if self.issue.severity != "error":
+            return self.needed
+        left = self.apply(physics).evidence.contradiction
+        return GROSS if left < _SETTLED * physics.evidence.contradiction else self.needed
 
     def stated(self, physics: Physics) -> Issue:
         """The issue, with what the hypothesis explains of these data."""
@@ -72,13 +87,14 @@ def propose(
     severity: str = "error",
     needed: float = ENOUGH,
     once: bool = False,
+    gross: bool = False,
     gravity: tuple[float, float, float] | None = None,
     certainty: str = "",
     **figures: object,
 ) -> Hypothesis:
     kind, where, what, remedy = texts
     issue = Issue(kind, severity, where, what, certainty, remedy, repair, figures, gravity)
-    return Hypothesis(issue, apply, simplicity, needed, once)
+    return Hypothesis(issue, apply, simplicity, needed, once, gross)
 
 
 def few_rows(physics: Physics) -> NDArray[np.intp]:

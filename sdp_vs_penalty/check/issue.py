@@ -38,6 +38,11 @@ class Issue:
     figures: Mapping[str, Any] = field(default_factory=dict)
     gravity: tuple[float, float, float] | None = None
 
+    @property
+    def mends(self) -> bool:
+        """Whether `check --fix` repairs it: there is a repair, and no doubt."""
+        return self.repair is not None and self.certainty.startswith("certain")
+
     def to_dict(self) -> dict[str, Any]:
         return {
             "kind": self.kind,
@@ -46,7 +51,7 @@ class Issue:
             "what": self.what,
             "certainty": self.certainty,
             "remedy": self.remedy,
-            "can_fix": self.repair is not None,
+            "can_fix": self.mends,
             "figures": dict(self.figures),
         }
 

@@ -16,20 +16,22 @@ from sdp_vs_penalty.check.issue import Array, Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signals import angle_scale
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import beside_range
 
 #: What makes hypotheses of one kind: from the test's data and which joints move.
 Family = Callable[[Physics, NDArray[np.bool_]], Iterator[Hypothesis]]
 #: Offsets of an encoder that are tried [degrees], the best one then refined.
 _OFFSETS = (-90.0, -25.0, -6.0, 6.0, 25.0, 90.0, 180.0)
+#: ... of a prismatic joint, as shares of the arm's length; and from which share of these on, or from how
+#: many degrees, an offset is no matter of calibration.
+_SHIFTS, _GROSS_SHIFT, _GROSS_DEGREES = (-0.2, -0.05, 0.05, 0.2), 0.03, 10.0
 #: Offsets this near to a quarter turn are one: two conventions of the same arm [rad].
 _QUARTER = 0.04
 #: Factors between the file's clock and the true one that are tried; nearer to 1 is no other clock.
 _RATES = (0.3, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.3)
-_SMALLEST_RATE = 0.07
+_SMALLEST_RATE, _GROSS_RATE = 0.07, 0.2
 #: The weight against inertia tells the clock's rate, and slow motion has little inertia.
 _RATE_NEEDED = 2.0
-#: Share of a delay that may be left, either way, once it has been corrected.
-_COMES_BACK = 0.35
 
 
 def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -76,10 +78,7 @@ def motion_repair(scale: Array, order: NDArray[np.intp], offset: Array | float =
 def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A delay so long that it spoils the test of everything else."""
     seconds = events.long_delay(physics)
-    if seconds == 0.0:
-        return
-    # What lags like friction that bends before it slides is no delay: undone, it comes back reversed.
-    if abs(events.long_delay(physics.with_delay(seconds))) > _COMES_BACK * abs(seconds):
+    if seconds == 0.0 or not events.beats_friction(physics, seconds):
         return
     yield propose(
         lambda p: p.with_delay(seconds),
@@ -159,25 +158,35 @@ def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
     robot = physics.model.robot
     one, same = np.ones(physics.n), np.arange(physics.n)
 
-    def left(j: int, radians: float) -> float:
-        return physics.with_motion(one, same, radians * (same == j)).evidence.score
+    def left(j: int, shift: float) -> float:
+        return physics.with_motion(one, same, shift * (same == j)).evidence.score
 
-    revolute = [int(j) for j in np.flatnonzero(moving) if robot.joints[j].kind == "revolute"]
-    tried = {(j, d): left(j, float(np.radians(d))) for j in revolute for d in _OFFSETS}
+    length = float(robot.link_reach().sum())
+    grids = {
+        int(j): np.radians(_OFFSETS)
+        if robot.joints[j].kind == "revolute"
+        else length * np.array(_SHIFTS)
+        for j in np.flatnonzero(moving)
+    }
+    tried = {(j, x): left(j, x) for j, grid in grids.items() for x in grid.tolist()}
     base = physics.evidence.score
     best = sorted(tried, key=lambda key: tried[key])[:3]
     for j in dict.fromkeys(j for j, _ in best):
-        coarse = min(_OFFSETS, key=lambda d: tried[j, d])
+        revolute = robot.joints[j].kind == "revolute"
+        coarse = min(grids[j].tolist(), key=lambda x: tried[j, x])
         if tried[j, coarse] > base - 0.3:
             continue
-        near = np.radians([0.3 * coarse, coarse, 1.7 * coarse] if abs(coarse) < 60.0 else
-                          [coarse - 40.0, coarse, coarse + 40.0])  # fmt: skip
-        found = best_number(partial(left, j), near.tolist(), 4)
+        wide = revolute and abs(coarse) > np.radians(60.0)
+        found = best_number(
+            partial(left, j),
+            [coarse + x for x in np.radians((-40.0, 0.0, 40.0))] if wide
+            else [0.3 * coarse, coarse, 1.7 * coarse], 4,
+        )  # fmt: skip
         quarter = 0.5 * np.pi * round(found / (0.5 * np.pi))
-        found = quarter if quarter and abs(found - quarter) < _QUARTER else found
-        if abs(found) < np.radians(1.5):
-            continue
-        yield zero_offset(physics, (j,), (found,))
+        found = quarter if revolute and quarter and abs(found - quarter) < _QUARTER else found
+        if abs(found) > (np.radians(1.5) if revolute else 2e-3 * length):
+            gross = np.radians(_GROSS_DEGREES) if revolute else _GROSS_SHIFT * length
+            yield zero_offset(physics, (j,), (found,), abs(found) > gross)
 
 
 def two_quarters(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -189,20 +198,34 @@ def two_quarters(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypoth
             yield zero_offset(physics, pair, tuple(0.5 * np.pi * k for k in turns))
 
 
-def zero_offset(physics: Physics, joints: tuple[int, ...], radians: tuple[float, ...]) -> Hypothesis:
+def zero_offset(
+    physics: Physics, joints: tuple[int, ...], shifts: tuple[float, ...], gross: bool = False
+) -> Hypothesis:
+    """shifts : what is to be added to each joint's position [rad, m]."""
+    robot = physics.model.robot
     offset = np.zeros(physics.n)
-    offset[list(joints)] = radians
+    offset[list(joints)] = shifts
     one, same = np.ones(physics.n), np.arange(physics.n)
-    sizes = " and ".join(f"{np.degrees(-r):.4g}" for r in radians)
-    change = " and ".join(f"{r:+.5g} rad to q{j + 1}" for j, r in zip(joints, radians, strict=True))
+    sizes = " and ".join(
+        f"{np.degrees(-x):.4g} degrees" if robot.joints[j].kind == "revolute" else f"{-x:.4g} m"
+        for j, x in zip(joints, shifts, strict=True)
+    )
+    change = " and ".join(
+        f"{x:+.5g} {robot.position_units[j]} to q{j + 1}" for j, x in zip(joints, shifts, strict=True)
+    )
+    # What brings a joint back into its range needs no other reason.
+    known = beside_range(robot, physics.motion.q) == joints
+    known &= not beside_range(robot, physics.motion.q + offset)
     return propose(
-        partial(Physics.with_motion, scale=one, order=same, offset=offset), 2 + len(joints),
+        partial(Physics.with_motion, scale=one, order=same, offset=offset),
+        0 if known else 2 + len(joints),
         (
             "encoder offset", joints_text(joints),
-            f"the zero of {joints_text(joints)} is {sizes} degrees away from the robot's kinematics.",
+            f"the zero of {joints_text(joints)} is {sizes} away from the robot's kinematics.",
             f"add {change}",
         ),
-        motion_repair(one, same, offset), joints=[j + 1 for j in joints], radians=list(radians),
+        motion_repair(one, same, offset), gross=gross, joints=[j + 1 for j in joints],
+        shifts=list(shifts),
     )  # fmt: skip
 
 
@@ -228,5 +251,5 @@ def clock(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         ),
         lambda run: replace(run, t=run.t[0] + factor * (run.t - run.t[0]),
                             dq=None if run.dq is None else run.dq / factor),
-        needed=_RATE_NEEDED, factor=factor,
+        needed=_RATE_NEEDED, factor=factor, gross=abs(np.log(factor)) > np.log1p(_GROSS_RATE),
     )  # fmt: skip

@@ -28,6 +28,8 @@ from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
+#: Lags of friction behind the motion that are tried [s].
+_LAGS = (0.002, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1)
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5
 #: Filtered rows that repeat each other count once: rows per independent sample.
@@ -153,6 +155,28 @@ class Physics:
                 channels[:, j] = hermite(whole.motion.t[rows] + seconds[j], *late)
         return self._other_channels(channels, self.rate)
 
+    def with_own_late(self, seconds: Array) -> Physics:
+        """What joint j's own motion makes (its friction) comes ``seconds`` (n,) after the motion."""
+        whole, rows = self.parent or (self, np.arange(len(self.channels)))
+        if whole.own is None or self.own is None:
+            return self
+        t, columns, grams = whole.motion.t, list(self.columns), self.grams.copy()
+        for j in np.flatnonzero(seconds):
+            late = [np.interp(t[rows] - seconds[j], t, x) for x in whole.own.columns[j].T]
+            columns[j] = columns[j].copy()
+            columns[j][:, self.own.indices[j]] = np.column_stack(late)
+            grams[j] = columns[j].T @ columns[j]
+        made = replace(self, parent=None)
+        made.__dict__.update(columns=columns, grams=grams)
+        return made
+
+    def friction_lag(self, joints: Array) -> float:
+        """The score with the lag of these joints' (n, ones) friction that explains most.
+
+        Friction that bends before it slides comes after the motion, and is no delay of the channel.
+        """
+        return min(self.with_own_late(s * joints).evidence.score for s in _LAGS)
+
     def without(self, torque: Array) -> Physics:
         """The channels less a torque (M, n)."""
         return self._other_channels(self.channels - torque, self.rate)
@@ -190,14 +214,17 @@ class Physics:
 
     def with_delay(self, seconds: float) -> Physics:
         """The hypothesis that the torques were logged so much later than the positions."""
-        t = self.motion.t
-        keep = (t + seconds >= t[0]) & (t + seconds <= t[-1])
-        rows = np.flatnonzero(keep)
-        channels, rate = (
-            np.column_stack([np.interp(t[rows] + seconds, t, x) for x in values.T])
-            for values in (self.channels, self.rate)
+        whole, _ = self.parent or (self, None)
+        t, every = self.motion.t, whole.motion.t
+        rows = np.flatnonzero((t + seconds >= t[0]) & (t + seconds <= t[-1]))
+        at = t[rows] + seconds
+        channels = [
+            hermite(at, every, x, slope) for x, slope in zip(whole.channels.T, whole.rate.T, strict=True)
+        ]
+        rate = [np.interp(at, every, x) for x in whole.rate.T]
+        return replace(
+            self.part(rows), channels=np.column_stack(channels), rate=np.column_stack(rate), parent=None
         )
-        return replace(self.part(rows), channels=channels, rate=rate)
 
     @cached_property
     def alone(self) -> Array:

@@ -24,7 +24,9 @@ _TYPICAL = {"link": 0.05, "motor": 0.1}
 _TIMES = 3.0
 #: A joint contradicts its neighbours where one arm leaves this many times the energy that the joint's
 #: own model leaves, and at least this share (root mean square).
-_CONTRADICTS, _AT_LEAST = 8.0, 0.02
+_CONTRADICTS, _AT_LEAST = 6.0, 0.02
+#: Far from the others: this many times the median of the moving joints' shares, and at least this.
+_FAR, _FAR_AT_LEAST = 15.0, 0.05
 #: Above this share of its energy a joint's own torque is as good as unexplained by its own motion.
 _OWN = 0.5
 
@@ -44,6 +46,8 @@ def find(
     ratio = shares / np.maximum(alone, 1e-5)
     against = moving & (ratio > _CONTRADICTS) & (np.sqrt(shares) > _AT_LEAST)
     poor = moving & (alone > _OWN)
+    middle = float(np.median(np.sqrt(shares[moving]))) if moving.any() else 0.0
+    far = moving & (np.sqrt(shares) > max(_FAR * middle, _FAR_AT_LEAST)) & ~against & ~poor
     figures = {"percent": (100.0 * np.sqrt(shares)).round(2).tolist(), "overall_percent": 100.0 * total}
     listed = ", ".join(f"{100.0 * x:.2g}" for x in np.sqrt(shares))
     rest = (
@@ -54,6 +58,7 @@ def find(
     for joints, what in (
         (against, "cannot belong to the same arm as the other joints' torques"),
         (poor & ~against, "has little to do with that joint's motion"),
+        (far, "is explained far worse than the other joints'"),
     ):
         if joints.any():
             where = np.flatnonzero(joints)
@@ -67,7 +72,7 @@ def find(
                 "look at that channel: `diagnose` draws what is left; check its source, gain and zero",
                 None, {**figures, "joints": (where + 1).tolist()},
             )  # fmt: skip
-    if total > _TIMES * usual and not against.any() and not poor.any():
+    if total > _TIMES * usual and not (against | poor | far).any():
         worst = int(np.argmax(np.where(moving, shares * evidence.energy, 0.0)))
         yield Issue(
             "unexplained torque", "warning", joints_text([worst]),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check.issue import Array, Issue, Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import check_plausible
+from sdp_vs_penalty.data.plausibility import beside_range, check_plausible, far_outside
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import (
@@ -63,19 +63,31 @@ _HELD = 0.15
 
 
 def implausible(run: Measurements, robot: Robot) -> Iterator[Issue]:
-    """What an identification would refuse, whatever the fit says of it."""
+    """What an identification would refuse, whatever the fit says of it; joints beside their range."""
+    beside = list(beside_range(robot, run.q))
     try:
         check_plausible(robot, run)
     except InputError as error:
-        yield Issue(
-            "position range",
-            "error",
-            "positions",
-            f"{error.what.rstrip('.')}.",
-            "certain: outside what the joint can reach",
-            error.remedy
-            or "convert degrees to radians, or choose the problem that belongs to this file",
-        )
+        far = [j for j, joint in enumerate(robot.joints) if far_outside(run.q[:, j], joint)]
+        reach = 0.5 * np.ptp(run.q, axis=0) * angle_scale(robot)
+        degrees = [j for j in far if robot.joints[j].kind == "revolute" and reach[j] < np.pi]
+        kind = "encoder offset" if beside else "position unit" if degrees else "position range"
+        joints = beside or degrees or far
+        severity, what, remedy = "error", f"{error.what.rstrip('.')}.", error.remedy
+    else:
+        if not beside:
+            return
+        kind, severity, joints = "encoder offset", "warning", beside
+        what = f"{joints_text(joints)} is outside its range all or part of the time."
+        remedy = ""
+    if beside:
+        remedy = f"correct the zero of {joints_text(joints)}: the travel fits the range"
+    where = joints_text(joints) if joints else "positions"
+    remedy = remedy or "convert degrees to radians, or choose the problem that belongs to this file"
+    sure = "certain: outside what the joint can reach"
+    yield Issue(
+        kind, severity, where, what, sure, remedy, None, {"joints": [j + 1 for j in joints]}
+    )  # fmt: skip
 
 
 def no_motion() -> Iterator[Issue]:

@@ -90,7 +90,7 @@ def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
             "identify from one part of the run: --window cuts it there",
         )  # fmt: skip
     return propose(
-        apply, 2, texts, None, severity="warning", once=at is not None, joints=[j + 1], size=size,
+        apply, 2, texts, None, severity="warning", once=True, joints=[j + 1], size=size,
         t=None if at is None else t0 + at * length,
     )  # fmt: skip
 
@@ -101,11 +101,12 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
     cutoff : of the torque [Hz]; independent samples have to outnumber the parameters in every part.
     """
     count = len(physics.motion.t)
-    if not physics.determined(cutoff, float(_CUTS[0])):
+    cuts = [s for s in _CUTS if physics.determined(cutoff, float(min(s, 1.0 - s)))]
+    if not cuts:
         return
     one = physics.evidence
     best: tuple[float, int, Array] = (np.inf, 0, one.shares)
-    for share in _CUTS:
+    for share in cuts:
         cut = int(share * count)
         parts = [physics.part(slice(0, cut)).evidence, physics.part(slice(cut, None)).evidence]
         left = sum(part.shares * part.energy for part in parts) / one.energy

@@ -53,9 +53,9 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
 def _check_side(robot: Robot, run: Measurements) -> None:
     """Positions of motors, where the robot's transmission is known and brings them into the ranges."""
     gears = robot.transmission
-    if gears is None or not _outside(robot, run.q):
+    if gears is None or not np.any(_outside(robot, run.q)) or beside_range(robot, run.q):
         return
-    if not _outside(robot, np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T):
+    if not np.any(_outside(robot, np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T)):
         raise InputError(
             "the positions are those of the motors: through the transmission they lie within the "
             "joints' ranges",
@@ -64,19 +64,37 @@ def _check_side(robot: Robot, run: Measurements) -> None:
         )
 
 
-def _outside(robot: Robot, q: np.ndarray) -> bool:
-    """Whether some joint leaves its range by more than an encoder's zero may be wrong."""
+def _outside(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """(n,) by how much each joint leaves its range, less what an encoder's zero may be wrong."""
     low, high = (np.array([getattr(j, end) for j in robot.joints]) for end in ("lower", "upper"))
-    return bool(np.any((q < low - _ZERO) | (q > high + _ZERO)))
+    return np.maximum(np.maximum(low - q.min(axis=0), q.max(axis=0) - high) - _ZERO, 0.0)
+
+
+def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
+    """Joints outside their ranges, if they are few and their travel would fit: their zero is wrong.
+
+    Where many joints are outside, or travel farther than they can, something else is wrong with all.
+    """
+    outside = np.flatnonzero(_outside(robot, q))
+    width = np.array([j.upper - j.lower for j in robot.joints])
+    if not len(outside) or 2 * len(outside) > robot.n or np.any(np.ptp(q, axis=0) > width + _ZERO):
+        return ()
+    return tuple(int(j) for j in outside)
+
+
+def far_outside(q: np.ndarray, joint: Joint) -> bool:
+    """Whether one joint's positions (N,) lie farther outside its range than any zero explains."""
+    if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
+        return False
+    allowed = _TURN if joint.kind == "revolute" else 2.0 * (joint.upper - joint.lower)
+    return bool(max(joint.lower - q.min(), q.max() - joint.upper) > allowed)
 
 
 def _check_range(run: Measurements, j: int, joint: Joint) -> None:
-    q, width = run.q[:, j], joint.upper - joint.lower
-    allowed = _TURN if joint.kind == "revolute" else 2.0 * width
-    outside = np.maximum(joint.lower - q, q - joint.upper)
-    worst = int(np.argmax(outside))
-    if outside[worst] <= allowed:
+    q = run.q[:, j]
+    if not far_outside(q, joint):
         return
+    worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
     unit, advice = ("rad", "degrees to radians")
     if joint.kind == "prismatic":
         unit, advice = ("m", "millimetres to metres")

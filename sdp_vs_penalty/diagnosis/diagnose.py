@@ -65,8 +65,8 @@ def diagnose(
     frozen : keep the model's parameters, so that changes of the links
     show (a payload); otherwise they are refitted along with every candidate. seed : of the random
     signs that the tests compare with; progress : called with a short text of where the search stands;
-    noise_from : the runs whose repetition shows the noise, all that there are, where the measurements
-    are windows of them (default: the measurements); gain_uncertainty : relative
+    noise_from : the runs whose repetition shows the noise (default: those that the measurements are
+    windows of, or the measurements); gain_uncertainty : relative
     standard deviation of the torque channels' gains; default: the model's.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
@@ -82,9 +82,10 @@ def diagnose(
     settings = estimate.preprocessing.resolve(measurements)
     progress("filtering the runs")
     rows = diagnosis_rows(measurements, estimate, settings)
-    whole = None
+    whole, given = None, measurements.whole
     if noise_from is not None:
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
+    if given is not None:
         estimate.require_joints(given, "runs for the noise")
         whole = with_estimate(segmented(given, settings), estimate)
     found = search(rows, estimate, frozen, seed, progress, whole)

@@ -139,9 +139,10 @@ def where_it_fails(
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
-    repeated = rows if noise_from is None else with_estimate(segmented(noise_from, settings), estimate)
+    given = measurements.whole if noise_from is None else noise_from
+    repeated = rows if given is None else with_estimate(segmented(given, settings), estimate)
     floors = noise_floor(repeated)
-    folds = phase_folds(rows, clocks_of(rows, None if noise_from is None else repeated))
+    folds = phase_folds(rows, clocks_of(rows, None if given is None else repeated))
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):

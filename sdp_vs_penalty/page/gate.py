@@ -21,12 +21,14 @@ _HEADERS = [
         b"content-security-policy",
         b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
         b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        b"connect-src 'self' ws://127.0.0.1:* ws://localhost:*; worker-src 'self' blob:; "
+        b"connect-src 'self' SOCKETS; worker-src 'self' blob:; "
         b"object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     ),
 ]
 
 
+#: Where only this computer's own programs can ask.
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
 #: Name of the key in the printed address.
 KEY = "key"
 
@@ -39,12 +41,17 @@ class Gate:
     likes: it does not know the ``key`` that is in the printed address, once, and in a cookie thereafter.
     """
 
-    def __init__(self, app: App, port: int, key: str) -> None:
-        self.app, self.key = app, key
+    def __init__(
+        self, app: App, port: int, key: str, host: str = "127.0.0.1", tls: bool = False
+    ) -> None:
+        self.app, self.key, self.tls = app, key, tls
         # Cookies know no ports: two servers on one computer must not take each other's away.
         self.cookie = f"sdp-vs-penalty-key-{port}"
-        self.hosts = {f"127.0.0.1:{port}".encode(), f"localhost:{port}".encode()}
-        self.origins = {b"http://" + host for host in self.hosts}
+        names = {host, "127.0.0.1", "localhost"} if host in LOOPBACK else {host}
+        self.hosts = {f"{f'[{name}]' if ':' in name else name}:{port}".encode() for name in names}
+        self.origins = {(b"https://" if tls else b"http://") + host for host in self.hosts}
+        sockets = b" ".join((b"wss://" if tls else b"ws://") + host for host in sorted(self.hosts))
+        self.headers = [(name, value.replace(b"SOCKETS", sockets)) for name, value in _HEADERS]
 
     async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -54,7 +61,9 @@ class Gate:
         origin = headers.get(b"origin")
         # Not every request of another site names its origin; browsers say where it comes from.
         elsewhere = headers.get(b"sec-fetch-site") in (b"cross-site", b"same-site")
-        elsewhere = elsewhere and headers.get(b"sec-fetch-mode") != b"navigate"
+        # A link from there opens nothing, unless it is the printed address itself.
+        linked = headers.get(b"sec-fetch-mode") == b"navigate" and self._has_key(scope)
+        elsewhere = elsewhere and not linked
         foreign = bool(origin) and origin not in self.origins
         nameless = scope["type"] == "websocket" and not origin
         if headers.get(b"host") not in self.hosts or foreign or elsewhere or nameless:
@@ -69,7 +78,7 @@ class Gate:
 
         async def with_headers(message: MutableMapping[str, Any]) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *_HEADERS]
+                message["headers"] = [*message.get("headers", ()), *self.headers]
             await send(message)
 
         await self.app(scope, receive, with_headers)
@@ -94,12 +103,12 @@ class Gate:
         rest = urlencode([(name, value) for name, value in query if name != KEY])
         # Never //host: that would lead elsewhere.
         path = "/" + scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
-        cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict"
+        cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict" + "; Secure" * self.tls
         headers = [
             (b"location", path.encode("latin-1", "replace")),
             (b"set-cookie", cookie.encode()),
             (b"cache-control", b"no-store"),
-            *_HEADERS,
+            *self.headers,
         ]
         await send({"type": "http.response.start", "status": 303, "headers": headers})
         await send({"type": "http.response.body", "body": b""})

@@ -141,6 +141,19 @@ def simulate(request: Request, progress: Progress) -> Answer:
     return {"runs": runs, "refused": [], "effects": made.truth["model_effects"]}
 
 
+def mend(request: Request, progress: Progress) -> Answer:
+    """What `check --fix` does to one of the runs: its repaired copy, and beside it what was changed."""
+    problem, folder = _problem(request), Path(request["folder"])
+    (given,) = (run for run in request["runs"] if run["file"] == request["file"])
+    part = replace(load_measurements(folder / given["file"]), names=(given["name"],))
+    progress(f"repairing {given['name']}")
+    (report,) = check(problem, part, thorough=False)
+    made = _keep(problem, report.fixed, folder, f"{Path(given['name']).stem}_fixed.csv")
+    changes = report.changes(given["name"])
+    write_text(folder / Path(made["file"]).with_suffix(".txt"), changes)
+    return {"run": {**made, "use": given["use"]}, "changes": changes.splitlines()}
+
+
 def fit(request: Request, progress: Progress) -> Answer:
     """Identify a model and look where it fails."""
     problem, runs = _problem(request), _runs(request)
@@ -319,7 +332,13 @@ def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
         "findings": [
-            {"severity": f.severity, "kind": f.kind, "what": f.what, "remedy": f.remedy}
+            {
+                "severity": f.severity,
+                "kind": f.kind,
+                "what": f.what,
+                "remedy": f.remedy,
+                "mends": f.mends,
+            }
             for f in found.problems
         ],
     }
@@ -344,7 +363,7 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
 JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
     job.__name__: job
     for job in (
-        *(catalogue, robot, read, real, simulate, fit, open_model),
+        *(catalogue, robot, read, real, simulate, mend, fit, open_model),
         *(extend, find, methods, take, report),
     )
 }

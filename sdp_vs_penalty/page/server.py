@@ -13,18 +13,19 @@ import socket
 import sys
 import webbrowser
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
-from fastapi.responses import FileResponse, JSONResponse, RedirectResponse
+from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse
 from nicegui import app as nicegui_app
 from nicegui import ui
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.gate import KEY, Gate
+from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.steps.take_away import FILES
@@ -32,7 +33,6 @@ from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.workshop import Workshop
 
-HOST = "127.0.0.1"
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137
 _COOKIE = "sdp-vs-penalty-page"
@@ -64,20 +64,54 @@ class Page:
         self.workshop.close()
 
 
-def serve(folder: Path | None, port: int | None, browser: bool) -> None:
-    """Serve the page on 127.0.0.1 until it is interrupted, to whoever has the printed address.
+@dataclass(frozen=True)
+class Address:
+    """Where the page is served: a name or number of this computer, and the files of TLS (PEM).
+
+    Raises InputError for another host than loopback without certificate and key, one of the two alone,
+    files that are missing, or a host that stands for all addresses (browsers cannot name it).
+    """
+
+    host: str = "127.0.0.1"
+    certificate: Path | None = None
+    key: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.host in ("", "0.0.0.0", "::"):
+            raise InputError(f"--host {self.host}: all addresses at once", "name the one that is asked")
+        if (self.certificate is None) != (self.key is None):
+            raise InputError("--certificate and --key belong together", "name both files")
+        for path in (self.certificate, self.key):
+            if path is not None and not path.is_file():
+                raise InputError("there is no such file", "name a PEM file", path)
+        if self.host not in LOOPBACK and not self.tls:
+            raise InputError(
+                f"--host {self.host}: other computers could listen in",
+                "name the files of TLS, --certificate and --key, or serve 127.0.0.1 only",
+            )
+
+    @property
+    def tls(self) -> bool:
+        return self.certificate is not None
+
+
+def serve(folder: Path | None, port: int | None, browser: bool, at: Address | None = None) -> None:
+    """Serve the page until it is interrupted, to whoever has the printed address.
 
     folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
-    is free where that is taken. Raises InputError for a folder that is none, or a port that is taken.
+    is free where that is taken; at : None for 127.0.0.1. Raises InputError for a folder that is none, a
+    port that is taken, or files that TLS cannot use.
     """
+    at = at or Address()
     if folder is not None and not folder.is_dir():
         raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
-    listener = _listen(port)
+    listener = _listen(at.host, port)
     chosen = listener.getsockname()[1]
     page = Page(folder)
     atexit.register(page.close)
     key = secrets.token_urlsafe(24)
-    address = f"http://{HOST}:{chosen}/?{KEY}={key}"
+    name = f"[{at.host}]" if ":" in at.host else at.host
+    address = f"http{'s' * at.tls}://{name}:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(page.start)
     nicegui_app.on_shutdown(page.close)  # also where a signal ends the server
@@ -89,7 +123,9 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
     config = uvicorn.Config(
-        Gate(make_app(page), chosen, key),
+        Gate(make_app(page), chosen, key, at.host, at.tls),
+        ssl_certfile=at.certificate,
+        ssl_keyfile=at.key,
         log_level="error",
         access_log=False,
         timeout_graceful_shutdown=1,
@@ -103,17 +139,23 @@ def serve(folder: Path | None, port: int | None, browser: bool) -> None:
         page.close()
 
 
-def _listen(port: int | None) -> socket.socket:
-    """A listening socket on 127.0.0.1; the browser may knock before the server answers."""
+def _listen(host: str, port: int | None) -> socket.socket:
+    """A listening socket; the browser may knock before the server answers."""
     for wanted in (PORT, 0) if port is None else (port,):
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        listener = socket.socket(family, socket.SOCK_STREAM)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listener.bind((HOST, wanted))
+            listener.bind((host, wanted))
             listener.listen(128)
             return listener
         except OSError as error:
             listener.close()
+            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+                reason = error.strerror or str(error)
+                raise InputError(
+                    f"--host {host}: {reason}", "name an address of this computer"
+                ) from error
             if port is not None:
                 taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
                 raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
@@ -127,11 +169,11 @@ def make_app(page: Page) -> FastAPI:
     @app.get("/")
     async def _enter(request: Request) -> Response:
         closed = page.sessions.closed(request.cookies.get(_COOKIE))
-        return _to(closed or page.sessions.new())
+        return _to(closed) if closed is not None else _new_session(page)
 
     @app.get("/new")
     async def _new() -> Response:
-        return _to(page.sessions.new())
+        return _new_session(page)
 
     @app.put("/s/{token}/files")
     async def _receive(token: str, request: Request, name: str, kind: str) -> Response:
@@ -236,6 +278,13 @@ def _to(session: Session) -> Response:
     response = RedirectResponse(f"/s/{session.token}", 303)
     response.set_cookie(_COOKIE, session.token, httponly=True, samesite="strict")
     return response
+
+
+def _new_session(page: Page) -> Response:
+    try:
+        return _to(page.sessions.new())
+    except InputError as error:
+        return PlainTextResponse(f"{error}\n", 503)
 
 
 def _gone() -> Response:

@@ -87,6 +87,19 @@ class Session(State):
         self.forget_models()
         self.changed()
 
+    def mend(self, file: str) -> None:
+        """Put the repaired copy of a run in its place, and say what was changed."""
+
+        async def do() -> None:
+            answer = await self._job("mend", file=file)
+            new = answer["run"]
+            self.runs = [new if run["file"] == file else run for run in self.runs]
+            self.names[str(self.folder / new["file"])] = new["name"]
+            self.forget_models()
+            self.notice = Notice(tuple(answer["changes"]), error=False)
+
+        self._start("Repairing a run", do())
+
     def identify(self) -> None:
         """The first model of a new ladder."""
 
@@ -252,7 +265,7 @@ class Session(State):
             "seed": self.seed,
             **details,
         }
-        return await self.working.work.do(request, self._progress)
+        return await self.workshop.run(self.working.work, request, self._progress)
 
     def _progress(self, text: str) -> None:
         if self.working is not None:

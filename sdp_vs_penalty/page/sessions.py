@@ -8,11 +8,14 @@ import tempfile
 import time
 from pathlib import Path
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.workshop import Workshop
 
 #: Closed tabs that can be opened again: how many, and for how many seconds.
 _KEPT, _KEPT_FOR = 4, 4 * 3600.0
+#: Tabs that can be open at once.
+MOST = 20
 
 
 class Sessions:
@@ -24,7 +27,10 @@ class Sessions:
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
+        """An empty session. Raises InputError where as many tabs as there may be are open."""
         self._forget_old()
+        if sum(bool(s.watchers) for s in self._all.values()) >= MOST:
+            raise InputError(f"{MOST} tabs are open", "close one, and open this page again")
         token = secrets.token_urlsafe(24)
         folder = self.root / token
         folder.mkdir(mode=0o700)

@@ -17,8 +17,8 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.jobs import JOBS
 
-#: Of the computer's memory, how much a job may use.
-_SHARE = 0.75
+#: Of the computer's memory, how much all jobs together may use, and what each has at least [bytes].
+_SHARE, _LEAST = 0.75, 2**31
 
 
 def main(connection: Connection) -> None:
@@ -29,7 +29,7 @@ def main(connection: Connection) -> None:
         request = json.loads(connection.recv_bytes())
     except (EOFError, OSError):  # not needed any more
         return
-    limit_memory()
+    limit_memory(int(request.get("jobs", 1)))
     threading.Thread(target=_end_with, args=(connection,), daemon=True).start()
     answer = do(request, lambda text: _send(connection, {"progress": text}))
     _send(connection, answer)
@@ -53,13 +53,14 @@ def do(request: dict[str, Any], progress: Any) -> dict[str, Any]:
         }
 
 
-def limit_memory() -> None:
-    """Let a job fail with a sentence before it makes the computer swap."""
+def limit_memory(jobs: int) -> None:
+    """Let a job, one of so many at once, fail with a sentence before it makes the computer swap."""
     try:
         import resource
 
         total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        resource.setrlimit(resource.RLIMIT_AS, (int(_SHARE * total), resource.RLIM_INFINITY))
+        limit = max(int(_SHARE * total / jobs), min(_LEAST, int(_SHARE * total)))
+        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
     except (ImportError, AttributeError, ValueError, OSError):
         return  # a system without such limits
 

@@ -16,6 +16,8 @@ from typing import Any
 
 from sdp_vs_penalty.errors import InputError
 
+#: Jobs of all tabs together that run at once, each with its part of the memory; the others wait.
+AT_ONCE = max(1, min(4, os.cpu_count() or 1))
 #: A dead worker without an answer: the system ends processes that want too much memory.
 _DIED = InputError(
     "the job was killed, probably for lack of memory; nothing was changed", "use fewer or shorter runs"
@@ -101,6 +103,25 @@ class Workshop:
         if forks:
             self._context.set_forkserver_preload(["sdp_vs_penalty.page.worker"])
         self._spare: Work | None = None
+        self._running = 0
+
+    async def run(
+        self, work: Work, request: Mapping[str, Any], progress: Callable[[str], None]
+    ) -> dict[str, Any]:
+        """What ``work.do`` returns, once fewer than AT_ONCE jobs are running."""
+        waited = False
+        while self._running >= AT_ONCE:
+            if work.cancelled:
+                raise Cancelled
+            if not waited:
+                progress("waiting for the jobs of other tabs")
+            waited = True
+            await asyncio.sleep(0.1)
+        self._running += 1
+        try:
+            return await work.do({**request, "jobs": AT_ONCE}, progress)
+        finally:
+            self._running -= 1
 
     def warm(self) -> None:
         """Start the next worker."""

@@ -92,10 +92,14 @@ class Results:
     def add(self, row: Row) -> None:
         """Append one run; it is on the disk when this returns."""
         self.rows.append(parsed(row))
-        with self.path.open("a", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerow(cells(COLUMNS, row))
-            file.flush()
-            os.fsync(file.fileno())
+        line = table_text(COLUMNS, [row]).partition("\n")[2].encode()
+        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+        try:
+            while line:
+                line = line[os.write(handle, line) :]
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
     def keep(self, current: dict[str, str]) -> int:
         """Drop runs of instances whose hash (by problem name) has changed; returns how many."""

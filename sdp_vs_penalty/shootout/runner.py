@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.shootout.contestant import Contestant
 from sdp_vs_penalty.shootout.contestants import chosen
@@ -60,14 +60,21 @@ class Outcome:
 
 
 def run(setup: Shootout, progress: Progress | None = None) -> Outcome:
-    """Do every run that the folder does not hold yet. Raises InputError for names that do not exist."""
+    """Do every run that the folder does not hold yet.
+
+    Raises InputError for names that do not exist, and where another shootout writes into the folder.
+    """
+    with alone(setup.out):
+        return _run(setup, progress or (lambda what, done, total: None))
+
+
+def _run(setup: Shootout, say: Progress) -> Outcome:
     contestants, missing = chosen(setup.solvers)
     entries, unmeasured = selected(setup.problems, setup.quick)
     results = Results(setup.out)
     notes = ["a torn last row of runs.csv was dropped"] if results.torn else []
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
-    say = progress or (lambda what, done, total: None)
     jobs = setup.jobs or os.cpu_count() or 1
     references = _references(setup, entries, say, jobs)
     dropped = results.keep({name: found["hash"] for name, found in references.items()})

@@ -145,24 +145,21 @@ class Following(Shown):
         return self.table()
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Headings, and one row a joint."""
-        free = self.free[0]
-        head = ["joint", "1 step", "0.1 s ahead", "5..95 %", "constant velocity", "free run"]
-        head += ["its spread"] * (free.spread is not None) + ["loop"] * (free.loop is not None)
-        rows = []
-        for j, unit in enumerate(self.units):
-            a = self.ahead
-            row = [
-                f"{j + 1}",
-                said(self.one_step.rms[j], f"{unit}/s"),
-                said(a.rms[j], unit),
-                f"{said(a.band[0, j], unit)} .. {said(a.band[1, j], unit)}",
-                said(a.naive[j], unit),
-                said(free.rms[j], unit),
-            ]
-            row += [] if free.spread is None else [f"+-{said(free.spread[j], unit)}"]
-            row += [] if free.loop is None else [f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}"]
-            rows.append(row)
+        """Headings, and one row a joint, in thousandths of its unit: velocity after one sample, position
+        0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread."""
+        free, a = self.free[0], self.ahead
+        columns = {"step/s": self.one_step.rms, "0.1 s": a.rms, "5 %": a.band[0], "95 %": a.band[1]}
+        columns |= {"const.": a.naive, "free": free.rms}
+        columns |= {} if free.spread is None else {"+-": free.spread}
+        rows = [
+            [f"{j + 1}", f"m{unit}", *(f"{1e3 * column[j]:.3g}" for column in columns.values())]
+            for j, unit in enumerate(self.units)
+        ]
+        head = ["joint", "unit", *columns]
+        if free.loop is not None:
+            head.append("loop")
+            for row, torque, unit in zip(rows, free.loop, self.units, strict=True):
+                row.append(f"{torque:.3g} {'N' if unit == 'm' else 'N m'}")
         return head, rows
 
     def to_dict(self) -> dict[str, Any]:

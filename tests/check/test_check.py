@@ -229,6 +229,18 @@ MENDABLE = (
 )
 
 
+def test_only_what_is_certain_is_fixed(simulated: tuple[Problem, Measurements]) -> None:
+    """A knock is likely, a clock that is read from the file certain: the first is left to the user."""
+    problem, run = simulated
+    (report,) = check(problem, knocked(SPOILED["rows twice"][0](run)))
+    assert {f.kind for f in report.problems} >= {"one-off event"}
+    assert len(report.mended.t) < len(report.fixed.t) <= len(run.t)
+    done, left = report.changes("run.csv").split("Not repaired:")
+    assert "Done: " in done
+    assert "one-off event" not in done
+    assert "one-off event" in left
+
+
 @pytest.mark.parametrize("name", MENDABLE)
 def test_what_is_mended_is_clean(
     name: str, simulated: tuple[Problem, Measurements], unspoiled: float

@@ -234,6 +234,9 @@ def test_other_sites_and_names_get_nothing(server: Server) -> None:
     assert status("POST", f"/s/guess/sent?key={server.key}", nobody) == 403
     assert status("GET", "/new", {**own, "Host": "evil.example"}) == 403
     assert status("GET", "/new", {**own, "Origin": "http://evil.example"}) == 403
+    for site in ("cross-site", "same-site"):  # a link on another page
+        link = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate"}
+        assert status("GET", "/new", {**own, **link}) == 403
     upgrade = {
         "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",

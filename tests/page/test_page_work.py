@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import http.client
 import json
 import os
+import re
+import shutil
+import ssl
 import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +27,9 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.page import uploads, worker
 from sdp_vs_penalty.page.charts import asked_span, torque_chart
 from sdp_vs_penalty.page.gate import Gate
+from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.sessions import MOST, Sessions
 from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report.plots import Curves, envelope
@@ -132,6 +138,35 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(
     s = asyncio.run(story())
     assert len(s.ladder) == 1
     assert "--no-check" in s.commands()[0]
+
+
+def test_a_run_is_repaired_where_it_is_certain(
+    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
+) -> None:
+    """What `check --fix` does: a new run in the old one's place, the changes said and kept beside it."""
+    run = hidden.runs[0]
+    tau = run.tau.copy()
+    tau[[500, 900, 1300], 1] += 500.0
+    save(replace(run, tau=tau), tmp_path / "spikes.csv")
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        drop(s, tmp_path / "spikes.csv")
+        await finish(s, s.read_arrived)
+        (before,) = s.runs
+        assert [f["kind"] for f in before["findings"] if f["mends"]] == ["spikes"]
+        await finish(s, lambda: s.mend(before["file"]))
+        return s
+
+    s = asyncio.run(story())
+    (run,) = s.runs
+    assert run["name"] == "spikes_fixed.csv"
+    assert run["findings"] == []
+    assert s.notice is not None
+    assert "Repaired copy of spikes.csv" in s.notice.texts[0]
+    beside = (s.folder / run["file"]).with_suffix(".txt").read_text()
+    assert beside.splitlines() == list(s.notice.texts)
 
 
 def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions: Sessions) -> None:
@@ -277,11 +312,12 @@ def test_a_job_cannot_take_all_of_the_memory(monkeypatch: pytest.MonkeyPatch) ->
 
     asked: list[tuple[int, tuple[int, int]]] = []
     monkeypatch.setattr(resource, "setrlimit", lambda what, limits: asked.append((what, limits)))
-    worker.limit_memory()
+    worker.limit_memory(4)
     ((what, (limit, _)),) = asked
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     assert what == resource.RLIMIT_AS
-    assert 0.5 * total < limit < total
+    assert limit >= 0.7 * min(total, 2**31)
+    assert 4 * limit <= max(total, 4 * 2**31)
 
 
 async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
@@ -343,7 +379,11 @@ def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
         ({"host": "127.0.0.1:99"}, True),
         ({"host": "localhost:99", "origin": "http://localhost:99"}, True),
         ({"host": "127.0.0.1:99", "sec-fetch-site": "same-origin"}, True),
-        ({"host": "127.0.0.1:99", "sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, True),
+        ({"host": "127.0.0.1:99", "sec-fetch-site": "none", "sec-fetch-mode": "navigate"}, True),
+        ({"host": "127.0.0.1:99", "sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, False),
+        ({"host": "127.0.0.1:99", "sec-fetch-site": "same-site", "sec-fetch-mode": "navigate"}, False),
+        ({"host": "127.0.0.1:99", "cookie": "sdp-vs-penalty-key-99=guess"}, False),
+        ({"host": "127.0.0.1:99", "origin": ""}, None),
         ({"host": "127.0.0.1:98"}, False),
         ({"host": "evil.example:99"}, False),
         ({"host": "evil.example"}, False),
@@ -355,7 +395,7 @@ def test_the_authors_four_files_are_one_run(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool, kind: str) -> None:
+def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool | None, kind: str) -> None:
     reached, sent = [], []
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
@@ -371,6 +411,7 @@ def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool, kind: st
     headers = {"cookie": "other=1; sdp-vs-penalty-key-99=secret", **headers}
     scope = {"type": kind, "headers": [(k.encode(), v.encode()) for k, v in headers.items()]}
     asyncio.run(Gate(app, 99, "secret")(scope, None, send))
+    allowed = kind == "http" if allowed is None else allowed  # a socket names where it comes from
     assert bool(reached) == allowed
     if not allowed:
         assert sent[0] in ({"type": "websocket.close", "code": 1008},) or sent[0]["status"] == 403
@@ -408,6 +449,105 @@ def test_the_printed_address_lets_in_once(path: str, query: str, to: bytes | Non
     assert headers[b"location"] == to
     for word in (b"sdp-vs-penalty-key-99=secret", b"HttpOnly", b"SameSite=Strict"):
         assert word in headers[b"set-cookie"]
+
+
+def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there() -> None:
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    gate = Gate(None, 99, "secret", "lab.example", tls=True)  # type: ignore[arg-type]
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"key=secret"}
+    for host in (b"127.0.0.1:99", b"lab.example:99"):
+        asyncio.run(gate({**scope, "headers": [(b"host", host)]}, None, send))
+    assert sent[0]["status"] == 403
+    headers = dict(sent[2]["headers"])
+    assert headers[b"set-cookie"].endswith(b"Secure")
+    assert b"connect-src 'self' wss://lab.example:99;" in headers[b"content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    ("host", "files", "words"),
+    [
+        ("192.0.2.1", (), "could listen in: name the files of TLS"),
+        ("0.0.0.0", ("cert.pem", "key.pem"), "all addresses at once"),
+        ("127.0.0.1", ("cert.pem",), "belong together"),
+        ("192.0.2.1", ("cert.pem", "missing.pem"), "no such file"),
+    ],
+)
+def test_other_computers_are_served_over_tls_only(
+    host: str, files: tuple[str, ...], words: str, tmp_path: Path
+) -> None:
+    for name in ("cert.pem", "key.pem"):
+        (tmp_path / name).write_text("x")
+    with pytest.raises(InputError, match=words):
+        Address(host, *(tmp_path / name for name in files))
+
+
+def test_the_page_over_tls(tmp_path: Path) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl makes the certificate")
+    files = tmp_path / "key.pem", tmp_path / "cert.pem"
+    made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
+    made += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(files[0]), "-out", str(files[1])]
+    subprocess.run(made, check=True, capture_output=True)
+    code = "from sdp_vs_penalty.cli.main import main; main()"
+    command = [sys.executable, "-c", code, "page", "--no-browser"]
+    command += ["--key", str(files[0]), "--certificate", str(files[1])]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert server.stdout is not None
+        printed = re.search(r"https://127\.0\.0\.1:(\d+)(/\?key=\S+)", server.stdout.readline())
+        assert printed
+        trusted = ssl.create_default_context(cafile=str(files[1]))
+        connection = http.client.HTTPSConnection(
+            "127.0.0.1", int(printed[1]), timeout=30, context=trusted
+        )
+        connection.request("GET", printed[2])
+        answer = connection.getresponse()
+        assert answer.status == 303
+        assert str(answer.getheader("set-cookie")).endswith("SameSite=Strict; Secure")
+    finally:
+        server.terminate()
+        server.wait(10)
+        assert server.stdout is not None
+        server.stdout.close()
+
+
+def test_jobs_of_all_tabs_wait_for_each_other(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sdp_vs_penalty.page.workshop.AT_ONCE", 1)
+
+    async def story() -> tuple[str, Session]:
+        first, second = sessions.new(), sessions.new()
+        for s in (first, second):
+            await finish(s, partial(s.choose_robot, "panda"))
+        first.simulate("joint_spring", [3], "strong", 0)
+        await asyncio.sleep(0.05)
+        second.simulate("joint_spring", [3], "strong", 0)
+        await asyncio.sleep(0.3)
+        assert second.working is not None
+        status = second.working.status
+        for s in (second, first):
+            s.cancel()
+            assert s.task is not None
+            await s.task
+        await finish(second, lambda: second.choose_robot("two_link"))  # the place is free again
+        return status, second
+
+    status, second = asyncio.run(story())
+    assert status == "waiting for the jobs of other tabs"
+    assert second.robot is not None
+    assert second.robot["name"] == "two_link"
+
+
+def test_tabs_are_counted(sessions: Sessions) -> None:
+    for _ in range(MOST):
+        sessions.new().watchers.append(Tab())
+    with pytest.raises(InputError, match=f"{MOST} tabs are open: close one"):
+        sessions.new()
 
 
 class Tab:

@@ -99,6 +99,7 @@ def test_senseless_settings_are_refused(tmp_path: Path, accuracies: tuple[float,
 
 
 def test_killed_in_the_middle_and_resumed(tmp_path: Path) -> None:
+    psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
     out = tmp_path / "s"
     command = [
         sys.executable, "-m", "sdp_vs_penalty", "shootout", "--solvers",
@@ -109,8 +110,11 @@ def test_killed_in_the_middle_and_resumed(tmp_path: Path) -> None:
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline and not (path.exists() and path.read_text().count("\n") > 3):
         time.sleep(0.02)
+    family = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGKILL)
     process.wait()
+    assert family
+    assert not psutil.wait_procs(family, 5)[1]
     done = Results(out).rows
     assert 0 < len(done) < 18
     assert subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode == 0

@@ -54,16 +54,16 @@ def verb(
     for report in reports:
         _show(report)
     mounting = [] if gravity is None else ["--gravity", gravity]
-    if fix is None and any(f.repair for report in reports for f in report.problems):
+    if fix is None and any(f.mends for report in reports for f in report.problems):
         to = _beside(data)
         console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
     if fix is not None:
         for path, report in zip(data, reports, strict=True):
             target = fix if len(data) == 1 else fix / f"{path.stem}.csv"
-            save(report.mended, target)
+            save(report.fixed, target)
             console.written(target)
             note = target.with_name(f"{target.stem}_changes.txt")
-            write_text(note, changes(path, report))
+            write_text(note, report.changes(path.name))
             console.written(note)
     if json_file is not None:
         content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
@@ -71,23 +71,6 @@ def verb(
         console.written(json_file)
     if any(report.meaningless for report in reports):
         raise typer.Exit(1)
-
-
-def changes(path: Path, report: Report) -> str:
-    """What a repaired copy differs in from the file that it was made of, and what is left to do."""
-    done = [f for f in report.issues if f.repair is not None]
-    left = [f for f in report.problems if f.repair is None]
-    lines = [
-        f"Repaired copy of {path.name}, in the order of repair:" if done else f"Copy of {path.name}:"
-    ]
-    lines += [f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})" for f in done]
-    lines += [] if done else ["- nothing was changed"]
-    if left:
-        lines += [
-            "Not repaired:",
-            *(f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left),
-        ]
-    return "\n".join(lines) + "\n"
 
 
 def _beside(data: Sequence[Path]) -> Path:
@@ -106,6 +89,6 @@ def _show(report: Report) -> None:
     for f in report.issues:
         word = f"[{colours[f.severity]}]{f.severity}[/]"
         console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
-        fixed = " (--fix does it)" if f.repair is not None else ""
+        fixed = " (--fix does it)" if f.mends else ""
         for text in (f.what, f"How sure: {f.certainty}.", f"What to do: {f.remedy}{fixed}."):
             console.say(f"    {text}")

@@ -17,19 +17,24 @@ def verb(
     ] = None,
     port: Annotated[
         int | None,
-        typer.Option(min=1, max=65535, help="Port on 127.0.0.1; default: 8137, or a free one."),
+        typer.Option(min=1, max=65535, help="Port; default: 8137, or a free one."),
     ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to serve; other than loopback it needs --certificate and --key.")
+    ] = "127.0.0.1",
+    certificate: Annotated[Path | None, typer.Option(help="Certificate of TLS (PEM).")] = None,
+    key: Annotated[Path | None, typer.Option(help="Private key of TLS (PEM).")] = None,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Browser window on the page.")
     ] = True,
 ) -> None:
     """Open the workbench: a local page to identify, diagnose, add effects and export the model.
 
-    The page is served to this computer only and makes no outside requests.
+    The page is served to this computer only, unless --host says otherwise, and asks no other.
     Example: sdp-vs-penalty page measurements --port 8200 --no-browser
     """
     try:
-        from sdp_vs_penalty.page.server import serve
+        from sdp_vs_penalty.page.server import Address, serve
     except ImportError as error:
         raise missing_extra("The page needs", "page") from error
-    serve(folder, port, browser)
+    serve(folder, port, browser, Address(host, certificate, key))

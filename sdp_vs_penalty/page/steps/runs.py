@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import show
@@ -140,6 +141,12 @@ def _list(view: View) -> None:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")
+        if any(found["mends"] for found in run["findings"]):
+            button(
+                f"Repair {run['name']}",
+                partial(session.mend, run["file"]),
+                f"mend-{run['file']}",
+            )
     if session.runs and all(run["use"] == "train" for run in session.runs):
         tag(
             "p",

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.simulation.challenge.case import Case, Record, run_case
 from sdp_vs_penalty.simulation.challenge.classes import CLASSES
@@ -43,22 +43,31 @@ def run_challenge(
     """
     kinds = _known("class", classes, CLASSES)
     conditions = _known("nuisance", nuisances, NUISANCES)
-    store = out / "challenge.json"
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    with alone(out):
+        records = _completed(
+            wanted(cases, seed, kinds, conditions), out / "challenge.json", jobs, progress
+        )
+        mine = {k: records[k] for k in sorted(records, key=_order) if k.split("/")[2] == str(seed)}
+        return [out / "challenge.json", *write_report(mine, out, seed)]
+
+
+def _completed(
+    cases: Sequence[Case], store: Path, jobs: int, progress: Callable[[str], None]
+) -> dict[str, Record]:
+    """Every record of the store, with those of these cases that were missing; kept after each one."""
     records: dict[str, Record] = {}
     if store.is_file():
         kept = json.loads(store.read_text())
         records = kept["cases"] if kept.get("version") == VERSION else {}
-    todo = [c for c in wanted(cases, seed, kinds, conditions) if c.key not in records]
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
+    todo = [c for c in cases if c.key not in records]
     for done, (key, record) in enumerate(spread(run_case, todo, jobs=jobs), start=1):
         records[key] = record
         progress(f"case {done} of {len(todo)}")
-        if done % 8 == 0 or done == len(todo):
-            content = {"version": VERSION, "cases": {k: records[k] for k in sorted(records, key=_order)}}
-            write_text(store, json.dumps(content) + "\n")
-    mine = {k: records[k] for k in sorted(records, key=_order) if k.split("/")[2] == str(seed)}
-    return [store, *write_report(mine, out, seed)]
+        content = {"version": VERSION, "cases": {k: records[k] for k in sorted(records, key=_order)}}
+        write_text(store, json.dumps(content) + "\n")
+    return records
 
 
 def wanted(cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str]) -> list[Case]:

@@ -1,0 +1,177 @@
+"""Long commands that are killed: what they had done stays, nothing wrong does, nor any process."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import alone
+from sdp_vs_penalty.paper.tables.table import Column, Table
+from sdp_vs_penalty.shootout.results import COLUMNS, Results
+from sdp_vs_penalty.simulation.challenge import challenge
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked and killed")
+STEPS = ("open", "write", "fsync", "close", "replace")
+
+
+def killed(work: Callable[[], object], step: str, at: int, how: str) -> bool:
+    """Do the work in a child that is killed at the at-th call of os.<step>; False where it lived on."""
+    child = os.fork()
+    if child:
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+    whole, calls = getattr(os, step), iter(range(10_000))
+
+    def dies(*arguments: Any, **named: Any) -> Any:
+        if next(calls) < at:
+            return whole(*arguments, **named)
+        if how == "after":
+            whole(*arguments, **named)
+        elif how == "half" and step == "write":
+            whole(arguments[0], arguments[1][: len(arguments[1]) // 2])
+        os._exit(9)
+
+    setattr(os, step, dies)
+    try:
+        work()
+    finally:
+        os._exit(1)
+
+
+def kills() -> Iterator[tuple[str, int, str]]:
+    for step in STEPS:
+        for at in range(3):
+            for how in ("before", "half", "after") if step == "write" else ("before", "after"):
+                yield step, at, how
+
+
+def row(k: int) -> dict[str, Any]:
+    words = {c: "a, b" for c in ("group", "claimed", "status", "class", "version", "machine", "remark")}
+    found = {**dict.fromkeys(COLUMNS, k), **words, "accuracy": 1e-6, "seed": "0"}
+    return {**found, "problem": f"p{k}", "hash": "h", "solver": "s", "settings": "d"}
+
+
+def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path: Path) -> None:
+    whole = Results(tmp_path / "whole")
+    for k in range(4):
+        whole.add(row(k))
+    died: list[bool] = []
+    for number, (step, at, how) in enumerate(kills()):
+        out = tmp_path / str(number)
+        Results(out).add(row(0))
+
+        def work(out: Path = out) -> None:
+            results = Results(out)
+            for k in (1, 2, 3):
+                results.add(row(k))
+            results.rewrite()
+
+        died.append(killed(work, step, at, how))
+        resumed = Results(out)
+        assert resumed.rows == whole.rows[: len(resumed.rows)], (step, at, how)
+        assert resumed.rows
+        for k in range(len(resumed.rows), 4):
+            resumed.add(row(k))
+        resumed.rewrite()
+        assert Results(out).rows == whole.rows
+        assert [p.name for p in out.iterdir()] == ["runs.csv"]
+    assert sum(died) > 20
+
+
+def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path: Path) -> None:
+    tables = [Table(n, "t", "c", (Column("a"),), ((1.0,), (2.0,))) for n in ("I", "II")]
+
+    def write(folder: Path) -> dict[str, str]:
+        for table in tables:
+            table.write(folder)
+        return {p.name: p.read_text() for p in folder.iterdir()}
+
+    right = write(tmp_path / "right")
+    for number, (step, at, how) in enumerate(kills()):
+        out = tmp_path / str(number)
+        killed(partial(write, out), step, at, how)
+        found = {p.name: p.read_text() for p in out.glob("table_*")} if out.exists() else {}
+        assert found.items() <= right.items(), (step, at, how)
+        assert write(out) == right
+
+
+def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def spread(function: Any, cases: Any, jobs: int) -> Iterator[tuple[str, dict[str, str]]]:
+        for case in cases:
+            asked.append(case.key)
+            yield case.key, {"of": case.key}
+
+    monkeypatch.setattr(challenge, "spread", spread)
+    monkeypatch.setattr(challenge, "write_report", lambda *_: [])
+
+    def run(out: Path) -> dict[str, Any]:
+        (store,) = challenge.run_challenge(3, 0, out, classes=["clean"], nuisances=["sign"])
+        return dict(json.loads(store.read_text())["cases"])
+
+    right = run(tmp_path / "right")
+    assert len(right) == 3
+    for number, (step, at, how) in enumerate(kills()):
+        out = tmp_path / str(number)
+        killed(partial(run, out), step, at, how)
+        store = out / "challenge.json"
+        kept = json.loads(store.read_text())["cases"] if store.exists() else {}
+        assert kept.items() <= right.items(), (step, at, how)
+        asked.clear()
+        assert run(out) == right
+        assert asked == [key for key in right if key not in kept]
+
+
+def test_of_two_writers_the_second_is_told(tmp_path: Path) -> None:
+    with alone(tmp_path), pytest.raises(InputError, match="another command is writing"), alone(tmp_path):
+        pass
+    code = f"""if True:
+        import time
+        from pathlib import Path
+        from sdp_vs_penalty.files import alone
+        with alone(Path({str(tmp_path)!r})):
+            print("mine", flush=True)
+            time.sleep(60)"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "mine\n"
+        with pytest.raises(InputError, match="another command"), alone(tmp_path):
+            pass
+        other.send_signal(signal.SIGKILL)
+        other.wait()
+    with alone(tmp_path):  # a killed command holds no lock
+        pass
+
+
+def test_a_killed_command_leaves_no_workers(tmp_path: Path) -> None:
+    psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
+    code = """if True:
+        import time
+        from sdp_vs_penalty.parallel import spread
+        for _ in spread(time.sleep, [0.01, 0.01, 60.0, 60.0], jobs=2):
+            print("done", flush=True)"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.stdout.readline()
+    time.sleep(0.2)
+    family = psutil.Process(process.pid).children(recursive=True)
+    assert len(family) >= 2
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    _, alive = psutil.wait_procs(family, 5)
+    assert not alive
