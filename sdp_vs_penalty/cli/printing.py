@@ -35,7 +35,7 @@ _LISTED = 8
 #: What `weak` means, where findings are called so.
 _WEAK = (
     "weak = at least one of: an alternative fits as well; size uncertain by > 20 %; small gain; no "
-    "improvement on held-out data"
+    "improvement on held-out data; torque shared with other findings; more error left than explained"
 )
 
 
@@ -198,6 +198,8 @@ def diagnosis(
     say(result.headline, style="bold")
     if add:
         next_step(add)
+    if result.left or not add:
+        explain(result.advice)
     for retune in result.retuned:
         weak = f" (weak: {'; '.join(retune.remarks)})" if retune.remarks else ""
         explain(f"retune {retune.explanation}{weak}")
@@ -205,9 +207,10 @@ def diagnosis(
         _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
     for curve in result.curves:
         explain(f"curve: {curve.sentence(units)}")
-    share = ", ".join(f"{100 * max(x, 0.0):.0f} %" for x in result.unexplained)
+    beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
     known = result.noise_source == "repetition"
-    say(f"unexplained variance / noise variance, per joint: {share if known else 'not known'}")
+    left = ", ".join(f"{x:.2g} {unit(u)}" for x, u in zip(beyond, units, strict=True))
+    say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
     for event in result.events:
         hum = "" if event.frequency is None else f", a hum of {number(event.frequency)} Hz"
         say(f"event on joint {event.joint + 1}: {event.t_start:.2f} s to {event.t_end:.2f} s{hum}")

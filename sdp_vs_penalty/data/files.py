@@ -63,7 +63,8 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
             part = run.window(start, stop)
             name = f"{run.names[0]}, {start:.4g} s to {end}"
             parts.append(part if len(windows) == 1 else replace(part, names=(name,)))
-    return parts[0] if len(parts) == 1 else concatenate(parts)
+    made = parts[0] if len(parts) == 1 else concatenate(parts)
+    return made.window_of(whole)
 
 
 def read_run(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +23,9 @@ class Measurements(Shown):
 
     t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
     run : (N,) index of the run that a sample belongs to; names : one name a run; temperature : (N, n)
-    of each joint's gear or motor [degrees Celsius], or None.
+    of each joint's gear or motor [degrees Celsius], or None. whole : the runs that
+    these are windows of, all that was recorded, where :meth:`window` made them: what repeats, and with
+    it the noise, shows there. ``dataclasses.replace`` drops it: changed samples are no window.
     Velocity and acceleration for identification are not these dq: see preprocessing.
     """
 
@@ -34,6 +36,7 @@ class Measurements(Shown):
     run: NDArray[np.int64] | None = None
     names: tuple[str, ...] = ("run",)
     temperature: Array | None = None
+    whole: Measurements | None = field(default=None, init=False, compare=False)
 
     @property
     def n(self) -> int:
@@ -74,7 +77,13 @@ class Measurements(Shown):
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""
         parts = [r.rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop)) for r in self.runs()]
-        return concatenate(parts)
+        return concatenate(parts).window_of(self)
+
+    def window_of(self, runs: Measurements) -> Measurements:
+        """The same, known as windows of these runs."""
+        out = replace(self)
+        object.__setattr__(out, "whole", runs.whole or runs)
+        return out
 
     def rows(
         self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice, name: str | None = None
@@ -127,7 +136,7 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
         )
     everywhere = [g for g in ("dq", "temp") if all(g in r.groups for r in runs)]
     more = {g: np.concatenate([r.groups[g] for r in runs]) for g in everywhere}
-    return Measurements(
+    together = Measurements(
         np.concatenate([r.t for r in runs]),
         np.concatenate([r.q for r in runs]),
         np.concatenate([r.tau for r in runs]),
@@ -136,3 +145,8 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
         tuple(r.names[0] for r in runs),
         more.get("temp"),
     )
+    if all(part.whole is None for part in parts):
+        return together
+    wholes = {id(whole): whole for whole in (part.whole or part for part in parts)}
+    first, *others = wholes.values()
+    return together.window_of(concatenate([first, *others]) if others else first)

@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.diagnosis.added_shapes import (
+    all_given,
+    confirmed,
+    moved_beside,
+    refitted,
+    shaped_effects,
+)
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.retunes import Retune
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
-from sdp_vs_penalty.diagnosis.stage import Stage, prepare
-from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -85,25 +89,45 @@ def add(
     added, given, retuned = _retunes(estimate, wanted, _given_shapes(texts), frozen)
     _refuse_twice(estimate, added)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
-    progress("estimating shape constants")
-    new = _shaped_effects(estimate, added, given, measurements, frozen, seed)
-    Model(estimate.robot, (*estimate.model.effects, *new))  # refuses constants that are there already
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    if frozen:
-        return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
-    return identify(
-        estimate.problem,
-        measurements,
-        estimator_of(estimate),
-        effects=[*_own(estimate, retuned), *new],
-        preprocessing=estimate.preprocessing,
-        weighting=str(estimate.settings.get("weighting", "noise")),
-        seed=seed,
-        progress=progress,
-        gain_uncertainty=gain_errors,
-    )
+
+    def identified(effects: Sequence[Effect]) -> Estimate:
+        return identify(
+            estimate.problem,
+            measurements,
+            estimator_of(estimate),
+            effects=effects,
+            preprocessing=estimate.preprocessing,
+            weighting=str(estimate.settings.get("weighting", "noise")),
+            seed=seed,
+            progress=progress,
+            gain_uncertainty=gain_errors,
+        )
+
+    def extended(base: Estimate, own: Sequence[Effect]) -> Estimate:
+        progress("estimating shape constants")
+        new = shaped_effects(base, added, given, measurements, frozen, seed)
+        # Refuses constants that are there already.
+        Model(estimate.robot, (*estimate.model.effects, *new))
+        if frozen:
+            return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
+        return identified([*own, *new])
+
+    if frozen or all(map(all_given, added, given)):
+        return extended(estimate, _own(estimate, retuned))
+    base, declared = estimate, _declared(estimate)
+    if declared:
+        # The model's own constants may have taken what is the new effects' torque.
+        base = refitted(estimate, declared, measurements)
+    found = extended(base, _own(estimate, retuned, declared))
+    moved = moved_beside(base, _own(estimate, retuned, declared), added, measurements, seed)
+    if moved:
+        base = refitted(base, moved, measurements)
+        other = extended(base, _own(estimate, retuned, [*declared, *moved]))
+        found = other if confirmed(other, found, measurements) else found
+    return found
 
 
 def _retunes(
@@ -129,13 +153,21 @@ def _retunes(
     return new, kept, retuned
 
 
-def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
+def _declared(estimate: Estimate) -> list[ShapeEstimate]:
+    """The constants that `identify` has moved, back at what they were before."""
+    found = map(ShapeEstimate.from_dict, estimate.details.get("shapes", ()))
+    return [replace(s, after=s.before) for s in found if s.after != s.before]
+
+
+def _own(
+    estimate: Estimate, retuned: Sequence[ShapeEstimate], declared: Sequence[ShapeEstimate] = ()
+) -> list[Effect]:
     """The model's own effects: constants that `identify` estimated are estimated again beside what is
-    new, those that are retuned are what they are told to be."""
+    new, from where they are or are ``declared``; those that are retuned are what they are told to be."""
     estimated = {(s["effect"], s["joint"] - 1, s["shape"]) for s in estimate.details.get("shapes", ())}
     estimated -= {(r.effect, r.joint, r.shape) for r in retuned}
     out = []
-    for effect in with_shapes(estimate.model.effects, retuned):
+    for effect in with_shapes(estimate.model.effects, [*declared, *retuned]):
         keys = [k for k in effect.shapes if all((effect.name, j, k) in estimated for j in effect.joints)]
         out.append(effect.opened(keys) if keys else effect)
     return out
@@ -175,46 +207,6 @@ def _given_shapes(text: str) -> list[frozenset[str]]:
     """Per effect of the text the shape constants that it names."""
     words = [word for word in text.split(",") if word.strip()]
     return [frozenset(item.partition("=")[0].strip() for item in word.split("@")[1:]) for word in words]
-
-
-def _shaped_effects(
-    estimate: Estimate,
-    wanted: Sequence[Effect],
-    given: Sequence[frozenset[str]],
-    measurements: Measurements,
-    frozen: bool,
-    seed: int,
-) -> list[Effect]:
-    """The effects with all constants that were not given estimated, one effect a joint where so."""
-    out: list[Effect] = []
-    stage: Stage | None = None
-    for effect, fixed in zip(wanted, given, strict=True):
-        clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-        # Constants that the effect has and its class has not say what it acts on, as its joints do.
-        fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
-        if fixed >= clock.union(effect.searched):
-            out.append(effect)
-            continue
-        if stage is None:
-            settings = estimate.preprocessing.resolve(measurements)
-            rows = diagnosis_rows(measurements, estimate, settings)
-            stage = prepare(rows, estimate, frozen, seed)
-        joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
-        out += [_shaped(stage, effect, joint, fixed) for joint in joints]
-    return out
-
-
-def _shaped(stage: Stage, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
-    """One joint's effect with the shape that explains most of the residual; given ones stay."""
-    fit, judge = SearchState.start(stage).fit, stage.candidates
-    start = min(float(s.motion.t[0]) for s in stage.rows.segments)
-    given = {key: effect.shape[key] for key in fixed}
-    trials = [
-        judge.judged(fit, (effect.name, joint), one, judge.white_columns(one))
-        for one in effect.candidates(effect.robot, joint, start, **given)
-    ]
-    best = max(trials, key=lambda h: h.chi2)
-    return judge.tuned(fit, best, fixed).effect
 
 
 def _add_frozen(

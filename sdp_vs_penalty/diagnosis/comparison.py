@@ -194,7 +194,7 @@ def compare(
         a DataFrame, Measurements, or a list of runs.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
     beside the same noise floor, measured with the last model. noise_from : the runs whose repetition
-    shows it, all that there are, where the measurements are windows of them (default: the measurements).
+    shows it (default: those that the measurements are windows of, or the measurements).
     Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
     Raises InputError where a model and the measurements have different numbers of joints.
     """
@@ -209,7 +209,7 @@ def compare(
         if model.robot.n != measurements.n:
             raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
-    given = measurements if noise_from is None else as_measurements(noise_from)
+    given = (measurements.whole or measurements) if noise_from is None else as_measurements(noise_from)
     last = list(models.values())[-1]
     floor = noise_floor(with_estimate(segmented(given, settings), last))
     judged = [_judged(name, model, measurements, settings, floor) for name, model in models.items()]

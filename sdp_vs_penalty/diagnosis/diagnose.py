@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
+from sdp_vs_penalty.diagnosis.parsimony import company
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -30,6 +32,7 @@ from sdp_vs_penalty.diagnosis.search import Found, search
 from sdp_vs_penalty.diagnosis.sizes import coefficients, torque_errors
 from sdp_vs_penalty.diagnosis.stage import quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
@@ -62,8 +65,8 @@ def diagnose(
     frozen : keep the model's parameters, so that changes of the links
     show (a payload); otherwise they are refitted along with every candidate. seed : of the random
     signs that the tests compare with; progress : called with a short text of where the search stands;
-    noise_from : the runs whose repetition shows the noise, all that there are, where the measurements
-    are windows of them (default: the measurements); gain_uncertainty : relative
+    noise_from : the runs whose repetition shows the noise (default: those that the measurements are
+    windows of, or the measurements); gain_uncertainty : relative
     standard deviation of the torque channels' gains; default: the model's.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
@@ -79,9 +82,10 @@ def diagnose(
     settings = estimate.preprocessing.resolve(measurements)
     progress("filtering the runs")
     rows = diagnosis_rows(measurements, estimate, settings)
-    whole = None
+    whole, given = None, measurements.whole
     if noise_from is not None:
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
+    if given is not None:
         estimate.require_joints(given, "runs for the noise")
         whole = with_estimate(segmented(given, settings), estimate)
     found = search(rows, estimate, frozen, seed, progress, whole)
@@ -115,9 +119,9 @@ def conclude(
     new_share: float | None = None,
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
+    found, held_out = _offered(found, test, settings)
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
-    held_out = held_out_errors(found, test, settings)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
     findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
@@ -145,7 +149,18 @@ def conclude(
         new_share,
         retuned,
         measured.curves,
+        tuple(carriers(stage.rows, stage.residual_beside(state.effects))) if left.remains else (),
     )
+
+
+def _offered(found: Found, test: Measurements | None, settings: Preprocessing) -> tuple[Found, HeldOut]:
+    """The search without the picks that raise their joints' error on data left out."""
+    while True:
+        held_out = held_out_errors(found, test, settings)
+        kept = [p for p, rises in zip(found.state.picks, held_out.rises, strict=True) if not rises]
+        if len(kept) == len(found.state.picks):
+            return found, held_out
+        found = replace(found, state=found.state.with_picks(kept))
 
 
 def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Finding:
@@ -155,9 +170,11 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     parameters = h.effect.parameters
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
-    rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in pick.rivals))
+    beside = company(state, k)
+    alike = [*pick.rivals, *(p.candidate for p in beside.correlated)]
+    rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in alike))
     uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
-    weak = explanations.weaknesses(held_out.holds[k], bool(rivals), uncertain, small)
+    weak = explanations.weaknesses(held_out.holds[k], bool(pick.rivals), uncertain, small, beside)
     return Finding(
         h.effect.name,
         joints,

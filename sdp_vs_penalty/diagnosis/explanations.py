@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis.parsimony import Company
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
@@ -47,14 +48,23 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
     return text
 
 
-def weaknesses(holds: bool, rivals: bool, uncertain: bool, small: bool) -> tuple[str, ...]:
+def weaknesses(
+    holds: bool, rivals: bool, uncertain: bool, small: bool, beside: Company
+) -> tuple[str, ...]:
     """Why a finding is weak, a phrase each; nothing for a confident one."""
+    larger = beside.overshadowed
     reasons = {
         "another effect fits as well": rivals,
         "its size is uncertain by > 20 %": uncertain,
         "its gain is small": small,
         "the error on held-out data does not fall": not holds,
+        "other findings share most of its torque: only their sum is known": bool(beside.correlated),
+        "more error than it explains is left on its joint": beside.drowned,
     }
+    if larger is not None:
+        reasons[f"{larger.candidate.effect.name} is so much larger that its own error may be this"] = (
+            True
+        )
     return tuple(text for text, true in reasons.items() if true)
 
 
@@ -84,7 +94,8 @@ def remarks(
         out.append(warning)
     if held_out == "folds":
         out.append(
-            "Held-out errors come from outer folds: the search was repeated without each of them; "
-            "a step that a fold did not find keeps its error. A test run (--test) shows each step."
+            "Held-out errors come from outer folds: without each of them it is searched anew which of "
+            "these findings are justified, with which shapes and sizes; one that a fold does not find "
+            "keeps its error there. A test run (--test) shows each step."
         )
     return tuple(out)

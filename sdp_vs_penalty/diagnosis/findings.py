@@ -136,7 +136,9 @@ class Diagnosis(Shown):
     retuned : shape constants of the model's own effects that should change; curves : what repeats and
     has no name, as functions of one variable or two;
     remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
-    new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched.
+    new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched;
+    left : where something unknown remains, the variables that carry most of it (joint from 1, variable,
+    RMS of the error that follows it).
     """
 
     verdict: str
@@ -155,6 +157,7 @@ class Diagnosis(Shown):
     new_motion_share: float | None = None
     retuned: tuple[Retune, ...] = ()
     curves: tuple[Curve, ...] = ()
+    left: tuple[tuple[int, str, float], ...] = ()
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
@@ -191,6 +194,18 @@ class Diagnosis(Shown):
         known = self.noise_source == "repetition"
         return diagnosis_verdict(self.verdict == UNKNOWN, found, known, constants)
 
+    @property
+    def advice(self) -> str:
+        """What to do next, in one sentence."""
+        if self.verdict == UNKNOWN and self.left:
+            said = ", ".join(f"{name} on joint {j} ({rms:.2g} N m)" for j, name, rms in self.left)
+            return f"Look first at what carries most of the error that is left: {said}."
+        if self.noise_source != "repetition":
+            return "Record a run with more than one period: only repetition tells noise from error."
+        if self.effects or self.retuned:
+            return "Add the findings, and diagnose the model that results."
+        return "Use the model, or record motion that excites more."
+
     def plot(self, axes: Any = None) -> Any:
         """Draw the held-out error over the noise floor as the effects are added; returns the axes.
 
@@ -204,7 +219,8 @@ class Diagnosis(Shown):
         return plot_ladder(axes, steps, np.array(errors), self.noise_floor)
 
     def _summary(self) -> Summary:
-        rows = [("held-out RMSE", ", ".join(f"{x:.3g}" for x in self.held_out_rmse_before))]
+        rows = [("next", self.advice)]
+        rows += [("held-out RMSE", ", ".join(f"{x:.3g}" for x in self.held_out_rmse_before))]
         if self.effects or self.retuned:
             rows.append(("with the findings", ", ".join(f"{x:.3g}" for x in self.held_out_rmse)))
         name = "noise floor" if self.noise_source == "repetition" else "noise (estimated)"
@@ -242,6 +258,7 @@ class Diagnosis(Shown):
             "events": [e.to_dict() for e in self.events],
             "remarks": list(self.remarks),
             "new_motion_share": self.new_motion_share,
+            "left": [{"joint": j, "variable": name, "rmse": rms} for j, name, rms in self.left],
         }
 
     @classmethod
@@ -266,6 +283,7 @@ class Diagnosis(Shown):
             data.get("new_motion_share"),
             tuple(map(Retune.from_dict, data.get("retuned", ()))),
             tuple(map(Curve.from_dict, data.get("curves", ()))),
+            tuple((int(x["joint"]), str(x["variable"]), float(x["rmse"])) for x in data.get("left", ())),
         )
 
 

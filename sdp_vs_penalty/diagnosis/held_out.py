@@ -32,12 +32,14 @@ class HeldOut:
     """before (n,) : RMSE of each joint with the shape constants that the model was given; ladder
     (steps + 1, n) : with those that the search adopted, before the first effect and after each; source :
     "test" or "folds"; holds (steps,) : whether the error of a joint on which an effect acts falls on
-    data from which its size was not estimated (the test run, or folds left out)."""
+    data from which its size was not estimated (the test run, or folds left out); rises (steps,) :
+    whether it rises on all of them there."""
 
     before: Array
     ladder: Array
     source: str
     holds: tuple[bool, ...]
+    rises: tuple[bool, ...]
 
 
 def held_out_errors(
@@ -45,7 +47,8 @@ def held_out_errors(
     test: Measurements | None,
     settings: Preprocessing,
 ) -> HeldOut:
-    """Errors on the test run; without one, on outer folds: the search is repeated without each."""
+    """Errors on the test run; without one, on outer folds: which of the picks are justified without each
+    of them, with which shapes and sizes, is searched anew."""
     stage, picks = found.state.stage, found.state.picks
     given = stage if found.first is found.estimate else _stage_of(stage, found.first)
     if test is not None:
@@ -60,7 +63,7 @@ def held_out_errors(
 
         ladder = on_test(found.estimate, stage, picks)
         before = ladder[0] if given is stage else on_test(found.first, given, ())[0]
-        return HeldOut(before, ladder, "test", _holds(picks, ladder))
+        return HeldOut(before, ladder, "test", *_told(picks, ladder))
     total = np.zeros((len(picks) + 1, stage.rows.n))
     outer, keys = stage.labels.fold % _OUTER, _looked_for(picks)
     same, before = np.zeros_like(total), np.zeros(stage.rows.n)
@@ -72,7 +75,7 @@ def held_out_errors(
         before += _left_out(given, (), train)[0]
     count = np.maximum(stage.rows.keep.sum(axis=0), 1)
     ladder = np.sqrt(total / count)
-    return HeldOut(np.sqrt(before / count), ladder, "folds", _holds(picks, np.sqrt(same / count)))
+    return HeldOut(np.sqrt(before / count), ladder, "folds", *_told(picks, np.sqrt(same / count)))
 
 
 def _stage_of(stage: Stage, estimate: Estimate) -> Stage:
@@ -100,14 +103,25 @@ def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> 
     return _ladder(stage, picks, train, stage.rows, stage.columns, stage.residual, only=~train)
 
 
-def _holds(picks: Sequence[Pick], ladder: Array) -> tuple[bool, ...]:
-    return tuple(_falls(p, ladder[k], ladder[k + 1]) for k, p in enumerate(picks))
+def _told(picks: Sequence[Pick], ladder: Array) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+    """Of each pick whether the error falls on a joint on which it acts, and whether it rises on all."""
+    steps = [(pick, ladder[k], ladder[k + 1]) for k, pick in enumerate(picks)]
+    return tuple(_falls(*step) for step in steps), tuple(_rises(*step) for step in steps)
 
 
 def _falls(pick: Pick, before: Array, after: Array) -> bool:
-    effect = pick.candidate.effect
-    acts = slice(None) if effect.whole_robot else list(effect.joints)
+    acts = _acts(pick)
     return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
+
+
+def _rises(pick: Pick, before: Array, after: Array) -> bool:
+    acts = _acts(pick)
+    return bool(np.all(after[acts] > (1.0 + _FALLS) * before[acts]))
+
+
+def _acts(pick: Pick) -> list[int] | slice:
+    effect = pick.candidate.effect
+    return slice(None) if effect.whole_robot else list(effect.joints)
 
 
 def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:

@@ -140,7 +140,7 @@ def next_pick(state: SearchState) -> Pick | None:
 def accepted(state: SearchState, candidate: Candidate, threshold: float) -> Pick | None:
     """The pick, if the candidate passes every test."""
     fit, stage, k = state.fit, state.stage, len(candidate.beta)
-    joints = _joints(fit, candidate)
+    joints = joints_of(fit, candidate)
     freedom = max(fit.degrees[joints].sum() - k, 1.0)
     level2, least = fit.weighting.level**2, fit.degrees * fit.weighting.noise_variance
     rest = float(np.sum((fit.joint_chi2 / level2)[joints])) - candidate.chi2
@@ -161,6 +161,18 @@ def accepted(state: SearchState, candidate: Candidate, threshold: float) -> Pick
     if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
         return None
     return Pick(candidate, gain, exponent, ())
+
+
+def accepted_beside(state: SearchState, candidate: Candidate) -> Pick | None:
+    """The pick in its own right: with what random signs of the blocks make of all others, and rivals."""
+    threshold = flip_threshold(
+        state.fit, state.scaled, state.eligible, state.stage.seed + len(state.picks)
+    )
+    pick = accepted(state, candidate, threshold)
+    if pick is None:
+        return None
+    joints = frozenset(joints_of(state.fit, candidate).tolist())
+    return replace(pick, rivals=rivals_of(state, candidate, state.contenders(on=joints)))
 
 
 def rivals_of(
@@ -196,10 +208,10 @@ def reexamined(state: SearchState, everything: bool = False) -> SearchState:
 
     everything : picks on other joints as well, which the newest one hardly concerns."""
     coloured, picks = state.coloured(), state.picks
-    newest = _joints(state.fit, picks[-1].candidate)
+    newest = joints_of(state.fit, picks[-1].candidate)
     for k in reversed(range(len(picks))):
         pick, h = picks[k], picks[k].candidate
-        last, touched = k == len(picks) - 1, np.intersect1d(newest, _joints(state.base, h)).size > 0
+        last, touched = k == len(picks) - 1, np.intersect1d(newest, joints_of(state.base, h)).size > 0
         if not touched and not everything:
             continue
         others = replace(coloured, picks=picks).without(k)
@@ -216,7 +228,7 @@ def reexamined(state: SearchState, everything: bool = False) -> SearchState:
 
 def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candidate, ...]]:
     """The best candidate in the place of an old one, given all other picks."""
-    contenders = others.contenders(on=frozenset(_joints(others.fit, old).tolist()))
+    contenders = others.contenders(on=frozenset(joints_of(others.fit, old).tolist()))
     own = others.stage.candidates.tuned(others.fit, _judged(others, old))
     same = next((h for h in contenders if h.key == old.key), None)
     if same is not None:
@@ -238,7 +250,7 @@ def _block_gains(state: SearchState, candidate: Candidate) -> Array:
     return state.stage.candidates.block_gains(state.fit, state.scaled, candidate)
 
 
-def _joints(fit: WhiteFit, candidate: Candidate) -> NDArray[np.intp]:
+def joints_of(fit: WhiteFit, candidate: Candidate) -> NDArray[np.intp]:
     """On which joints a candidate acts."""
     return np.flatnonzero(fit.rows.joint_sums(np.sum(candidate.columns**2, axis=1)) > 0.0)
 
@@ -246,7 +258,7 @@ def _joints(fit: WhiteFit, candidate: Candidate) -> NDArray[np.intp]:
 def _left(fit: WhiteFit, candidate: Candidate) -> float:
     """Residual variance (1: noise alone) where the candidate acts, once it is added."""
     left = fit.residual - fit.partialled(fit.scaled(candidate.columns)) @ candidate.beta
-    joints = _joints(fit, candidate)
+    joints = joints_of(fit, candidate)
     noise = fit.degrees * fit.weighting.noise_variance
     return float(fit.chi2_of(left)[joints].sum() / noise[joints].sum())
 

@@ -97,8 +97,19 @@ def beside_the_best(first: Estimate, now: Estimate, state: SearchState) -> list[
     return out
 
 
-def _beside_one(now: Estimate, state: SearchState, own: _Own) -> float:
-    """The value of one constant that explains most together with one candidate on its joint."""
+def beside_effect(now: Estimate, state: SearchState, name: str, joint: int) -> list[ShapeEstimate]:
+    """The constants on a joint as each explains most together with one effect, whose own is as free."""
+    return [
+        ShapeEstimate(*o.key, was, _beside_one(now, state, o, name), np.inf, 0.0, False)
+        for o in _constants(now)
+        if o.joint == joint and _shape(o).role == "estimated"
+        for was in [o.effect.shape[o.name]]
+    ]
+
+
+def _beside_one(now: Estimate, state: SearchState, own: _Own, name: str | None = None) -> float:
+    """The value of one constant that explains most together with one candidate on its joint, the best
+    or the one of this name."""
     stage, j, value = state.stage, own.joint, own.effect.shape[own.name]
     values, ends = _values(own, value)
     data, (bank,), base = _compressed(now, state, (), [(own, values, ends, value)], joint=j)
@@ -106,7 +117,7 @@ def _beside_one(now: Estimate, state: SearchState, own: _Own) -> float:
     pool = np.concatenate([bank.columns.ravel(), np.arange(start, len(data.right))])
     rest = beside(data, pool, np.eye(len(data.right))[:, base])
     here = int(np.argmin(np.abs(np.log(values / value))))
-    groups = [g for g in stage.white.groups if g.joint == j]
+    groups = [g for g in stage.white.groups if g.joint == j and name in (None, g.effect.name)]
     # Columns with a sign hold it as it turns now: one more of those lets them do without.
     taken = np.array(
         [

@@ -15,6 +15,12 @@ from sdp_vs_penalty.signals.noise import rate_features
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import later_rows
 
+Mask = NDArray[np.bool_]
+
+#: Seconds within which two windows are at the same phase of the motion.
+_SAME_PHASE = 0.25
+#: By how much smaller than an event its repetition may be.
+_FAINT = 1.5
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
 #: Hz: below, lines are the motion's own harmonics.
@@ -34,16 +40,18 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     n, M = rows.n, len(rows.t)
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
     left = remainder(fit, rows, noise)
-    mask = np.zeros((M, n), bool)
+    mask, faint = np.zeros((2, M, n), bool)
     rates = rate_features(rows)
     for j in range(n):
         steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
         # The noise may be larger than the repetition let on; its median does not see an event.
         steady /= max(robust_scale(steady[steady != 0.0]), 1.0)
-        found = local_excess(steady, rows.pieces(j), n, float(noise.degrees[j]))
+        degrees = float(noise.degrees[j])
+        found = local_excess(steady, rows.pieces(j), n, degrees)
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
-    repeats = _repeating(mask, stage)
+            faint[:, j] = found | local_excess(_FAINT * steady, rows.pieces(j), n, degrees)
+    repeats = _repeating(mask, faint, stage)
     mask &= ~repeats
     if repeats.any():
         where = {*left.joints, *np.flatnonzero(repeats.any(axis=0)).tolist()}
@@ -54,7 +62,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
             mask[:] = False
         else:
             left = without
-    mask |= noise.suspect
+    mask |= _odd_ones(state)
     whole = rows.with_masked(np.zeros((0, 0), bool))
     events = [
         Event(j, start, end)
@@ -89,13 +97,44 @@ def _hums(state: SearchState) -> list[Event]:
     return out
 
 
-def _repeating(mask: NDArray[np.bool_], stage: Stage) -> NDArray[np.bool_]:
-    """Rows (M, n) of windows that come back when the motion does: error of the model, no event."""
-    out = np.zeros_like(mask)
-    wide = np.array([np.convolve(m, np.ones(3), mode="same") > 0 for m in mask.T]).T
+def _repeating(mask: Mask, faint: Mask, stage: Stage) -> Mask:
+    """Rows (M, n) of windows that come back at the same phase of the motion, if only faintly: error of
+    the model, no event."""
+    out, near = np.zeros_like(mask), _widened(faint, stage)
     for repeat in stage.noise.repeats:
         later = later_rows(stage.rows, repeat)
-        both = mask[repeat.rows] & wide[later]
-        out[repeat.rows] |= both
-        out[later] |= both & mask[later]
+        out[repeat.rows] |= mask[repeat.rows] & near[later]
+        back = np.zeros_like(mask)
+        np.logical_or.at(back, later, near[repeat.rows])
+        out |= mask & back
     return out
+
+
+def _odd_ones(state: SearchState) -> Mask:
+    """(M, n) where the repetitions of a motion differ: an event, in the one that leaves more error."""
+    stage = state.stage
+    suspect = stage.noise.suspect
+    out, near = suspect.copy(), _widened(suspect, stage)
+    if not suspect.any():
+        return out
+    width = np.ones(2 * _reach(stage) + 1)
+    squares = stage.residual_beside(state.effects) ** 2
+    energy = np.array([np.convolve(x, width, mode="same") for x in squares.T]).T
+    for repeat in stage.noise.repeats:
+        rows, later = repeat.rows, later_rows(stage.rows, repeat)
+        first_less = energy[rows] <= energy[later]
+        out[rows] &= ~(near[later] & first_less)
+        lost = np.zeros_like(out)
+        np.logical_or.at(lost, later, near[rows] & ~first_less)
+        out &= ~lost
+    return out
+
+
+def _reach(stage: Stage) -> int:
+    """Rows within which two windows are at the same phase."""
+    return max(1, round(_SAME_PHASE * stage.rows.rate))
+
+
+def _widened(mask: Mask, stage: Stage) -> Mask:
+    width = np.ones(2 * _reach(stage) + 1)
+    return np.array([np.convolve(m, width, mode="same") > 0 for m in mask.T]).T

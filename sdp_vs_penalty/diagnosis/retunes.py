@@ -26,40 +26,46 @@ _MOVES = 0.05
 
 @dataclass(frozen=True)
 class Retune:
-    """A shape constant of the model's own effect on one joint (from 1): ``before`` in the model,
-    ``after`` as it explains most, with its standard deviation (infinite at the end of the range).
+    """A shape constant of the model's own effect on one joint, as it explains most beside the findings.
 
-    gain : what the change takes from the squared error, in units of the noise's variance;
     rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new
-    ones; text : how :func:`~sdp_vs_penalty.diagnosis.add` takes it; remarks : why it is weak, if it is.
+    ones; remarks : why it is weak, if it is.
     """
 
-    effect: str
-    joint: int
-    shape: str
-    before: float
-    after: float
-    std: float
-    gain: float
+    estimate: ShapeEstimate
     confidence: str
     rmse_before: float
     rmse_after: float
     explanation: str
-    text: str
     remarks: tuple[str, ...] = ()
+
+    @property
+    def effect(self) -> str:
+        return self.estimate.effect
+
+    @property
+    def joint(self) -> int:
+        """From 1."""
+        return self.estimate.joint + 1
+
+    @property
+    def text(self) -> str:
+        """How :func:`~sdp_vs_penalty.diagnosis.add` takes it."""
+        s = self.estimate
+        return f"{s.effect}:{self.joint}@{s.shape}={s.after:.6g}"
 
     def to_dict(self) -> dict[str, Any]:
         """std is null where the data bound the constant on one side only."""
-        std = self.std if np.isfinite(self.std) else None
-        return {**vars(self), "kind": "retune", "std": std, "remarks": list(self.remarks)}
+        own = {key: value for key, value in vars(self).items() if key != "estimate"}
+        estimate = self.estimate.to_dict()
+        return {**estimate, **own, "kind": "retune", "text": self.text, "remarks": list(self.remarks)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Retune:
-        numbers = {k: float(data[k]) for k in ("before", "after", "gain", "rmse_before", "rmse_after")}
-        texts = {k: str(data[k]) for k in ("effect", "shape", "confidence", "explanation", "text")}
-        std = np.inf if data["std"] is None else float(data["std"])
+        errors = float(data["rmse_before"]), float(data["rmse_after"])
+        estimate = ShapeEstimate.from_dict({"at_end": False, **data})
         remarks = tuple(map(str, data["remarks"]))
-        return cls(joint=int(data["joint"]), std=std, remarks=remarks, **numbers, **texts)  # type: ignore[arg-type]
+        return cls(estimate, str(data["confidence"]), *errors, str(data["explanation"]), remarks)
 
 
 def retunes(
@@ -88,8 +94,5 @@ def retunes(
             remarks.append("it lies at the end of the range in which it was looked for")
         if s.gain < 2.0 * MIN_GAIN:
             remarks.append("its gain is small")
-        text = f"{s.effect}:{s.joint + 1}@{s.shape}={s.after:.6g}"
-        confidence = "weak" if remarks else "confident"
-        who = s.effect, s.joint + 1, s.shape, s.before, s.after, s.std, s.gain, confidence
-        out.append(Retune(*who, *errors, said, text, tuple(remarks)))
+        out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
     return tuple(out)

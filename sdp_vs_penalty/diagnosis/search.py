@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sdp_vs_penalty.diagnosis.ladder import by_gain, search_through
 from sdp_vs_penalty.diagnosis.own_shapes import adopted, beside_the_best, moved, profiled, widened
+from sdp_vs_penalty.diagnosis.parsimony import merged
 from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
@@ -74,4 +75,4 @@ def search(
         if other is not None:
             now, state = other, search_through(state.on(staged(other), moved(now, other)))
             shapes = profiled(estimate, now, state)
-    return Found(estimate, now, tuple(shapes), by_gain(state))
+    return Found(estimate, now, tuple(shapes), by_gain(merged(state)))

@@ -139,9 +139,10 @@ def where_it_fails(
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
-    repeated = rows if noise_from is None else with_estimate(segmented(noise_from, settings), estimate)
+    given = measurements.whole if noise_from is None else noise_from
+    repeated = rows if given is None else with_estimate(segmented(given, settings), estimate)
     floors = noise_floor(repeated)
-    folds = phase_folds(rows, clocks_of(rows, None if noise_from is None else repeated))
+    folds = phase_folds(rows, clocks_of(rows, None if given is None else repeated))
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -169,6 +170,28 @@ def where_it_fails(
             )
         )
     return out
+
+
+def carriers(rows: SegmentedRuns, error: Array, most: int = 3) -> list[tuple[int, str, float]]:
+    """The variables that carry most of an error (M, n): joint (from 1), variable, and the RMS [N m or N]
+    of that joint's error that follows a smooth function of it on stretches left out."""
+    folds, keep = phase_folds(rows, clocks_of(rows)), np.asarray(rows.keep.all(axis=1), bool)
+    states = _states(rows)
+    kinds = {"q": "position", "dq": "velocity"}
+    hats = {
+        f"{short}{i + 1}": _hats(states[name][:, i])
+        for i in range(rows.n)
+        for short, name in kinds.items()
+    }
+    found = []
+    for j in range(rows.n):
+        own = error[:, j] - error[keep, j].mean()
+        size = float(np.sqrt(np.mean(own[keep] ** 2)))
+        for name, features in {**hats, f"ddq{j + 1}": _hats(states["acceleration"][:, j])}.items():
+            share = _held_out_share(features[keep], own[keep], folds[keep])
+            found.append((j + 1, name, size * float(np.sqrt(share))))
+    best = sorted(found, key=lambda one: -one[2])[:most]
+    return [one for one in best if one[2] > 0.0]
 
 
 def _states(rows: SegmentedRuns) -> dict[str, Array]:

@@ -13,14 +13,6 @@ from sdp_vs_penalty.robot.robot import Robot
 
 DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 
-#: Names that users look for, and what they are exactly made of.
-_MADE_OF = {
-    "asymmetric_coulomb_friction": (
-        "Coulomb friction that differs by direction is exactly coulomb_friction plus torque_offset "
-        "(half the sum and half the difference); name these two"
-    ),
-}
-
 
 @cache
 def effect_types() -> dict[str, type[Effect]]:
@@ -72,8 +64,6 @@ def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
 
 
 def _lookup(name: str) -> type[Effect]:
-    if name in _MADE_OF:
-        raise InputError(f"effect {name!r}: {_MADE_OF[name]}", "name these two")
     try:
         return effect_types()[name]
     except KeyError:

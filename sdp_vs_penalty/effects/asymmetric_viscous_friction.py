@@ -13,8 +13,7 @@ class AsymmetricViscousFriction(JointEffect):
     equation = "f_va |dq|"
     explanation = (
         "Viscous friction with different slopes in the two directions: f_v + f_va forwards, f_v - "
-        "f_va backwards. Typical of seals and preloaded gears. (Coulomb friction that differs by "
-        "direction is exactly Coulomb plus offset and needs no effect of its own.)"
+        "f_va backwards. Typical of seals and preloaded gears."
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_va"

@@ -19,6 +19,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import evidence
+from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
 
 
@@ -123,3 +124,24 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(
         np.testing.assert_array_equal(old.coefficients, new.coefficients)
     fresh = load_problem(tmp_path / "arm.urdf").link_size(0)
     assert fresh != estimate.problem.link_size(0)
+
+
+@pytest.mark.parametrize("width", [0.01, 0.002])
+def test_a_width_that_took_the_new_effects_torque_gives_it_back(width: float) -> None:
+    """Without Stribeck friction in the model, Coulomb friction turns over another velocity."""
+    problem = load_problem("two_link")
+    trajectory = random_trajectory(problem.robot, seed=3, duration=20.0)
+    t = np.arange(0.0, 20.0, 0.005)
+    q, dq, ddq = trajectory.states(t)
+    tau = problem.robot.inverse_dynamics(problem.nominal_links, q, dq, ddq)
+    size, noise = 0.6 * tau[:, 1].std(), 0.05 * tau.std(axis=0)
+    tau += 0.4 * dq + 0.8 * np.tanh(dq / width) + 0.3
+    tau[:, 1] += size * np.tanh(dq[:, 1] / width) * np.exp(-((dq[:, 1] / 0.07) ** 2))
+    data = Measurements(t, q, tau + noise * np.random.default_rng(0).normal(size=tau.shape))
+    effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
+    before = identify(problem, data, "ols", effects=effects)
+    after = add(before, "stribeck_friction:2", data)
+    assert after.model.sign_width[1] == pytest.approx(width, rel=0.1)
+    found = after.uncertainty.standard[-1]
+    assert found.value == pytest.approx(size, rel=0.05)
+    assert found.low < size < found.high

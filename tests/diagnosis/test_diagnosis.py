@@ -67,7 +67,7 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     assert set(data) == {
         *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
         *("held_out_source", "held_out_rmse_before", "held_out_rmse", "invisible", "events", "remarks"),
-        *("new_motion_share", "retuned", "curves"),
+        *("new_motion_share", "retuned", "curves", "left"),
     }
     assert data["held_out_source"] == "test"
     # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.
@@ -310,7 +310,6 @@ def test_a_gain_is_added_beside_its_own_reference(two_link: Problem) -> None:
     ("effect", "message"),
     [
         ("viscous_friction", "already has viscous_friction on joints 1[+]2: name another"),
-        ("asymmetric_coulomb_friction", "exactly coulomb_friction plus torque_offset"),
         ("joint_spring:9", "does not exist"),
         ("magic", "unknown"),
         ("", "No effect"),

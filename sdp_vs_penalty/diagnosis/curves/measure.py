@@ -55,7 +55,7 @@ def measured_curves(
     if not joints:
         return Measured()
     seed, variables = state.stage.seed, Variables(state.stage.rows)
-    places = list(range(len(state.picks)))
+    state_picks, places = state.picks, list(range(len(state.picks)))
     every: Found = []
     replaced: set[int] = set()
     for joint in joints:
@@ -73,8 +73,12 @@ def measured_curves(
         state = beside
         every += found
     judge = HeldOutCurves(replace(state, picks=state.picks[: len(places)]), test)
-    curves = tuple(_curve(f, effect, look, judge, seed) for f, effect, look in every)
-    return Measured(curves, frozenset(replaced))
+    made = (_curve(f, effect, look, judge, seed) for f, effect, look in every)
+    # What raises the error of its joint on data left out is not offered.
+    curves = tuple(c for c in made if c.held_out_rmse_after < c.held_out_rmse_before)
+    left_on = {c.joint - 1 for c in curves}
+    stands = {k for k in replaced if state_picks[k].candidate.key[1] in left_on}
+    return Measured(curves, frozenset(stands))
 
 
 def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding, ...]:

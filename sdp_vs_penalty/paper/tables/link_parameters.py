@@ -7,13 +7,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.paper.tables.study import METHODS, Study, sentence
+from sdp_vs_penalty.estimation.determined import data_share
+from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
 
+#: Of a parameter's size, or of the mass, for numerical derivatives.
+_STEP = 1e-4
 _UNITS = ("kg", "m", "m", "m", *("kg*m^2",) * 6)
 
 
@@ -26,10 +30,20 @@ def is_inertia(name: str) -> bool:
 
 
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
-    """Bounds and published values as printed, then the simulation's truth, then every method."""
+    """Bounds and published values as printed, the nominal robot and whether the data or a prior towards
+    it decide, then the simulation's truth, then every method."""
     problem = study.problem
     columns, rows = _published_rows(study, chosen) or _bound_rows(study, chosen)
     keys = [str(row[0]) for row in rows]
+    nominal = by_name(problem.nominal_links)
+    columns.append(Column("nominal"))
+    for row, key in zip(rows, keys, strict=True):
+        row.append(nominal[key])
+    for data in study.whole:
+        decided = sources(study, data)
+        columns.append(Column(f"{data.label}_source"))
+        for row, key in zip(rows, keys, strict=True):
+            row.append(decided[key])
     ours = [("true_simulated", study.experiment.links)]
     for data in study.whole:
         for method_name, method in METHODS.items():
@@ -45,6 +59,9 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         "Inertias are about the centres of mass, in the link frames. Torque determines base "
         "parameters only: other entries are what each method fills in, OLS with the point nearest to "
         "the problem's nominal robot, in general not physically consistent.",
+        f"nominal: the robot that {DEFAULT_METHOD} is pulled to, guessed masses not yet scaled. Columns "
+        f"named source: whether the data or that pull know an entry better, at {DEFAULT_METHOD}'s "
+        "estimate and to first order.",
     ]
     if any(is_inertia(key) for key in keys):
         notes += _bounds_received(study)
@@ -62,6 +79,30 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         tuple(tuple(row) for row in rows),
         tuple(notes),
     )
+
+
+def sources(study: Study, data: Data) -> dict[str, str]:
+    """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the parameters."""
+    task = study.task(data)
+    theta = study.result(DEFAULT_METHOD, data).theta
+    names, gradients = list[str](), list[Array]()
+    for link, indices in enumerate(task.links, start=1):
+        wide = np.zeros((10, len(theta)))
+        wide[:, indices] = _gradient(theta[indices])
+        names += barycentric_names(link)
+        gradients.append(wide)
+    own = data_share(task, np.vstack(gradients)) > 0.5
+    return {name: "data" if seen else "prior" for name, seen in zip(names, own, strict=True)}
+
+
+def _gradient(link: Array) -> Array:
+    """(10, 10) derivative of mass, centre and inertia about it in the standard parameters (10,)."""
+    out = np.empty((10, 10))
+    for k, step in enumerate(_STEP * np.maximum(np.abs(link), _STEP * link[0])):
+        around = link + np.outer([step, -step], np.eye(10)[k])
+        above, below = inertia.barycentric_from_standard(around)
+        out[:, k] = (above - below) / (2.0 * step)
+    return out
 
 
 def _bounds_received(study: Study) -> list[str]:

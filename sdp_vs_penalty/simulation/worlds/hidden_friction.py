@@ -37,6 +37,13 @@ def _asymmetric(w: World, j: int, rng: Generator) -> Hidden:
     return at_joint("asymmetric_viscous_friction", j, lambda _, m: side * np.abs(m.dq[:, j]), side)
 
 
+def _asymmetric_coulomb(w: World, j: int, rng: Generator) -> Hidden:
+    """The same paper, sec. 2: dry friction with a size for each direction."""
+    side = float(rng.choice([-1.0, 1.0]))
+    law = "asymmetric_coulomb_friction"
+    return at_joint(law, j, lambda w, m: side * np.abs(sign(w, j, m)), side)
+
+
 def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
     vs = _unit(w, j) * _log(rng, 0.04, 0.3)
@@ -195,6 +202,7 @@ FRICTION: Mapping[str, Maker] = {
     "viscous_friction": _viscous,
     "coulomb_friction": _coulomb,
     "asymmetric_viscous_friction": _asymmetric,
+    "asymmetric_coulomb_friction": _asymmetric_coulomb,
     "stribeck_friction": _stribeck,
     "presliding_hysteresis": _presliding,
     "sigmoid_friction": _sigmoid,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.channel import first_order
 from sdp_vs_penalty.simulation.worlds.hidden import (
     Hidden,
     Maker,
@@ -78,6 +79,20 @@ def _delay(w: World, j: int, rng: Generator) -> Hidden:
 
 def _global_delay(w: World, j: int, rng: Generator) -> Hidden:
     return _late(list(range(w.arm.n)), (), "global_delay")
+
+
+def _filter(w: World, j: int, rng: Generator) -> Hidden:
+    """All channels behind one low-pass, 1 / (1 + T s): the size is T."""
+
+    def change(w: World, m: Motion, T: float) -> Array:
+        # Effects are sized on a coarse grid, where a filter is read from a finer one.
+        t = np.arange(m.t[0], m.t[-1], min(float(m.t[1] - m.t[0]), 0.25e-3))
+        tau = w.torque(m)
+        fine = np.column_stack([np.interp(t, m.t, x) for x in tau.T])
+        passed = first_order(fine, float(t[1] - t[0]), T)
+        return np.column_stack([np.interp(m.t, t, x) for x in passed.T]) - tau
+
+    return Hidden("torque_filter", (), change, size=1e-3)
 
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
@@ -169,6 +184,7 @@ MACHINE: Mapping[str, Maker] = {
     "torque_gain": _gain,
     "torque_delay": _delay,
     "global_delay": _global_delay,
+    "torque_filter": _filter,
     "joint_zero_error": _zero_error,
     "joint_elasticity": _elasticity,
     "backlash": _backlash,

@@ -1,0 +1,110 @@
+"""Few, believable findings: what two picks say that one would, and what speaks against a pick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted_beside, joints_of
+from sdp_vs_penalty.diagnosis.scoring import evidence
+from sdp_vs_penalty.diagnosis.stage import MISFIT
+from sdp_vs_penalty.diagnosis.state import Pick, SearchState
+
+Array = NDArray[np.float64]
+
+#: Of a pick's energy, the share that its correlation with another must take for its size to be theirs
+#: together: standard deviations are then sqrt(1 / (1 - 0.8)) = 2.2 times as large as alone.
+CORRELATED = 0.8
+#: Share of a larger effect's gain up to which a smaller one on its joints may be that law's own error: a
+#: law of friction holds to about a tenth of its torque.
+LAW = 0.01
+
+
+@dataclass(frozen=True)
+class Company:
+    """What stands beside a pick: correlated : other picks that take most of its energy; overshadowed :
+    a larger pick on its joints whose own error it may be; drowned : more error than it explains is left
+    on its joints by everything."""
+
+    correlated: tuple[Pick, ...]
+    overshadowed: Pick | None
+    drowned: bool
+
+
+def merged(state: SearchState) -> SearchState:
+    """Pairs of correlated picks on a joint replaced by one candidate that explains as much.
+
+    A sigmoid of 200 N m beside a Stribeck friction of -200 N m is neither: it is what their difference
+    looks like. One law with the evidence of both, or nearly, is named instead.
+    """
+    tried: set[frozenset[str]] = set()
+    while True:
+        pair = next((p for p in _pairs(state) if _texts(state, p) not in tried), None)
+        if pair is None:
+            return state
+        tried.add(_texts(state, pair))
+        state = _one_for(state, *pair) or state
+
+
+def _texts(state: SearchState, pair: tuple[int, int]) -> frozenset[str]:
+    return frozenset(state.picks[k].candidate.effect.text for k in pair)
+
+
+def _pairs(state: SearchState) -> list[tuple[int, int]]:
+    """Correlated picks on the same single joint."""
+    out = []
+    for b in range(len(state.picks)):
+        for a in range(b):
+            one, other = (state.picks[k].candidate.key[1] for k in (a, b))
+            if one is not None and one == other and _taken(state, a, b) > CORRELATED:
+                out.append((a, b))
+    return out
+
+
+def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
+    """The search with one pick in the place of two, if one does."""
+    without = state.without(b).without(a)
+    joint = state.picks[a].candidate.key[1]
+    assert joint is not None
+    columns = [state.picks[k].candidate.columns for k in (a, b)]
+    both = without.fit.extended(*(without.fit.scaled(c) for c in columns))
+    gain = without.fit.likelihood_gain(both.joint_chi2)
+    needed = float(evidence(gain, sum(c.shape[1] for c in columns))) - TOLD_APART
+    for candidate in without.contenders(on=frozenset([joint]))[:1]:
+        if candidate.evidence > needed:
+            pick = accepted_beside(without, candidate)
+            return without.with_picks((*without.picks, pick)) if pick else None
+    return None
+
+
+def company(state: SearchState, k: int) -> Company:
+    """What stands beside pick k."""
+    pick, own = state.picks[k], joints_of(state.fit, state.picks[k].candidate)
+    shared = {
+        m: np.intersect1d(own, joints_of(state.fit, p.candidate)).size > 0
+        for m, p in enumerate(state.picks)
+        if m != k
+    }
+    others = [m for m, touches in shared.items() if touches]
+    correlated = tuple(state.picks[m] for m in others if _taken(state, k, m) > CORRELATED)
+    larger = max((state.picks[m] for m in others), key=lambda p: p.gain, default=None)
+    small = larger is not None and pick.gain < LAW * larger.gain
+    fit = state.fit
+    least, level2 = fit.degrees * fit.weighting.noise_variance, fit.weighting.level**2
+    left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0) / level2
+    drowned = float(left[own].sum()) > pick.gain
+    return Company(correlated, larger if small else None, drowned)
+
+
+def _taken(state: SearchState, k: int, m: int) -> float:
+    """Share of pick k's energy, beside all other picks, that pick m takes."""
+    others = tuple(p for i, p in enumerate(state.picks) if i not in (k, m))
+    fit = replace(state, picks=others).fit
+    mine, its = (fit.partialled(fit.scaled(state.picks[i].candidate.columns)) for i in (k, m))
+    energy = float(np.sum(mine**2))
+    if energy == 0.0:
+        return 1.0
+    q = np.linalg.qr(its)[0]
+    return float(np.sum((q.T @ mine) ** 2)) / energy

@@ -1,0 +1,33 @@
+"""Dry friction that differs by direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
+from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
+
+
+class AsymmetricCoulombFriction(JointEffect):
+    name = "asymmetric_coulomb_friction"
+    equation = "f_ca |tanh(dq / v_s)|"
+    explanation = (
+        "Dry friction of different size in the two directions: f_c + f_ca forwards, f_c - f_ca "
+        "backwards. Where it turns round at once that is Coulomb friction and an offset; over a wide "
+        "velocity v_s both vanish together near standstill, where an offset does not."
+    )
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
+    symbol = "f_ca"
+    units = ("N*m", "N")
+    refines = ("coulomb_friction",)
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return np.abs(motion.sign(joint))
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    def sides(w: World, m: Motion) -> Array:  # the size that either direction has beyond the mean
+        share = w.dry(m.dq[:, joint])
+        return np.where(m.dq[:, joint] > 0.0, share, -share)
+
+    return one_joint("asymmetric_coulomb_friction", joint, sides, either_sign(rng), shape={})

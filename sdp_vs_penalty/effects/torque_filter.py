@@ -1,0 +1,75 @@
+"""Torque channels that pass a low-pass filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform
+from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.robot.robot import Robot
+
+
+class TorqueFilter(Effect):
+    name = "torque_filter"
+    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s)"
+    explanation = (
+        "All torques are logged behind one low-pass filter of the time constant T, of which the "
+        "positions know nothing: a drive's current filter, which also delays. T_f is T where all of the "
+        "torque passes the filter."
+    )
+    reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
+    needs_torque = True
+    has_memory = True
+    whole_robot = True
+    shapes = {"T": Shape(0.01, "s", grid=(0.002, 0.004, 0.008, 0.016, 0.032), bounds=(0.0005, 0.06))}
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("T_f", "s", self.name, 0, 0.0),)
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        # On a single joint friction and inertia are one torque: what is filtered of it is not told.
+        return super().starts(robot, joint) if robot.n > 1 else []
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        T, torque = self.shape["T"], motion.model_torque
+        change = (lagging(torque, motion.t, T) - torque) / T
+        return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
+
+    def remark(self, size: float) -> str:
+        share = size / self.shape["T"]
+        return "" if abs(share - 1.0) < 0.3 else f"Only a share of {share:.2g} of the torque passes it."
+
+
+def lagging(x: Array, t: Array, T: float) -> Array:
+    """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
+    from scipy.signal import lfilter
+
+    if len(t) < 2:
+        return x
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    decay = np.exp(-step / T)
+    mean = (1.0 - decay) * T / step
+    start = mean * x[:1]
+    return np.asarray(lfilter([1.0 - mean, mean - decay], [1.0, -decay], x, axis=0, zi=start)[0])
+
+
+def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+    T = log_uniform(rng, 0.004, 0.02)
+
+    def behind(x: Array, t: Array) -> Array:  # the trapezium rule, a sample at a time
+        y = x.copy()
+        for k in range(1, len(t)):
+            r = 0.5 * (t[k] - t[k - 1]) / T
+            y[k] = ((1.0 - r) * y[k - 1] + r * (x[k] + x[k - 1])) / (1.0 + r)
+        return y
+
+    def change(w: World, m: Motion, a: float) -> Array:
+        tau = w.torque(m)
+        return a * (behind(tau, m.t) - tau)
+
+    return Hidden("torque_filter", (), change, details={"shape": {"T": T}}, unit=T, theta=(T,))

@@ -1,0 +1,48 @@
+"""Events are what happens once: what comes back at the same phase of the motion is none."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.diagnosis.remaining import _odd_ones, _repeating
+from sdp_vs_penalty.signals.repetition import Repeat
+
+RATE, PERIOD = 10.0, 20.0
+T = np.arange(400) / RATE  # two periods
+
+
+def stage(suspect: Any = None, left: Any = None) -> Any:
+    """Rows of one run of one joint whose second half repeats the first."""
+    first = np.arange(200)
+    repeats = [Repeat(first, 0, T[first] + PERIOD)]
+    return SimpleNamespace(
+        rows=SimpleNamespace(segments=[SimpleNamespace(t=T)], rate=RATE, n=1),
+        noise=SimpleNamespace(repeats=repeats, suspect=suspect),
+        residual_beside=lambda _: left,
+    )
+
+
+def around(*instants: float) -> Any:
+    return np.any([np.abs(T - t) < 0.15 for t in instants], axis=0)[:, None]
+
+
+def test_what_comes_back_faintly_and_a_little_later_is_no_event() -> None:
+    loud, faint = around(2.24), around(2.24, 22.44)
+    assert _repeating(loud, faint, stage())[loud].all()
+    assert _repeating(around(22.24), around(2.24, 22.24), stage())[around(22.24)].all()
+
+
+def test_what_happens_in_one_period_only_is_an_event() -> None:
+    assert not _repeating(around(2.24), around(2.24, 12.0), stage()).any()
+
+
+def test_of_two_periods_that_differ_the_one_with_more_error_holds_the_event() -> None:
+    for true, other in ((2.24, 22.24), (22.24, 2.24)):
+        left = 0.01 * np.ones((400, 1)) + around(true)
+        state: Any = SimpleNamespace(stage=stage(around(true, other), left), effects=[])
+        found = _odd_ones(state)
+        assert found[around(true)].any()
+        assert not found[around(other)].any()
