@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,12 +100,15 @@ def test_a_model_with_every_effect_survives(two_link: Problem, tmp_path: Path) -
     """Shape constants, joints, memory, and the current model that some effects refer to."""
     every = [name for name, kind in effect_types().items() if not kind.frozen_only]
     texts = [f"{n}@d=0.02" if n == "presliding_hysteresis" else n for n in every]
-    estimate = identify(two_link, noisy_run(two_link, 2), "ols", effects=texts)
+    run = noisy_run(two_link, 2)
+    run = replace(run, temperature=20.0 + run.t[:, None] * [1.0, 2.0])
+    estimate = identify(two_link, run, "ols", effects=texts)
     # One of them a joint where a constant is estimated joint by joint.
     assert list(dict.fromkeys(e.name for e in estimate.model.effects)) == every
     estimate.save(tmp_path / "model.json")
     again = load_estimate(tmp_path / "model.json")
     motion = sines(np.random.default_rng(1), 2, np.arange(0.0, 3.0, 0.01))
+    motion = replace(motion, temperature=np.full_like(motion.q, 25.0))
     assert_same_estimate(estimate, again, motion)
     hysteresis = next(e for e in again.model.effects if e.name == "presliding_hysteresis")
     assert hysteresis.shape == {"d": 0.02}

@@ -445,7 +445,7 @@ def test_folds_of_the_real_run_are_unseen_motion(panda: Problem, data_folder: Pa
 
 def test_the_cart_of_the_benchmark_sticks_and_slides() -> None:
     """Below Coulomb friction it stays; above, it slides at (F - F_c - offset) / F_v, and stops again."""
-    constants = (100.0, 200.0, 20.0, -3.0)
+    constants = (100.0, 200.0, 20.0, -3.0, 0.0)
     t = np.arange(0.0, 12.0, 1e-3)
     force = np.where(t < 2.0, 16.0, np.where(t < 8.0, 57.0, 0.0))[:, None]
     q = emps.simulated(Measurements(t, np.zeros((len(t), 1)), force), constants)
