@@ -21,6 +21,8 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     reference = "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
     symbol = "f_lh"
     units = ("-", "-")
+    #: Where the load hardly changes, or is mostly friction itself, the two make the same torque.
+    refines = ("presliding_hysteresis", "coulomb_friction")
     needs_torque = True
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:

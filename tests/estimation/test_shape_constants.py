@@ -23,7 +23,7 @@ def motion_of(problem: Problem) -> Motion:
     t = np.linspace(0.0, 5.0, 1001)
     states = trajectory.states(t)
     current = CurrentModel(problem.robot, problem.nominal_links)
-    torque, warm = np.ones((len(t), problem.robot.n)), np.stack([20.0 + t, 30.0 - t], axis=1)
+    torque, warm = 1.0 + 0.5 * states[0], np.stack([20.0 + t, 30.0 - t], axis=1)
     return Motion(t, *states, torque, current, temperature=warm)
 
 

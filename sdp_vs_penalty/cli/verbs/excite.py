@@ -7,11 +7,14 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Problem, Seed
+from sdp_vs_penalty.cli.options import PROBLEM_HELP, Seed
 
 
 def verb(
-    problem: Problem,
+    problem: Annotated[
+        str,
+        typer.Argument(metavar="PROBLEM|model.json", help=f"{PROBLEM_HELP} With --separate: a model."),
+    ],
     out: Annotated[
         Path, typer.Option(metavar="trajectory.csv", help="File to write: t, q, dq, ddq at 1 kHz.")
     ],
@@ -21,16 +24,41 @@ def verb(
         float, typer.Option(help="Frequency of the first harmonic, in rad/s.")
     ] = 0.4712389,
     objective: Annotated[str, typer.Option(help="Objective: condition or d-optimal.")] = "condition",
-    iterations: Annotated[int, typer.Option(min=1, help="Maximum iterations.")] = 60,
+    iterations: Annotated[
+        int | None, typer.Option(min=1, help="Maximum iterations; default: 60, with --separate 200.")
+    ] = None,
+    separate: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B", help="Two effects that the run is to tell apart, as `add` takes them."
+        ),
+    ] = None,
+    level: Annotated[
+        float,
+        typer.Option(
+            help="With --separate: RMS of each effect over the noise, on the default excitation."
+        ),
+    ] = 1.0,
+    urdf: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="ARM.urdf", help="With --separate: shapes for the check of self-collision."
+        ),
+    ] = None,
     seed: Seed = 0,
 ) -> None:
-    """Design an exciting trajectory within the robot's limits. Collisions are not checked.
+    """Design an exciting trajectory within the robot's limits, or the run that tells two effects apart.
+
+    Collisions are checked with --separate and --urdf only.
 
     Example: sdp-vs-penalty excite panda --out trajectory.csv
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.estimation.excitation import excite
 
+    if separate is not None:
+        _separate(Path(problem), separate, out, urdf, duration, level, iterations or 200, seed)
+        return
     with console.progress("excitation") as progress:
         found = excite(
             problem,
@@ -38,7 +66,7 @@ def verb(
             harmonics=harmonics,
             frequency=frequency,
             duration=duration,
-            iterations=iterations,
+            iterations=iterations or 60,
             seed=seed,
             progress=progress,
         )

@@ -25,7 +25,7 @@ def verb(
         list[str] | None, typer.Argument(metavar="[III IV VIII IX ...]", help=_TABLES_HELP)
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="All tables: I to IX, errata, methods, data.")
+        bool, typer.Option("--all", help="All tables but the slow ones, such as methods and data.")
     ] = False,
     problem: Annotated[str | None, typer.Option(help="Problem: two_link or panda.")] = None,
     budget: Annotated[
