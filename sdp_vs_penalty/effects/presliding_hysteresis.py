@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
@@ -22,7 +24,7 @@ class PreslidingHysteresis(Remembering, OneAJoint):
     symbol = "f_h"
     units = ("N*m", "N")
     lower = 0.0
-    refines = ("coulomb_friction",)
+    refines: ClassVar[tuple[str, ...]] = ("coulomb_friction",)
     shapes = {
         "d": Shape(
             0.003,
