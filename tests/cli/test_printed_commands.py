@@ -108,7 +108,7 @@ def test_on_the_real_panda(run: Run, data_folder: Path) -> None:
     run(f"{PROGRAM} compare m.json {data}")
     run(f"{PROGRAM} check {shlex.quote(str(data_folder / 'panda'))} --problem panda")
     out = run(f"{PROGRAM} diagnose m.json {data} --json found.json")
-    assert len(printed(out)) == 1
+    assert len([command for command in printed(out) if " add " in command]) == 1
     assert load_estimate(Path("m2.json")).certificate.gap is not None
 
 

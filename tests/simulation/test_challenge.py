@@ -145,7 +145,7 @@ def test_the_committed_report_is_made_from_the_committed_cases() -> None:
     assert (RESULTS / "challenge.md").read_text() == report_text(records, seed)
     assert (RESULTS / "challenge.csv").read_text() == csv_text(records)
     rows = list(csv.DictReader((RESULTS / "challenge.csv").open()))
-    assert Counter(r["case"] for r in rows) == Counter(records)
+    assert Counter(r["case"] for r in rows) == Counter(list(records))
 
 
 @pytest.mark.reproduce
