@@ -38,6 +38,7 @@ from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held, inde
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -252,15 +253,16 @@ def _add_frozen(
     fit = estimator.fit(task)
     part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
+    base = base_rows(problem, own)
     before, new_motion = estimate.training_motion, record_motion(measurements, settings)
     return replace(
         estimate,
         model=model,
         theta=theta,
-        uncertainty=_beside(estimate, model, own, part, measurements, settings, gain_errors),
+        uncertainty=_beside(estimate, model, own, part, base, measurements, settings, gain_errors),
         certificate=certify_beside(estimate, model, theta, certificate),
         details={
-            **_determined(estimate, record(problem, task, part, estimator.rest)),
+            **_determined(estimate, record(task, part, base, estimator.rest)),
             "on_bounds": on_bounds(problem.constraints(model), theta),
         },
         provenance={
@@ -269,7 +271,7 @@ def _add_frozen(
             "data_hash": measurements.data_hash,
             "runs": list(measurements.names),
             "samples": len(measurements.t),
-            "versions": versions(),
+            "versions": dict(versions()),
         },
         training_motion=None if before is None or new_motion is None else before.joined(new_motion),
     )
@@ -289,6 +291,7 @@ def _beside(
     model: Model,
     own: Model,
     part: Array,
+    base: BaseParameters,
     measurements: Measurements,
     settings: Preprocessing,
     gain_errors: Array,
@@ -306,5 +309,6 @@ def _beside(
         compress(measurements, wide, settings),
         (estimate.model, estimate.theta, estimate.uncertainty),
         part,
+        base,
         gain_errors=gain_errors,
     )
