@@ -291,6 +291,18 @@ def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) 
     np.testing.assert_array_equal(again.rmse, after.rmse)
 
 
+def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link: Problem) -> None:
+    from sdp_vs_penalty.diagnosis.comparison import compare
+
+    made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+    data = concatenate(made.runs[:3])
+    estimate = identify(two_link, data, effects=made.truth["model_effects"])
+    result = diagnose(estimate, data, made.runs[3])
+    assert result.effects
+    added = compare(add(estimate, result, data), made.runs[3])[0]
+    np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=5e-3)
+
+
 def test_add_keeps_the_sign_of_physics(two_link: Problem) -> None:
     made = hidden_runs(two_link, [("sigmoid_friction", [0])], "strong", seed=25)
     data = concatenate(made.runs[:3])
