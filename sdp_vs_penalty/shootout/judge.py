@@ -11,8 +11,8 @@ right            claims success, and error and violation are within 10 times wha
 inaccurate       admits reduced accuracy; or kept its promise, in its own scaling, and is off all the
                  same (of infeasibility: its proof has errors no larger); or our own interval is too wide
                  to decide
-silently_wrong   claims success, or infeasibility where a solution is proved, and misses its own promise
-                 too, its own errors 10 times or more above what was asked
+silently_wrong   claims success, or that there is no optimum where one is proved, and misses its own
+                 promise too, its own errors 10 times or more above what was asked
 failed           says so
 timeout, crash   ended by the clock, or by a signal
 """
@@ -145,7 +145,7 @@ def conic_errors(
     problem: ConicProblem, x: Array, z: Array, claims: str = "optimal"
 ) -> tuple[float, float]:
     """The largest DIMACS error of a conic solution, and the largest error relative to all terms; of a
-    claim of infeasibility, that of its proof.
+    claim that there is no optimum, that of its proof.
 
     With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
     gap. DIMACS (Mittelmann, 2003): relative to 1 + the largest entries of b and q, and to 1 + both
@@ -154,8 +154,8 @@ def conic_errors(
     which CSDP judges itself by the second: how far s is outside is an error apart. Infinite for numbers
     that are none.
     """
-    if claims == "infeasible":
-        error = _error_of_proof(problem, z)
+    if claims in ("infeasible", "unbounded"):
+        error = _error_of_proof(problem, z) if claims == "infeasible" else _error_of_ray(problem, x)
         return error, error
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
         return np.inf, np.inf
@@ -191,6 +191,15 @@ def _error_of_proof(problem: ConicProblem, z: Array) -> float:
         return np.inf
     pull = float(np.linalg.norm(problem.A.T @ z)) / max(1.0, float(np.linalg.norm(problem.q)))
     return max(pull, _outside(problem, z, dual=True)) / size
+
+
+def _error_of_ray(problem: ConicProblem, x: Array) -> float:
+    """How far x is from a direction of unbounded descent: -A x in K, P x = 0, q^T x = -1."""
+    size = -float(problem.q @ x)
+    if not (np.all(np.isfinite(x)) and size > 0.0):
+        return np.inf
+    bend = float(np.linalg.norm((problem.P + sparse.triu(problem.P, 1).T) @ x))
+    return max(bend, _outside(problem, -(problem.A @ x))) / max(1.0, _largest(problem.b)) / size
 
 
 def _largest(*vectors: Array) -> float:
