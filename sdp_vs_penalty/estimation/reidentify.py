@@ -77,12 +77,15 @@ class Reidentifier:
     ) -> None:
         if not block > 0.0 or not (half_life is None or half_life > 0.0):
             raise InputError(f"block {block!r}, half_life {half_life!r}", "give seconds above 0")
-        known = start if isinstance(start, Estimate) else None
-        self.problem = known.problem if known else as_problem(start, "Reidentifier(start=...)")
-        self.model = known.model if known else self.problem.model()
+        known = isinstance(start, Estimate)
+        if isinstance(start, Estimate):
+            self.problem, self.model = start.problem, start.model
+        else:
+            self.problem = as_problem(start, "Reidentifier(start=...)")
+            self.model = self.problem.model()
         if any(e.has_memory for e in self.model.effects):
             raise InputError("effects with a memory need a run from its start", "leave them out")
-        if self.model.needs_reference and known is None:
+        if self.model.needs_reference and not known:
             raise InputError("effects that refer to a current model", "start from an Estimate")
         robot = self.problem.robot
         first = as_measurements(runs, robot.n, robot.joint_names, "Reidentifier(runs=...)")
@@ -161,9 +164,9 @@ class Reidentifier:
         self._counted = last
         fade = 1.0 if self._half_life is None else 0.5 ** (fresh / self._half_life)
         self._rows = _faded(self._rows, fade, parts, squared, count)
-        scale = self._task.joint_scale
-        prior = self._prior > 0.0 and scale is not None
-        self._data = self._rows.with_prior(scale, self._prior) if prior else self._rows
+        self._data, scale = self._rows, self._task.joint_scale
+        if self._prior > 0.0 and scale is not None:
+            self._data = self._rows.with_prior(scale, self._prior)
         return count > 0
 
     def solve(self) -> Parameters:

@@ -100,9 +100,9 @@ def _add(
 ) -> None:
     order = len(constant)
     room = ((0, 0), (0, ORDER - order), (0, ORDER - order))
-    spread = np.zeros(0)
+    spread: Array = np.zeros(0)
     if order == ORDER and len(indices) == 10:  # it can hold any slope of its link
-        spread = np.linalg.pinv(coefficients.reshape(10, -1)).T.reshape(10, ORDER, ORDER)
+        spread = np.asarray(np.linalg.pinv(coefficients.reshape(10, -1)).T.reshape(10, ORDER, ORDER))
     core.add(
         order,
         weight,
