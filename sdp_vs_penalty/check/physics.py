@@ -41,17 +41,20 @@ class Own:
     """Columns that each joint's own motion makes (friction, offset, rotor), low-passed as the torque is.
 
     Friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
-    their parameters sit in theta. To exchange joints or turn them round exchanges or turns columns.
+    their parameters sit in theta; beyond (n, M, l) columns of what the model may lack (see beyond.py).
+    To exchange joints or turn them round exchanges or turns columns.
     """
 
     columns: Array
     indices: NDArray[np.intp]
+    beyond: Array
 
     def part(self, rows: slice | NDArray[np.intp]) -> Own:
-        return replace(self, columns=self.columns[:, rows])
+        return replace(self, columns=self.columns[:, rows], beyond=self.beyond[:, rows])
 
     def moved(self, scale: Array, order: NDArray[np.intp]) -> Own:
-        return replace(self, columns=np.sign(scale)[:, None, None] * self.columns[order])
+        sign = np.sign(scale)[:, None, None]
+        return replace(self, columns=sign * self.columns[order], beyond=sign * self.beyond[order])
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,12 @@ class Physics:
     def n(self) -> int:
         return self.model.robot.n
 
+    @property
+    def p(self) -> int:
+        """Length of theta: the model's parameters, and those of what was added beyond the model."""
+        own = -1 if self.own is None else int(self.own.indices.max(initial=-1))
+        return max(len(self.model.parameters), own + 1)
+
     @cached_property
     def energy(self) -> Array:
         """(n,) mean square of each channel, at least a trace of the largest."""
@@ -94,7 +103,7 @@ class Physics:
     def columns_of(self, model: Model) -> list[Array]:
         if self.own is None:
             return wide_columns(model, self.motion)
-        out = [np.zeros((len(self.motion.t), len(model.parameters))) for _ in range(self.n)]
+        out = [np.zeros((len(self.motion.t), self.p)) for _ in range(self.n)]
         rest = [k for k in range(len(model.effects)) if k not in own_effects(model)]
         where = np.concatenate([np.arange(0), *(model.indices[k] for k in rest)]).astype(int)
         part = Model(model.robot, tuple(model.effects[k] for k in rest))
@@ -193,7 +202,7 @@ class Physics:
         motion = Motion(m.t[0] + (m.t[-1] - m.t[::-1]), m.q[::-1], -m.dq[::-1], m.ddq[::-1])
         channels, rate = self.channels[::-1], -self.rate[::-1]
         turned = self.part(slice(None, None, -1)).own
-        own = None if turned is None else replace(turned, columns=-turned.columns)
+        own = None if turned is None else turned.moved(-np.ones(self.n), np.arange(self.n))
         return replace(self, motion=motion, channels=channels, rate=rate, own=own)
 
     def with_weight(self, share: Array) -> Physics:

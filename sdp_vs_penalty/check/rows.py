@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.physics import Own, Physics, own_effects
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
@@ -51,7 +52,9 @@ def physics_of(
     t, q, dq, ddq, tau, rate, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
     parameters = [model.indices[k] for k in own_effects(model)]
     indices = np.array(parameters, dtype=np.intp).reshape(-1, model.robot.n).T
-    kept = Own(np.moveaxis(own, 1, 0), indices)
+    own = np.moveaxis(own, 1, 0)
+    known = indices.shape[1]
+    kept = Own(own[:, :, :known], indices, own[:, :, known:])
     return Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
 
 
@@ -75,10 +78,10 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Mode
 
 
 def _own_columns(model: Model, motion: Motion, low_pass: sparse.csr_array) -> Array:
-    """(M, n, k) columns of the effects that each joint's own motion makes, behind the low-pass."""
+    """(M, n, k) what each joint's own motion makes, low-passed: the model's, then what it may lack."""
     n, out = model.robot.n, []
     for k in own_effects(model):
         effect = model.effects[k]
         assert isinstance(effect, JointEffect)
-        out.append(low_pass @ np.column_stack([effect.column(motion, j) for j in range(n)]))
-    return np.stack(out, axis=2) if out else np.zeros((low_pass.shape[0], n, 0))
+        out.append(np.column_stack([effect.column(motion, j) for j in range(n)]))
+    return np.stack([low_pass @ c for c in (*out, *beyond.columns(motion))], axis=2)
