@@ -190,7 +190,7 @@ class Resampler:
 
     @cached_property
     def _quick(self) -> tuple[Structured, Array, Array] | None:
-        """The compiled problem, the optimum of all blocks, and each block's Gram matrix (r + 1, r + 1)."""
+        """The compiled problem, the optimum of all blocks, each block's Gram matrix (r + 1, r + 1)."""
         if compiled.core() is None:
             return None
         sent = essential(self.task.constraints, Objective(self.task.data))
