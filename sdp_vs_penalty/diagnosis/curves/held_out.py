@@ -146,7 +146,9 @@ class Judge:
             out = self.fold == f
             columns = np.concatenate([self.raw[joint], curves[joint]], axis=1)[out]
             left[out] = stage.residual[out, joint] - columns @ self._parameters(~out, curves)
-        return np.bincount(self.cell, np.where(stage.rows.keep[:, joint], left, 0.0) ** 2)
+        return np.asarray(
+            np.bincount(self.cell, np.where(stage.rows.keep[:, joint], left, 0.0) ** 2), float
+        )
 
     def _there(self, joint: int) -> float:
         """Root mean square error on the test run."""
