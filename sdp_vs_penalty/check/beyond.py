@@ -3,7 +3,7 @@
 Geared joints carry the inertia of a fast rotor, and most of their torque is friction. Where a model
 lacks the one, or has the other's law wrong, a test that knows nothing else explains what is left by a
 wrong zero, a delay or a gain. So what a hypothesis explains has to stay unexplained by an arm that has,
-on each joint, a rotor and those two of a list of friction laws that explain most of what the model leaves.
+on each joint, a rotor and those two of a list of friction laws that explain most of what is left.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def columns(motion: Motion) -> list[Array]:
 
 
 def widened(physics: Physics) -> Physics:
-    """The same with a rotor and two of the friction laws on each joint, where the rows suffice for that."""
+    """The same with a rotor and two friction laws more on each joint, where the rows suffice."""
     own, n = physics.own, physics.n
     if own is None or len(physics.channels) < _SPARE * (physics.p + n * (1 + _TAKEN)):
         return physics
@@ -50,7 +50,9 @@ def widened(physics: Physics) -> Physics:
     indices = physics.p + n * np.arange(1 + _TAKEN) + np.arange(n)[:, None]
     columns = np.concatenate([own.columns, taken], axis=2)
     return replace(
-        physics, own=replace(own, columns=columns, indices=np.hstack([own.indices, indices])), parent=None
+        physics,
+        own=replace(own, columns=columns, indices=np.hstack([own.indices, indices])),
+        parent=None,
     )
 
 

@@ -91,11 +91,15 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
     known = [(g, h) for g, h in judged if not h.simplicity and g >= h.needed_for(physics)]
     for gain, hypothesis in known + sorted(near, key=lambda f: f[1].simplicity):
         enough = gain >= hypothesis.needed_for(physics)
-        if enough and _holds_in_both_halves(physics, hypothesis, gain):
+        if (
+            enough
+            and _holds_in_both_halves(physics, hypothesis, gain)
+            and hypothesis.needed_beyond(physics)
+        ):
             return hypothesis
     numbers = [(gain, h) for gain, h in judged if h.number is not None]
     for gain, hypothesis in sorted(numbers, key=lambda f: -f[0])[:1]:
-        if hypothesis.known_by_number(physics, gain):
+        if hypothesis.known_by_number(physics, gain) and hypothesis.needed_beyond(physics):
             return replace(hypothesis, issue=replace(hypothesis.issue, severity="warning"))
     return signs.weak_signs(physics) or gravity.hanging(physics)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, solve
 from sdp_vs_penalty.data.measurements import Measurements
@@ -61,8 +62,14 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
 
 
 def beats_friction(physics: Physics, seconds: float) -> bool:
-    """Whether a delay of the channels explains more than a lag of all friction, the arm's own."""
-    return physics.with_delay(seconds).evidence.score < physics.friction_lag(np.ones(physics.n))
+    """Whether a delay of the channels explains more than a lag of all friction, the arm's own, and is
+    still there beside what the model may lack."""
+    late = physics.with_delay(seconds)
+    if late.evidence.score > physics.friction_lag(np.ones(physics.n)):
+        return False
+    rivals = _fit_delay(beyond.widened(physics))
+    share = rivals.error_with / rivals.error
+    return bool(share < _BETTER and rivals.seconds / seconds > 0.5)
 
 
 def delay_texts(seconds: float) -> tuple[str, str, str, str]:

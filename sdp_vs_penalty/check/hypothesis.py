@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue, Repair
 from sdp_vs_penalty.check.physics import Physics
@@ -34,6 +35,8 @@ SIGNIFICANT = 5.0
 #: Correlation of the torque with a plausible arm's weight from which on weight has a sign; below minus
 #: this it acts upwards.
 AGREES = 0.5
+#: Of what it gains it keeps this share where rotors and friction of other laws compete with it.
+BEYOND = 0.5
 #: Rows for hypotheses that need new columns each.
 _FEW_ROWS = 200
 #: A number that may be wrong (a gain, a clock's rate, a share of the weight) is believed where it gains less, too, if
@@ -118,6 +121,11 @@ class Hypothesis:
     def known_by_number(self, physics: Physics, gain: float) -> bool:
         """Whether its number is certainly not what the file says, however little it gains."""
         return bool(self.number is not None and gain > LEAST and self.number.sigmas(physics) > SIGMAS)
+
+    def needed_beyond(self, physics: Physics) -> bool:
+        """Whether it gains about as much for an arm with what the model may lack, on either side."""
+        before, after = beyond.widened(physics), beyond.widened(self.apply(physics))
+        return before.evidence.score - after.evidence.score > BEYOND * self.gain(physics)
 
     def stated(self, physics: Physics) -> Issue:
         """The issue, with what the hypothesis explains of these data."""

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
 #: Motion counts as too sharp where two state filters disagree by this many robust deviations.
-_SHARP = 12.0
+_SHARP, _CORNER = 12.0, 0.3
 
 
 @dataclass(frozen=True)
@@ -195,8 +195,9 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    scale = 1.4826 * np.median(apart[keep], axis=0)
-    keep &= ~np.any(apart > _SHARP * np.maximum(scale, 1e-12), axis=1)
+    usual = _SHARP * 1.4826 * np.median(apart[keep], axis=0)
+    size = np.sqrt(np.mean((low_pass @ motion.ddq)[keep] ** 2, axis=0))
+    keep &= ~np.any(apart > np.maximum(np.maximum(usual, _CORNER * size), 1e-12), axis=1)
     if not keep.any():
         return None
     return Segment(
