@@ -136,6 +136,10 @@ def _score_of_weight(physics: Physics, shares: Callable[[float], Array], share: 
     return physics.with_weight(shares(share)).evidence.score
 
 
+def _weighing(shares: Callable[[float], Array], change: float) -> Callable[[Physics], Physics]:
+    return partial(Physics.with_weight, share=shares(1.0 + change))
+
+
 def _hertz(seconds: float) -> str:
     return f"{1.0 / (2.0 * np.pi * seconds):.2g} Hz ({1e3 * seconds:.0f} ms)"
 
@@ -185,5 +189,5 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             partial(Physics.with_weight, share=share), 2, texts, None,
             gravity=(gx, gy, gz) if every else None, joints=[j + 1 for j in joints], share_left=x,
             gross=x < _MOSTLY_GONE,
-            number=Number(x - 1.0, lambda d, left=left: lambda p: p.with_weight(left(1.0 + d))),
+            number=Number(x - 1.0, partial(_weighing, left)),
         )  # fmt: skip

@@ -39,8 +39,8 @@ AGREES = 0.5
 BEYOND = 0.5
 #: Rows for hypotheses that need new columns each.
 _FEW_ROWS = 200
-#: A number that may be wrong (a gain, a clock's rate, a share of the weight) is believed where it gains less, too, if
-#: it lies so many standard deviations from what the file says, and gains this much of the score.
+#: A number that may be wrong (a gain, a clock's rate, a share of the weight) is believed where it gains
+#: less, too, if it lies so many standard deviations from what the file says, and gains this much.
 SIGMAS, LEAST = 4.0, 0.15
 #: Parts of the run that are left out in turn, and steps to either side, as a share of the number.
 _PARTS, _STEP = 8, 0.3
