@@ -83,22 +83,18 @@ class Candidates:
         known: frozenset[Key],
         most: int = MOST,
         on: Set[int] | None = None,
+        only: Key | None = None,
     ) -> list[Candidate]:
         """The most plausible candidates beside those ``picked`` and what the model has (``known``),
-        shapes refined, best first. most : so many at most; on : only those on these joints or several.
+        shapes refined, best first. most : so many at most; on : only those on these joints or several;
+        only : this one alone.
         """
-        if self._scored is None or self._scored[0] is not fit:
-            self._scored = fit, self._coarse(fit, scaled)
-        plausible = self._scored[1]
-        taken = {h.effect.text for h in picked}
-        coarse: list[tuple[float, Key, Array]] = []
-        for key in self.eligible(picked, known):
-            if on is not None and not on & self.acting[key]:
-                continue
-            members = self.by_key[key]
-            values = np.array([0.0 if self.texts[g] in taken else plausible[g] for g in members])
-            coarse.append((_averaged(values), key, values))
-        coarse = sorted((c for c in coarse if c[0] > 0.0), key=lambda c: -c[0])
+        plausible = self._plausible(fit, scaled, picked, known)
+        coarse = [
+            (v, key, values)
+            for key, (v, values) in plausible.items()
+            if (on is None or on & self.acting[key]) and (only is None or only == key)
+        ]
         best = coarse[0][0] if coarse else 0.0
         close = [c for k, c in enumerate(coarse) if c[0] > (_FAR if k < _CONTENDERS else _CLOSE) * best]
         found = [
@@ -112,6 +108,30 @@ class Candidates:
             for v, key, values in close[:most]
         ]
         return sorted(found, key=lambda h: -h.evidence)
+
+    def _plausible(
+        self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
+    ) -> dict[Key, tuple[float, Array]]:
+        """Evidence on the grids of shapes, averaged and of each member, the most plausible first."""
+        if self._scored is None or self._scored[0] is not fit:
+            self._scored = fit, self._coarse(fit, scaled)
+        evidence, taken = self._scored[1], {h.effect.text for h in picked}
+        out: dict[Key, tuple[float, Array]] = {}
+        for key in self.eligible(picked, known):
+            members = self.by_key[key]
+            values = np.array([0.0 if self.texts[g] in taken else evidence[g] for g in members])
+            out[key] = _averaged(values), values
+        return dict(sorted(((k, v) for k, v in out.items() if v[0] > 0.0), key=lambda f: -f[1][0]))
+
+    def families(
+        self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
+    ) -> dict[str, dict[int, float]]:
+        """By name, the evidence on each joint of the laws that act on one joint each."""
+        out: dict[str, dict[int, float]] = {}
+        for (name, joint), (value, _) in self._plausible(fit, scaled, picked, known).items():
+            if joint is not None:
+                out.setdefault(name, {})[joint] = value
+        return out
 
     def _best_forms(self, members: Sequence[int], values: Array) -> list[int]:
         """Where to refine from: the most plausible member, and that of the next best form (the choices

@@ -124,7 +124,7 @@ def next_pick(state: SearchState) -> Pick | None:
     threshold = flip_threshold(
         state.fit, state.scaled, state.eligible, state.stage.seed + len(state.picks)
     )
-    for candidate in contenders[:_TRIES]:
+    for candidate in _joint_by_joint(state, contenders)[:_TRIES]:
         pick = accepted(state, candidate, threshold)
         if pick is None:
             continue
@@ -135,6 +135,17 @@ def next_pick(state: SearchState) -> Pick | None:
             return replace(simpler, rivals=rivals_of(state, plain, contenders))
         return replace(pick, rivals=rivals)
     return None
+
+
+def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequence[Candidate]:
+    """The same behind the best member of a family, where the first is of the whole robot and one law on
+    each joint by itself explains more: what all joints have in common looks like one cause (friction
+    that bends before it slides, on every joint, like a filter of all channels)."""
+    first = contenders[0]
+    family = state.best_family() if first.key[1] is None else None
+    if family is None or family[0] < first.evidence + TOLD_APART:
+        return contenders
+    return [state.candidate(family[1]), *contenders]
 
 
 def accepted(state: SearchState, candidate: Candidate, threshold: float) -> Pick | None:

@@ -97,6 +97,21 @@ class SearchState:
         stage = self.stage
         return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known, most, on)
 
+    def best_family(self) -> tuple[float, Key] | None:
+        """What one law explains, on each joint by itself and summed over the joints, of those laws the
+        one that explains most, and where it explains most."""
+        stage, picked = self.stage, [p.candidate for p in self.picks]
+        families = stage.candidates.families(self.fit, self.scaled, picked, stage.known)
+        if not families:
+            return None
+        name, own = max(families.items(), key=lambda f: sum(f[1].values()))
+        return sum(own.values()), (name, max(own, key=lambda j: own[j]))
+
+    def candidate(self, key: Key) -> Candidate:
+        """This one, its shapes refined."""
+        stage, picked = self.stage, [p.candidate for p in self.picks]
+        return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known, only=key)[0]
+
     @property
     def eligible(self) -> frozenset[Key]:
         """What may be added to the picks."""
