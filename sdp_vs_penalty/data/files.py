@@ -13,6 +13,7 @@ from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.formats.pipes import spooled
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
+from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.files import opened
 
@@ -32,14 +33,14 @@ def load_measurements(
     """
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")
-    parts = []
+    runs = []
     for path in map(Path, paths):
-        part = read_run(path, joints, names)
+        run = read_run(path, joints, names)
         word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
-        check_usable(path, part, word, first)
-        parts.append(part)
-    refuse_twice(paths, parts)
-    return windowed(parts[0] if len(parts) == 1 else concatenate(parts), [(start, stop)])
+        check_usable(path, run, word, first)
+        runs.append(run)
+    refuse_twice(paths, runs)
+    return windowed(runs[0] if len(runs) == 1 else concatenate(runs), [(start, stop)])
 
 
 def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Measurements:
@@ -49,22 +50,21 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
     """
     if list(windows) == [(0.0, np.inf)]:
         return whole
-    parts = []
+    made = []
     for run in whole.runs():
-        since = run.t - run.t[0]
         for start, stop in windows:
             end = "its end" if np.isinf(stop) else f"{stop:g} s"
-            if np.count_nonzero((since >= start) & (since < stop)) < 2:
+            part = run.window(start, stop)
+            if part.samples < 2:
+                lasts = f"the run lasts {run.t[-1] - run.t[0]:.4g} s"
                 raise InputError(
-                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s",
+                    f"no samples between {start:g} s and {end}: {lasts}",
                     "choose a window inside it",
                     run.names[0],
                 )
-            part = run.window(start, stop)
             name = f"{run.names[0]}, {start:.4g} s to {end}"
-            parts.append(part if len(windows) == 1 else replace(part, names=(name,)))
-    made = parts[0] if len(parts) == 1 else concatenate(parts)
-    return made.window_of(whole)
+            made.append(part if len(windows) == 1 else replace(part, names=(name,)))
+    return (made[0] if len(made) == 1 else concatenate(made)).window_of(whole)
 
 
 def read_run(
@@ -93,13 +93,13 @@ def read_run(
     return part
 
 
-def refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
+def refuse_twice(paths: Sequence[str | Path], runs: Sequence[Measurements]) -> None:
     """The same samples again would count as a repetition without noise."""
-    if len(parts) < 2:  # nothing to compare with: no need to hash the samples
+    if len(runs) < 2:  # nothing to compare with: no need to hash the samples
         return
     first: dict[str, int] = {}
-    for k, (path, part) in enumerate(zip(paths, parts, strict=True)):
-        other = first.setdefault(part.data_hash, k)
+    for k, (path, run) in enumerate(zip(paths, runs, strict=True)):
+        other = first.setdefault(run.data_hash, k)
         if other != k:
             raise InputError(f"holds the same samples as {paths[other]}", "name each run once", path)
 
@@ -111,37 +111,51 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     """
     if len(m.t) < 2:
         raise InputError(f"the run has {show.count(len(m.t), 'sample')}", "record longer", path)
-    for name, values in {"t": m.t[:, None], **m.groups}.items():
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            row, joint = bad[0]
-            column = name if name == "t" else f"{name}{joint + 1}"
-            raise InputError(
-                f"{word} {row + first}, column {column} is not a finite number",
-                f"delete the {word} or fill it in",
-                path,
-            )
-    steps = np.diff(m.t)
-    if np.any(steps <= 0):
-        row = int(np.argmax(steps <= 0))
-        how = "repeats" if steps[row] == 0 else "runs backwards"
+
+    def where(row: int, column: str) -> str:
+        return f"{word} {row + first}, column {column}"
+
+    blocks = {"t": m.t[:, None], **m.groups}
+    for name, values in blocks.items():
+        for start, part in parts(values):
+            bad = np.argwhere(~np.isfinite(part))
+            if len(bad):
+                row, joint = bad[0]
+                raise InputError(
+                    f"{where(start + row, _column(name, joint))} is not a finite number",
+                    f"delete the {word} or fill it in",
+                    path,
+                )
+    late = [start + np.flatnonzero(np.diff(part) <= 0) for start, part in parts(m.t, overlap=1)]
+    stays = np.concatenate(late)
+    if len(stays):
+        row = int(stays[0])
+        how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
         raise InputError(
             (
-                f"{word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
-                f"{m.t[row + 1]:.6g} s; {show.count(int(np.sum(steps <= 0)), f'such {word}')})"
+                f"{where(row + 1, 't')}: time {how} ({m.t[row]:.6g} s to "
+                f"{m.t[row + 1]:.6g} s; {show.count(len(stays), f'such {word}')})"
             ),
             "delete them, or cut the file there",
             path,
         )
-    for name, values in {"t": m.t[:, None], **m.groups}.items():
-        if values.size and np.abs(values).max() > LARGEST_VALUE[name]:
-            row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
-            column = name if name == "t" else f"{name}{joint + 1}"
+    for name, values in blocks.items():
+        largest = [np.abs(part).max(initial=0.0) for _, part in parts(values)]
+        worst = int(np.argmax(largest))
+        if largest[worst] > LARGEST_VALUE[name]:
+            begin = worst * PART
+            few = values[begin : begin + PART]
+            row, joint = np.unravel_index(int(np.argmax(np.abs(few))), few.shape)
+            place = where(begin + int(row), _column(name, joint))
             raise InputError(
-                f"{word} {row + first}, column {column}: no robot measures {values[row, joint]:.3g}",
+                f"{place}: no robot measures {few[row, joint]:.3g}",
                 f"correct the {word} or delete it",
                 path,
             )
+
+
+def _column(group: str, joint: int) -> str:
+    return group if group == "t" else f"{group}{joint + 1}"
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

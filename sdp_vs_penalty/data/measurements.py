@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.store import PART, Growing, joined, parts, release
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.show import Shown, Summary
 
@@ -68,7 +69,8 @@ class Measurements(Shown):
         """The single runs, in order."""
         if self.run is None:
             return [self]
-        if np.all(np.diff(self.run) >= 0):  # one after the other: views, no copies
+        if all(np.all(np.diff(part) >= 0) for _, part in parts(self.run, overlap=1)):
+            # One after the other: views, no copies.
             edges = np.searchsorted(self.run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
             return [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
@@ -76,8 +78,15 @@ class Measurements(Shown):
 
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""
-        parts = [r.rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop)) for r in self.runs()]
-        return concatenate(parts).window_of(self)
+        return concatenate([r._between(start, stop) for r in self.runs()]).window_of(self)
+
+    def _between(self, start: float, stop: float) -> Measurements:
+        """The samples of one run with start <= t - t[0] < stop."""
+        since = (part - self.t[0] for _, part in parts(self.t))
+        inside = np.concatenate([(s >= start) & (s < stop) for s in since])
+        first, last = int(inside.argmax()), len(inside) - int(inside[::-1].argmax())
+        # In a clock that advances they are one stretch: a view, no copy.
+        return self.rows(slice(first, last) if inside[first:last].all() else inside)
 
     def window_of(self, runs: Measurements) -> Measurements:
         """The same, known as windows of these runs."""
@@ -93,6 +102,16 @@ class Measurements(Shown):
         names = (name or self.names[0],)
         return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names, warm)
 
+    def parts(self) -> Iterator[Measurements]:
+        """Consecutive samples, few at a time, whichever run they are of; released when done with."""
+        for start in range(0, len(self.t), PART):
+            yield self.rows(slice(start, start + PART))
+            self.release()
+
+    def release(self) -> None:
+        """Let go of the memory of what has been read of a long recording (:mod:`~data.store`)."""
+        release(self.t, *self.groups.values())
+
     @property
     def data_hash(self) -> str:
         """SHA-256 over the numbers (not the file), so that the format does not matter."""
@@ -100,7 +119,8 @@ class Measurements(Shown):
         for run in self.runs():
             for a in (run.t, run.q, run.tau):
                 digest.update(repr(a.shape).encode())
-                digest.update(np.ascontiguousarray(a, dtype="<f8").tobytes())
+                for _, part in parts(a):
+                    digest.update(np.ascontiguousarray(part, dtype="<f8").data)
         return digest.hexdigest()
 
 
@@ -125,9 +145,21 @@ class Runs:
 LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12, "temp": 1e4}
 
 
-def concatenate(parts: Sequence[Measurements]) -> Measurements:
+def gathered(pieces: Iterable[Measurements]) -> Measurements:
+    """One run from consecutive pieces of it, at least one; on the disk where there are many."""
+    whole: dict[str, Growing] = {}
+    for piece in pieces:
+        first = piece
+        for name, block in {"t": piece.t, **piece.groups}.items():
+            whole.setdefault(name, Growing()).append(block)
+    found = {name: block.array() for name, block in whole.items()}
+    dq, warm = found.get("dq"), found.get("temp")
+    return Measurements(found["t"], found["q"], found["tau"], dq, None, first.names, warm)
+
+
+def concatenate(several: Sequence[Measurements]) -> Measurements:
     """Several measurements of one robot as one, their runs kept apart."""
-    runs = [run for part in parts for run in part.runs()]
+    runs = [run for part in several for run in part.runs()]
     if len({run.n for run in runs}) > 1:
         raise InputError(
             "the runs have different numbers of joints: "
@@ -135,18 +167,18 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
             "name runs of one robot",
         )
     everywhere = [g for g in ("dq", "temp") if all(g in r.groups for r in runs)]
-    more = {g: np.concatenate([r.groups[g] for r in runs]) for g in everywhere}
+    more = {g: joined(r.groups[g] for r in runs) for g in everywhere}
     together = Measurements(
-        np.concatenate([r.t for r in runs]),
-        np.concatenate([r.q for r in runs]),
-        np.concatenate([r.tau for r in runs]),
+        joined(r.t for r in runs),
+        joined(r.q for r in runs),
+        joined(r.tau for r in runs),
         more.get("dq"),
-        np.repeat(np.arange(len(runs)), [len(r.t) for r in runs]),
+        joined(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
         tuple(r.names[0] for r in runs),
         more.get("temp"),
     )
-    if all(part.whole is None for part in parts):
+    if all(part.whole is None for part in several):
         return together
-    wholes = {id(whole): whole for whole in (part.whole or part for part in parts)}
+    wholes = {id(whole): whole for whole in (part.whole or part for part in several)}
     first, *others = wholes.values()
     return together.window_of(concatenate([first, *others]) if others else first)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER
+from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, unreadable
 
 Array = NDArray[np.float64]
@@ -92,22 +93,40 @@ def _is_number(text: str) -> bool:
 
 def numbers(path: Path, width: int, first: int = 2) -> Array:
     """The rows (N, width) of a file from row ``first`` on; InputError naming the row that is wrong."""
-    rows = islice(lines(path), first - 1, None)
+    return np.concatenate(list(tables(path, width, first)))
+
+
+def tables(path: Path, width: int, first: int = 2) -> Iterator[Array]:
+    """The same in consecutive pieces, at least one."""
+    rows = _without_gaps(islice(lines(path), first - 1, None))
+    begin = first
+    while True:
+        table = _table(rows, width)
+        if table is None:  # which row it is
+            careful = _without_tail(islice(lines(path), begin - 1, None))
+            for number, line in enumerate(careful, start=begin):
+                _check_row(path, number, line, width)
+            raise InputError("the rows cannot be read as numbers", "write numbers in all cells", path)
+        if len(table) or begin == first:
+            yield table
+        if len(table) < PART:
+            return
+        begin += len(table)
+
+
+def _table(rows: Iterator[str], width: int) -> Array | None:
+    """The next rows, fewer than PART at the end; None for what is no table of this width."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty table is one of no rows
-            table = np.loadtxt(_without_gaps(rows), delimiter=",", ndmin=2, comments=None)
+            table = np.loadtxt(islice(rows, PART), delimiter=",", ndmin=2, comments=None)
     except InputError:
         raise
     except ValueError:
-        table = None  # the careful look below says which row it is
-    if table is not None and table.size == 0:
+        return None
+    if table.size == 0:
         return np.zeros((0, width))
-    if table is not None and table.shape[1] == width:
-        return table
-    for number, line in enumerate(_without_tail(islice(lines(path), first - 1, None)), start=first):
-        _check_row(path, number, line, width)
-    raise InputError("the rows cannot be read as numbers", "write numbers in all cells", path)
+    return table if table.shape[1] == width else None
 
 
 def _without_tail(rows: Iterator[str]) -> Iterator[str]:
