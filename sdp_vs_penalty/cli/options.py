@@ -18,7 +18,7 @@ Data = Annotated[
     typer.Option(
         "--data",
         metavar="RUN.csv ...",
-        help="Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag, or the Panda authors' folder.",
+        help="Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag; a folder or pattern of these.",
     ),
 ]
 Test = Annotated[

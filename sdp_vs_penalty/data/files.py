@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
+from sdp_vs_penalty.data.formats import bag, csv, format_of, formats, panda_folder
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.formats.pipes import spooled
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
@@ -27,20 +28,40 @@ def load_measurements(
 ) -> Measurements:
     """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the authors' Panda format.
 
-    paths : one file a run; joints : the number of joints expected; start, stop : the window of each run
-    to keep [s]; names : of the robot's joints, for formats that name theirs (ROS).
+    paths : one file a run, or folders and patterns of such (:func:`run_files`); joints : the number of
+    joints expected; start, stop : the window of each run to keep [s]; names : of the robot's joints, for
+    formats that name theirs (ROS).
     Raises InputError naming file, row and column for whatever cannot be used.
     """
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")
     runs = []
-    for path in map(Path, paths):
+    paths = tuple(file for path in paths for file in run_files(path))
+    for path in paths:
         run = read_run(path, joints, names)
         word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
         check_usable(path, run, word, first)
         runs.append(run)
     refuse_twice(paths, runs)
     return windowed(runs[0] if len(runs) == 1 else concatenate(runs), [(start, stop)])
+
+
+def run_files(path: str | Path) -> list[Path]:
+    """The files that a path stands for: itself, those that match a pattern like runs/*.csv, or for a
+    folder that is no run itself those in it whose suffix is a format's, in the order of their names.
+
+    Raises InputError for a pattern that matches nothing.
+    """
+    path = Path(path)
+    if path.is_dir() and format_of(path) is panda_folder and not panda_folder.is_log(path):
+        known = {suffix for home in formats() for suffix in home.SUFFIXES}
+        return sorted(p for p in path.iterdir() if p.suffix.lower() in known) or [path]
+    if any(c in str(path) for c in "*?[") and not path.exists():
+        found = sorted(map(Path, glob.glob(str(path))))
+        if not found:
+            raise InputError("no file matches this pattern", "check its name", path)
+        return found
+    return [path]
 
 
 def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Measurements:
@@ -146,7 +167,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
             begin = worst * PART
             few = values[begin : begin + PART]
             row, joint = np.unravel_index(int(np.argmax(np.abs(few))), few.shape)
-            place = where(begin + int(row), _column(name, joint))
+            place = where(begin + int(row), _column(name, int(joint)))
             raise InputError(
                 f"{place}: no robot measures {few[row, joint]:.3g}",
                 f"correct the {word} or delete it",

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,8 @@ class Measurements(Shown):
     names: tuple[str, ...] = ("run",)
     temperature: Array | None = None
     whole: Measurements | None = field(default=None, init=False, compare=False)
+    #: What has been worked out of these samples and is needed again.
+    derived: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
 
     @property
     def n(self) -> int:
@@ -66,15 +69,20 @@ class Measurements(Shown):
         return {name: block for name, block in blocks.items() if block is not None}
 
     def runs(self) -> list[Measurements]:
-        """The single runs, in order."""
+        """The single runs, in order; the same ones each time."""
         if self.run is None:
             return [self]
-        if all(np.all(np.diff(part) >= 0) for _, part in parts(self.run, overlap=1)):
+        if "runs" not in self.derived:
+            self.derived["runs"] = self._split(self.run)
+        return list(self.derived["runs"])
+
+    def _split(self, run: NDArray[np.int64]) -> list[Measurements]:
+        if all(np.all(np.diff(part) >= 0) for _, part in parts(run, overlap=1)):
             # One after the other: views, no copies.
-            edges = np.searchsorted(self.run, np.arange(len(self.names) + 1))
+            edges = np.searchsorted(run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
             return [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
-        return [self.rows(self.run == k, name) for k, name in enumerate(self.names)]
+        return [self.rows(run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Joint, Robot
 
@@ -34,7 +35,7 @@ _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """InputError where positions cannot be this robot's, or are not in radians and metres."""
     for run in measurements.runs():
-        if not np.any(run.tau):
+        if not any(part.any() for _, part in parts(run.tau)):
             raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
         _check_derivative(robot, run)
         _check_side(robot, run)
@@ -48,6 +49,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                     f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees",
                     f"convert to radians{_MOTORS}",
                 )
+        run.release()
 
 
 def _check_side(robot: Robot, run: Measurements) -> None:
@@ -112,12 +114,13 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     """Position and velocity of revolute joints in the same unit of angle."""
     if run.dq is None:
         return
-    steps = np.diff(run.t)[:, None]
-    travelled, expected = np.diff(run.q, axis=0), 0.5 * (run.dq[1:] + run.dq[:-1]) * steps
-    energies, ways, shared = (
-        np.einsum("kj,kj->j", a, b)
-        for a, b in ((expected, expected), (travelled, travelled), (travelled, expected))
-    )
+    energies = ways = shared = np.zeros(run.n)
+    channels = (parts(x, overlap=1) for x in (run.t, run.q, run.dq))
+    for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
+        travelled, expected = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
+        energies = energies + np.einsum("kj,kj->j", expected, expected)
+        ways = ways + np.einsum("kj,kj->j", travelled, travelled)
+        shared = shared + np.einsum("kj,kj->j", travelled, expected)
     for j, joint in enumerate(robot.joints):
         energy, common, way = energies[j], shared[j], ways[j]
         if joint.kind != "revolute" or energy == 0.0 or way == 0.0:

@@ -15,6 +15,9 @@ from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
+#: Instants whose torque is worked out at a time: columns are many times as large as it.
+_PART = 1 << 13
+
 
 @dataclass(frozen=True)
 class JointColumns:
@@ -132,7 +135,10 @@ class Model:
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Modelled torque (N, n)."""
-        theta = np.asarray(theta, float)
+        theta, count = np.asarray(theta, float), len(motion.t)
+        if count > _PART and not any(effect.has_memory for effect in self.effects):
+            parts = (motion.part(slice(k, k + _PART)) for k in range(0, count, _PART))
+            return np.concatenate([self.torque(theta, part) for part in parts])
         return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
 
 
