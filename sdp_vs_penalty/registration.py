@@ -8,6 +8,8 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
+from sdp_vs_penalty.errors import InputError
+
 
 def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
     """The modules of a package (its __name__ and __path__) that define ``mark``."""
@@ -16,17 +18,25 @@ def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[Modul
 
 
 def marked(package: str, path: Iterable[str], mark: str = "NAME") -> dict[Any, ModuleType]:
-    """The modules that define ``mark``, by its value."""
-    found = {getattr(home, mark): home for home in modules(package, path, mark)}
-    return dict(sorted(found.items()))
+    """The modules that define ``mark``, by its value. Raises InputError where two define the same."""
+    return by_word((getattr(home, mark), home) for home in modules(package, path, mark))
 
 
 def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
-    """The subclasses of ``base`` that have a name, by it."""
-    found = {
-        value.name: value
+    """The subclasses of ``base`` that have a name, by it. Raises InputError where two have the same."""
+    return by_word(
+        (value.name, value)
         for home in modules(package, path)
         for value in vars(home).values()
         if isinstance(value, type) and issubclass(value, base) and hasattr(value, "name")
-    }
-    return dict(sorted(found.items()))
+    )
+
+
+def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
+    """Classes or modules by what each alone must have, in its order."""
+    out: dict[Any, Any] = {}
+    for value, thing in found:
+        if out.setdefault(value, thing) is not thing:
+            names = f"{out[value].__name__} and {thing.__name__}"
+            raise InputError(f"{names} have the same {word}, {value!r}", "give each its own")
+    return dict(sorted(out.items()))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats import bag, csv, format_of, formats, panda_folder
+from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.formats.pipes import spooled
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
@@ -36,13 +36,13 @@ def load_measurements(
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")
     runs = []
-    paths = tuple(file for path in paths for file in run_files(path))
-    for path in paths:
+    files = [file for path in paths for file in run_files(path)]
+    for path in files:
         run = read_run(path, joints, names)
         word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
         check_usable(path, run, word, first)
         runs.append(run)
-    refuse_twice(paths, runs)
+    refuse_twice(files, runs)
     return windowed(runs[0] if len(runs) == 1 else concatenate(runs), [(start, stop)])
 
 
@@ -54,8 +54,7 @@ def run_files(path: str | Path) -> list[Path]:
     """
     path = Path(path)
     if path.is_dir() and format_of(path) is panda_folder and not panda_folder.is_log(path):
-        known = {suffix for home in formats() for suffix in home.SUFFIXES}
-        return sorted(p for p in path.iterdir() if p.suffix.lower() in known) or [path]
+        return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [path]
     if any(c in str(path) for c in "*?[") and not path.exists():
         found = sorted(map(Path, glob.glob(str(path))))
         if not found:
@@ -184,6 +183,6 @@ def save(measurements: Measurements, path: str | Path) -> None:
     path = Path(path)
     home = format_of(path)
     if not hasattr(home, "write"):
-        known = ", ".join(sorted(s for h in formats() if hasattr(h, "write") for s in h.SUFFIXES))
+        known = ", ".join(sorted(suffixes("write")))
         raise InputError("cannot be written: its suffix names no format", f"choose one of {known}", path)
     home.write(measurements, path)  # type: ignore[union-attr]

@@ -234,14 +234,13 @@ def _judged(
     for run in measurements.runs():
         for rows in filtered_rows(run, model.model, settings):
             modelled, motion = predicted(rows, model.theta), rows.motion
-            for name, x in zip(
-                series, (motion.t, motion.q, motion.dq, rows.torque, modelled), strict=True
-            ):
-                series[name].append(x)
+            found = (motion.t, motion.q, motion.dq, rows.torque, modelled)
+            for kept, x in zip(series.values(), found, strict=True):
+                kept.append(x)
             for effect in model.model.effects:
                 beyond = effect.outside(replace(motion, torque=modelled)).sum()
-                name = effect.parameters[0].name
-                outside[name] = outside.get(name, 0.0) + float(beyond)
+                first = effect.parameters[0].name
+                outside[first] = outside.get(first, 0.0) + float(beyond)
     signals = Signals(**{name: x.array() for name, x in series.items()})
     measured, count = signals.measured, len(signals.t)
     pairs = zip(parts(measured), parts(signals.modelled), strict=True)
