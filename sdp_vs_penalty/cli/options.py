@@ -60,6 +60,11 @@ GainUncertainty = Annotated[
         help="Relative standard deviation of the torque channels' gains; widens the intervals.",
     ),
 ]
+Jobs = Annotated[int, typer.Option(min=1, help="Number of processes.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler; default: this computer."),
+]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables.")]
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +18,25 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.show import Shown, Summary
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Rows start to stop of the run that ``read`` returns: a few bytes that stand for many samples."""
+
+    read: Callable[[], Measurements]
+    start: int = 0
+    stop: int | None = None
+
+    def part(self, rows: slice, length: int) -> Origin:
+        """Of rows of these, of which there are ``length``."""
+        start, stop, _ = rows.indices(length)
+        return replace(self, start=self.start + start, stop=self.start + stop)
+
+    def again(self, name: str) -> Measurements:
+        """These rows, read again."""
+        whole = self.read()
+        return whole.rows(slice(self.start, self.stop), name)
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,6 +61,8 @@ class Measurements(Shown):
     whole: Measurements | None = field(default=None, init=False, compare=False)
     #: What has been worked out of these samples and is needed again.
     derived: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
+    #: One a run: how another process reads the same samples again; empty where none can.
+    origins: tuple[Origin, ...] = field(default=(), init=False, compare=False)
 
     @property
     def n(self) -> int:
@@ -68,6 +90,22 @@ class Measurements(Shown):
         blocks = {"q": self.q, "dq": self.dq, "tau": self.tau, "temp": self.temperature}
         return {name: block for name, block in blocks.items() if block is not None}
 
+    @property
+    def sent(self) -> Callable[[], Measurements]:
+        """For another process, what gives one run there: it reads its file again, where it has one."""
+        if len(self.origins) == 1 and self.run is None:
+            return partial(self.origins[0].again, self.names[0])
+        return partial(replace, self)
+
+    def named(self, name: str) -> Measurements:
+        """The same run by another name."""
+        return replace(self, names=(name,)).from_origins(self.origins)
+
+    def from_origins(self, origins: tuple[Origin, ...]) -> Measurements:
+        """The same, known to be what others can read there."""
+        object.__setattr__(self, "origins", origins)
+        return self
+
     def runs(self) -> list[Measurements]:
         """The single runs, in order; the same ones each time."""
         if self.run is None:
@@ -81,7 +119,8 @@ class Measurements(Shown):
             # One after the other: views, no copies.
             edges = np.searchsorted(run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
-            return [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
+            found = [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
+            return [r.from_origins((o,)) for r, o in zip(found, self.origins, strict=False)] or found
         return [self.rows(run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
@@ -98,7 +137,7 @@ class Measurements(Shown):
 
     def window_of(self, runs: Measurements) -> Measurements:
         """The same, known as windows of these runs."""
-        out = replace(self)
+        out = replace(self).from_origins(self.origins)
         object.__setattr__(out, "whole", runs.whole or runs)
         return out
 
@@ -108,7 +147,10 @@ class Measurements(Shown):
         """Some of the samples, as one run; name : of the run, the first one's by default."""
         dq, warm = (None if x is None else x[keep] for x in (self.dq, self.temperature))
         names = (name or self.names[0],)
-        return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names, warm)
+        part = Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names, warm)
+        if len(self.origins) == 1 and self.run is None and isinstance(keep, slice):
+            part.from_origins((self.origins[0].part(keep, len(self.t)),))
+        return part
 
     def parts(self) -> Iterator[Measurements]:
         """Consecutive samples, few at a time, whichever run they are of; released when done with."""
@@ -185,6 +227,8 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         tuple(r.names[0] for r in runs),
         more.get("temp"),
     )
+    if all(len(r.origins) == 1 for r in runs):
+        together.from_origins(tuple(r.origins[0] for r in runs))
     if all(part.whole is None for part in several):
         return together
     wholes = {id(whole): whole for whole in (part.whole or part for part in several)}

@@ -44,6 +44,8 @@ def verb(
             help="Run with a load of this mass on the last link; determines the torque channels' gains.",
         ),
     ] = None,
+    jobs: options.Jobs = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
 
@@ -56,6 +58,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
     from sdp_vs_penalty.estimation.identify import identify as run_identification
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
+    from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.regression.black_box import load_answers
 
@@ -81,6 +84,7 @@ def verb(
             proof=proof,
             gain_uncertainty=gain_uncertainty or 0.0,
             known_loads=[parsed_known_load(text) for text in known_load or []],
+            workers=Workers(jobs, scheduler),
         )
         seconds = time.perf_counter() - begin
         estimate.save(out)
