@@ -87,18 +87,14 @@ class Numbered(Generic[Item, Result]):
 class Workers:
     """Who does work that falls into parts: this process, several (``jobs``), or a Dask cluster.
 
-    scheduler : the cluster's address, tcp://HOST:PORT.
+    scheduler : the cluster's address, tcp://HOST:PORT; progress : hears how many parts are done.
     """
 
     jobs: int = 1
     scheduler: str | None = None
+    progress: Callable[[str], None] = lambda _: None
 
-    def map(
-        self,
-        function: Callable[[Item], Result],
-        items: Iterable[Item],
-        progress: Callable[[str], None] = lambda _: None,
-    ) -> list[Result]:
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Results in the order of the items, however they come; errors as of :func:`spread`."""
         todo = list(items)
         if self.scheduler is None and min(self.jobs, len(todo)) < 2:
@@ -106,7 +102,7 @@ class Workers:
         found: dict[int, Result] = {}
         for k, result in spread(Numbered(function), enumerate(todo), self.scheduler, self.jobs):
             found[k] = result
-            progress(f"{len(found)} of {len(todo)} done")
+            self.progress(f"{len(found)} of {len(todo)} runs")
         return [found[k] for k in range(len(todo))]
 
 

@@ -84,7 +84,7 @@ def verb(
             proof=proof,
             gain_uncertainty=gain_uncertainty or 0.0,
             known_loads=[parsed_known_load(text) for text in known_load or []],
-            workers=Workers(jobs, scheduler),
+            workers=Workers(jobs, scheduler, progress),
         )
         seconds = time.perf_counter() - begin
         estimate.save(out)
