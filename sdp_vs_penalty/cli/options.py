@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -66,6 +67,13 @@ Scheduler = Annotated[
     typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler; default: this computer."),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables.")]
+
+
+class Budget(StrEnum):
+    """How much effort tables and figures may take."""
+
+    quick = "quick"
+    paper = "paper"
 
 
 def json_option(what: str) -> object:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,14 @@ from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.robot import compiled
 
 Array = NDArray[np.float64]
 
 #: Characters of a line above which a file is no table.
 _LONGEST = 1_000_000
+#: Bytes that the compiled core reads at once.
+_PART = 1 << 24
 _FORMATS = "give measurements as CSV text or .npz"
 
 
@@ -98,8 +102,13 @@ def numbers(path: Path, width: int, first: int = 2) -> Array:
 
 def tables(path: Path, width: int, first: int = 2) -> Iterator[Array]:
     """The same in consecutive pieces, at least one."""
-    rows = _without_gaps(islice(lines(path), first - 1, None))
-    begin = first
+    begin: int | None = first
+    native = compiled.core()
+    if native is not None:
+        begin = yield from _by_core(native, path, width, first)
+    if begin is None:
+        return
+    rows = _without_gaps(islice(lines(path), begin - 1, None))
     while True:
         table = _table(rows, width)
         if table is None:  # which row it is
@@ -127,6 +136,31 @@ def _table(rows: Iterator[str], width: int) -> Array | None:
     if table.size == 0:
         return np.zeros((0, width))
     return table if table.shape[1] == width else None
+
+
+def _by_core(native: Any, path: Path, width: int, first: int) -> Generator[Array, None, int | None]:
+    """The same by the compiled core; None at the end, else the row from which on it gives up."""
+    row, found = first, False
+    try:
+        with path.open("rb") as file:
+            for _ in range(first - 1):
+                file.readline(_LONGEST)
+            while text := file.read(_PART):
+                rest = file.readline(_LONGEST)
+                if len(rest) == _LONGEST:
+                    return row
+                text += rest
+                table = np.empty((text.count(b"\n") + 1, width))
+                count = native.numbers(text, width, table)
+                if count < 0:
+                    return row
+                yield table[:count]
+                row, found = row + text.count(b"\n"), True
+    except OSError as error:
+        raise unreadable(error, path) from error
+    if not found:
+        yield np.zeros((0, width))
+    return None
 
 
 def _without_tail(rows: Iterator[str]) -> Iterator[str]:
