@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Generator, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,10 +101,7 @@ def numbers(path: Path, width: int, first: int = 2) -> Array:
 
 def tables(path: Path, width: int, first: int = 2) -> Iterator[Array]:
     """The same in consecutive pieces, at least one."""
-    begin: int | None = first
-    native = compiled.core()
-    if native is not None:
-        begin = yield from _by_core(native, path, width, first)
+    begin = yield from _by_core(path, width, first)
     if begin is None:
         return
     rows = _without_gaps(islice(lines(path), begin - 1, None))
@@ -138,8 +134,21 @@ def _table(rows: Iterator[str], width: int) -> Array | None:
     return table if table.shape[1] == width else None
 
 
-def _by_core(native: Any, path: Path, width: int, first: int) -> Generator[Array, None, int | None]:
-    """The same by the compiled core; None at the end, else the row from which on it gives up."""
+def at_once(path: Path, width: int, first: int) -> Array | None:
+    """All rows by the compiled core; None without it, or where a row is unusual."""
+    pieces, found = [], _by_core(path, width, first)
+    while True:
+        try:
+            pieces.append(next(found))
+        except StopIteration as end:
+            return np.concatenate(pieces) if end.value is None else None
+
+
+def _by_core(path: Path, width: int, first: int) -> Generator[Array, None, int | None]:
+    """The rows by the compiled core; None at the end, else the row from which on it gives up."""
+    native = compiled.core()
+    if native is None:
+        return first
     row, found = first, False
     try:
         with path.open("rb") as file:
