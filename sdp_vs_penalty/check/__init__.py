@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import (
     clock,
