@@ -258,7 +258,9 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
             moved[indices] = True
     change = columns[:, :, moved] - stage.columns[:, :, moved]
     residual = stage.residual - (change @ now.theta[moved]).T
-    picks = [spread_columns(stage.rows, p.candidate.effect) for p in state.picks]
+    # What is known beforehand only would let the links run away: their columns are nearly its own.
+    effects = [p.candidate.effect for p in state.picks]
+    picks = [spread_columns(stage.rows, e) for e in effects if e.plausible is None]
     refitted = replace(stage, columns=columns, residual=residual)
     step = refitted.least_squares(np.concatenate([columns, *picks], axis=2), balanced=True)
     return replace(now, model=model, theta=now.theta + step[: len(now.theta)])
