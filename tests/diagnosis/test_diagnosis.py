@@ -149,9 +149,9 @@ def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> Non
 
 
 def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
-    from sdp_vs_penalty.effects.hidden import Hidden, on_joint
+    from sdp_vs_penalty.effects.hidden import HiddenEffect, on_joint
 
-    odd = Hidden(
+    odd = HiddenEffect(
         "unknown",
         (3,),
         lambda w, m, a: a * on_joint(3, 7, m.q[:, 3] * m.dq[:, 3]),
@@ -162,7 +162,7 @@ def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
 
 def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
     loaded = hidden_runs(panda, [("payload", [])], "strong", seed=16)
-    empty = hidden_runs(panda, [], 0.0, seed=17, world=loaded.world)
+    empty = hidden_runs(panda, [], 0.0, seed=17, true=loaded.true)
     estimate = identified(empty, concatenate(empty.runs[:3]))
     data = concatenate(loaded.runs[:3])
     result = diagnose(estimate, data, loaded.runs[3], frozen=True)
