@@ -246,8 +246,11 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
     """The model with these constants, refitted beside the picks; None where none of them moves."""
     current = _values_of(now)
     steps = [np.log(s.after / current[s.effect, s.joint, s.shape]) for s in found]
-    if not np.any(np.abs(steps) > _MOVES):
-        return None
+    return refitted_beside(now, state, found) if np.any(np.abs(steps) > _MOVES) else None
+
+
+def refitted_beside(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate] = ()) -> Estimate:
+    """The model refitted beside the picks, with other constants."""
     stage = state.stage
     model = replace(now.model, effects=with_shapes(now.model.effects, found))
     gains = np.ones(stage.rows.n) if model.gains is None else np.array(model.gains)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.robot.robot import Robot
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].
@@ -93,8 +93,8 @@ def _thinned(motion: Motion) -> NDArray[np.intp]:
     return every
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    robot = world.robot
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    robot = true.robot
     slips, turns = 1e-4 * rng.normal(size=(robot.n, 3)), 2e-4 * rng.normal(size=(robot.n, 3))
     base = np.array([one.parent == -1 for one in robot.joints])
     felt = np.ones((robot.n, 3), bool)  # a base may stand anywhere, but level
@@ -103,7 +103,7 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         felt[j] = [np.hypot(*np.delete(down, k)) > 1e-6 for k in range(3)]
     slips[base], turns[~felt] = 0.0, 0.0
 
-    def torque(w: World, m: Motion, a: float) -> Array:
+    def torque(w: TrueRobot, m: Motion, a: float) -> Array:
         joints = []
         for joint, slip, turn in zip(w.robot.joints, a * slips, a * turns, strict=True):
             pose, size = np.eye(4), float(np.linalg.norm(turn)) or 1.0
@@ -115,4 +115,4 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         return beside.rigid(m) - w.rigid(m)
 
     theta = (*slips[~base].ravel().tolist(), *turns[felt].tolist())
-    return Hidden("kinematic_error", (), torque, theta=theta)
+    return HiddenEffect("kinematic_error", (), torque, theta=theta)
