@@ -70,8 +70,9 @@ def search(
         # What a late or smoothed torque does at reversals has been taken for the model's own constants,
         # and its column is of a model that was identified without it.
         state = state.with_picks([first])
-        now = refitted_beside(now, state, profiled(estimate, now, state))
-        state = reshaped(state.on(staged(now)))
+        for _ in range(_ADOPTIONS):
+            now = refitted_beside(now, state, profiled(estimate, now, state))
+            state = reshaped(state.on(staged(now)))
     state = search_through(state)
     for _ in range(0 if frozen else _ADOPTIONS):
         if not state.picks:
