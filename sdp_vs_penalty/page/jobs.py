@@ -31,6 +31,7 @@ from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
 from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, makers
+from sdp_vs_penalty.simulation.hide import RUN_FILES
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 #: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
@@ -87,7 +88,7 @@ def robot(request: Request, progress: Progress) -> Answer:
         else f"{show.count(problem.robot.n, 'joint')}, from URDF",
         "name": problem.name,
         "n": problem.robot.n,
-        "joints": [j.name for j in problem.robot.joints],
+        "joints": list(problem.robot.joint_names),
         "units": [unit.replace("*", " ") for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "torque_side": problem.torque_side,
@@ -103,7 +104,7 @@ def read(request: Request, progress: Progress) -> Answer:
         progress(f"reading {file['name']}")
         path = Path(file["path"])
         try:
-            part = load_measurements(path, joints=problem.robot.n, names=_joint_names(problem))
+            part = load_measurements(path, joints=problem.robot.n, names=problem.robot.joint_names)
             twin = hashes.get(part.data_hash)
             if twin is not None:
                 raise InputError(f"holds the same samples as {twin}", "name each run once", path)
@@ -134,10 +135,10 @@ def simulate(request: Request, progress: Progress) -> Answer:
     hidden = [] if request["effect"] == "none" else [(request["effect"], joints)]
     made = hidden_runs(problem, hidden, level, int(request["seed"]), must_show=True)
     runs = []
-    for name, part in zip(("run1.csv", "run2.csv", "run3.csv", "test.csv"), made.runs, strict=True):
+    for name, part in zip(RUN_FILES, made.runs, strict=True):
         progress(f"checking {name}")
         run = _keep(problem, part, Path(request["folder"]), name)
-        runs.append({**run, "use": "test" if name == "test.csv" else "train"})
+        runs.append({**run, "use": "test" if name == RUN_FILES[-1] else "train"})
     return {"runs": runs, "refused": [], "effects": made.truth["model_effects"]}
 
 
@@ -277,10 +278,6 @@ def _problem(request: Request) -> Problem:
     return load_problem(request["robot"]["source"], request["robot"].get("gravity"))
 
 
-def _joint_names(problem: Problem) -> list[str]:
-    return [j.name for j in problem.robot.joints]
-
-
 def _runs(request: Request) -> Runs:
     """The runs of a request for what each is used for, under their shown names.
 
@@ -332,13 +329,7 @@ def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
         "findings": [
-            {
-                "severity": f.severity,
-                "kind": f.kind,
-                "what": f.what,
-                "remedy": f.remedy,
-                "mends": f.mends,
-            }
+            {word: getattr(f, word) for word in ("severity", "kind", "what", "remedy", "mends")}
             for f in found.problems
         ],
     }
