@@ -28,6 +28,7 @@ from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.steps import STEPS
 from sdp_vs_penalty.page.steps.take_away import FILES
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.workbench import Workbench
@@ -226,7 +227,9 @@ def make_app(page: Page) -> FastAPI:
 async def _build(page: Page, session: Session) -> None:
     client = ui.context.client
     limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
-    ui.add_head_html(f"<style>{(_HERE / 'look.css').read_text()}</style>")
+    shown = ", ".join(f"[data-at={s.anchor}] [data-step={s.anchor}]" for s in STEPS)
+    look = f"{(_HERE / 'look.css').read_text()}\n:is({shown}) {{ display: block; }}"
+    ui.add_head_html(f"<style>{look}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
     bench = Workbench(View(session, await page.catalogue(), page.folder, client))
     bench.build()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import uploads
@@ -15,6 +16,11 @@ from sdp_vs_penalty.page.state import METHOD, Notice, State, Working
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Cancelled
 
+#: What belongs to a robot, and is put aside with it.
+_OF_A_ROBOT = (
+    "robot", "runs", "effects", "method", "ladder", "findings", "found_for", "found_in", "methods",
+    "made_by",
+)  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
 #: Seconds of a run that is long enough to be split into one to identify from and one to test on.
 _LONG = 10.0
@@ -31,11 +37,30 @@ class Session(State):
 
         async def do() -> None:
             answer = await self._job("robot", source=source)
+            self._remember()
             self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
             self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
             self.forget_models()
 
         self._start("Reading the robot", do(), {source: urdf or source})
+
+    def _remember(self) -> None:
+        """Before the robot changes: what is dropped, said and kept, so that it can be brought back."""
+        self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
+        if self.robot is not None and self.runs:
+            what = [show.count(len(self.runs), "run")]
+            what += [show.count(len(self.ladder), "model")] if self.ladder else []
+            said = f"{self.robot['name']}: {show.words(what)} put aside with the robot."
+            self.notice = Notice((said,), error=False, undo=True)
+
+    def bring_back(self) -> None:
+        """The robot before this one, with its runs and models."""
+        if self.busy or not self.dropped:
+            return
+        for name, value in self.dropped.items():
+            setattr(self, name, value)
+        self.dropped = {}
+        self.say()
 
     def read_arrived(self) -> None:
         """Read the files that were dropped; after the job that is being done, if there is one."""
@@ -106,11 +131,7 @@ class Session(State):
         async def do() -> None:
             if not self.effects:
                 raise InputError("No effect is chosen", "choose at least rigid_body")
-            if self.meaningless and not self.anyway:
-                raise InputError(
-                    self.meaningless[0],
-                    'repair it with `sdp-vs-penalty check RUN --fix`, or tick "Identify anyway"',
-                )
+            self._refuse_meaningless()
             answer = await self._job(
                 "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
             )
@@ -133,6 +154,7 @@ class Session(State):
         """What the current model misses."""
 
         async def do() -> None:
+            self._refuse_meaningless()
             answer = await self._job("find", model=self._current(), frozen=self.frozen)
             self.findings = Diagnosis.from_dict(answer["diagnosis"])
             self.found_for, self.found_in = len(self.ladder), answer["seconds"]
@@ -140,21 +162,18 @@ class Session(State):
         self._start("Looking for what is missing", do())
 
     def add(self, texts: list[str]) -> None:
-        """Add effects to the current model."""
+        """Add effects to the current model, a rung of the ladder each."""
 
         async def do() -> None:
             frozen = self.findings is not None and self.findings.frozen
-            answer = await self._job(
-                "extend",
-                model=self._current(),
-                effect=",".join(texts),
-                frozen=frozen,
-                out=self._next_file(),
-            )
-            label = " ".join(f"+ {text.partition('@')[0]}" for text in texts)
-            new = {"label": label, "added": tuple(texts), "frozen": frozen}
-            self.ladder.append(Rung(**{**answer, **new}))
-            self.methods = None
+            model, rungs = self._current(), []
+            for text in texts:
+                details = {"effect": text, "frozen": frozen, "out": self._next_file()}
+                answer = await self._job("extend", model=model, **details)
+                new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
+                rungs.append(Rung(**{**answer, **new}))
+                model = rungs[-1].file
+            self.ladder, self.methods = [*self.ladder, *rungs], None
 
         self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
 
@@ -234,7 +253,6 @@ class Session(State):
         self.changed()
 
     async def _watch(self, doing: Coroutine[Any, Any, None]) -> None:
-        work = self.working.work if self.working is not None else None
         try:
             await doing
         except Cancelled:
@@ -249,14 +267,16 @@ class Session(State):
                 )
             )
         finally:
-            if work is not None:
-                work.kill()
+            if self.working is not None:
+                self.working.work.kill()
             self.working, self.task = None, None
             self.changed()
             self.read_arrived()
 
     async def _job(self, job: str, **details: Any) -> dict[str, Any]:
         assert self.working is not None
+        if self.working.work.killed and not self.working.work.cancelled:  # it has done a job
+            self.working.work = self.workshop.worker()
         request = {
             "job": job,
             "folder": str(self.folder),
@@ -297,6 +317,13 @@ class Session(State):
             self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
         elif had_models:
             self.notice = Notice((_OTHER_RUNS,), error=False)
+
+    def _refuse_meaningless(self) -> None:
+        if self.meaningless and not self.anyway:
+            raise InputError(
+                self.meaningless[0],
+                'repair it with `sdp-vs-penalty check RUN --fix`, or tick "Identify anyway"',
+            )
 
     def _current(self) -> str:
         if self.model is None:

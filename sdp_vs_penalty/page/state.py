@@ -32,10 +32,12 @@ class Working:
 
 @dataclass(frozen=True)
 class Notice:
-    """One or more sentences for the person: an error, or something worth knowing."""
+    """One or more sentences for the person: an error, or something worth knowing; undo : whether the
+    change of robot that it tells of can be taken back."""
 
     texts: tuple[str, ...]
     error: bool = True
+    undo: bool = False
 
 
 class Watcher(Protocol):
@@ -86,6 +88,8 @@ class State:
     refusals: int = 0
     #: Shown names by path.
     names: dict[str, str] = field(default_factory=dict)
+    #: The robot before this one and what belonged to it.
+    dropped: dict[str, Any] = field(default_factory=dict)
     _curves: dict[str, list[Curves]] = field(default_factory=dict)
 
     @property

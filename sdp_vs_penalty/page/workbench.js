@@ -20,10 +20,22 @@ const workbench = {
     if (kind === "runs") await fetch(`${base}/sent`, { method: "POST" });
   },
   show(step) {
+    document.body.dataset.at = step; // look.css shows that stage, and on a phone all of them
+    localStorage.setItem(location.pathname, step);
+    for (const link of document.querySelectorAll("nav.steps a")) {
+      if (link.dataset.to === step) {
+        link.setAttribute("aria-current", "step");
+        link.scrollIntoView({ block: "nearest", inline: "center" });
+      } else link.removeAttribute("aria-current");
+    }
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    document
-      .querySelector(`[data-step="${step}"]`)
-      ?.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
+    if (matchMedia("(max-width: 640px)").matches)
+      document
+        .querySelector(`[data-step="${step}"]`)
+        ?.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
+    else scrollTo(0, 0);
+    document.querySelector(`[data-step="${step}"] h2`)?.focus({ preventScroll: true });
+    dispatchEvent(new Event("resize")); // charts drawn out of sight learn how wide they are
   },
   key: null,
 };
@@ -47,7 +59,6 @@ document.addEventListener("click", (event) => {
   if (!link) return;
   event.preventDefault();
   workbench.show(link.dataset.to);
-  document.querySelector(`[data-step="${link.dataset.to}"] h2`)?.focus({ preventScroll: true });
 });
 
 document.addEventListener("focusin", (event) => {
@@ -57,6 +68,15 @@ document.addEventListener("pointerdown", (event) => {
   if (!event.target.closest("[data-key]")) workbench.key = null;
 });
 addEventListener("DOMContentLoaded", () => {
+  document.body.dataset.at = localStorage.getItem(location.pathname) ?? "robot";
+  const arrive = new MutationObserver(() => {
+    if (!document.querySelector("nav.steps a")) return;
+    arrive.disconnect();
+    document
+      .querySelector(`nav.steps a[data-to="${document.body.dataset.at}"]`)
+      ?.setAttribute("aria-current", "step");
+  });
+  arrive.observe(document.body, { childList: true, subtree: true });
   // The plotting script is large: fetched while the person still reads.
   setTimeout(() => import("nicegui-plotly").catch(() => {}), 1000);
   new MutationObserver(() => {

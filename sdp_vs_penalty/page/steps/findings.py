@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN
 from sdp_vs_penalty.page.controls import button, check, details, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.wording import (
     change,
     figure,
@@ -154,6 +155,20 @@ def _rest(found: Diagnosis) -> None:
                     tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")
 
 
+def _verdict(session: Session) -> Verdict | None:
+    found = session.findings
+    if found is None:
+        return None
+    left = sum(f.text not in session.added for f in found.effects)
+    if found.verdict == "unknown_effect":
+        return Verdict("usable", "Something is missing that no effect of the library explains.")
+    if left:
+        return Verdict("usable", f"{show.count(left, 'missing effect')} can be added.")
+    if found.noise_source != "repetition":
+        return Verdict("usable", f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}")
+    return Verdict("good", "Nothing is missing that these measurements could show.")
+
+
 FINDINGS = Step(
     "findings",
     "What is missing",
@@ -161,4 +176,5 @@ FINDINGS = Step(
     lambda session: session.model is not None,
     _depends,
     _draw,
+    _verdict,
 )

@@ -8,7 +8,7 @@ from sdp_vs_penalty.diagnosis.show import new_motion, repeatability_warning
 from sdp_vs_penalty.page.charts import asked_span, merged, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.wording import figure, held, with_unit
 
@@ -27,7 +27,7 @@ def _draw(view: View) -> None:
     comparison, units = model.comparison, robot["units"]
     view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
     if view.run not in model.runs:
-        view.run = model.judged_on[0]
+        view.run, view.span = model.judged_on[0], None
     figures(
         {
             "relative error": f"{figure(comparison['relative_error_percent'])} %",
@@ -46,7 +46,7 @@ def _draw(view: View) -> None:
     parts: dict[str, Any] = {}
     with tag("div", style="chips", role="group", aria_label="Joint to show"):
         for j, error in enumerate(comparison["rmse"]):
-            chip = button("", lambda j=j: show(j, view.run), f"joint-{j + 1}", "chip")  # type: ignore[misc]
+            chip = button("", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip")  # type: ignore[misc]
             with chip:
                 tag("strong", f"Joint {j + 1}")
                 tag("span", with_unit(error, units[j]), "rmse")
@@ -58,24 +58,24 @@ def _draw(view: View) -> None:
             "Run",
             [(name, name) for name in model.runs],
             view.run,
-            lambda name: show(view.joint or 0, name),
+            lambda name: view.look(run=name),
             "shown-run",
         )
 
-    def options(span: tuple[float, float] | None = None) -> dict[str, Any]:
+    def options() -> dict[str, Any]:
         k, j = model.runs.index(view.run), view.joint or 0
         curves = session.curves(model)[k]
         if len(session.ladder) > 1:
             curves = merged(session.curves(session.ladder[0])[k], curves)
-        return torque_chart(curves, j, units, span)
+        return torque_chart(curves, j, units, view.span)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
         if not isinstance(span, bool):
-            parts["chart"].update_figure(options(span))
+            view.look(span=span)
 
-    def show(j: int, run: str) -> None:
-        view.joint, view.run = j, run
+    def follow() -> None:
+        j = view.joint or 0
         for k, chip in enumerate(chips):
             chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
             chip.props["aria-pressed"] = "true" if k == j else "false"
@@ -85,7 +85,8 @@ def _draw(view: View) -> None:
     parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
     parts["chart"].on("plotly_relayout", zoom)
     parts["words"] = tag("p", "", "words")
-    show(view.joint or 0, view.run)
+    view.followers["fit"] = follow
+    follow()
     if model.failures:
         _heat(model.failures)
     if model.on_bounds:
@@ -146,6 +147,34 @@ def _heat(failures: list[dict[str, Any]]) -> None:
                         cell.style(f"--share: {share:.2f}")
 
 
+#: Errors up to so many noise floors are good; relative errors above this many per cent are no model.
+_NEAR_NOISE, _NO_MODEL = 1.5, 50.0
+
+
+def _verdict(session: Session) -> Verdict | None:
+    """By the noise floor where it is known; an error alone cannot say that nothing is missing."""
+    model = session.model
+    assert model is not None
+    c = model.comparison
+    said = f"{figure(c['relative_error_percent'])} % relative error on {_names(model.judged_on)}"
+    if model.violation["convex"] > 0.0:
+        return Verdict("bad", f"The model breaks its constraints ({held(model.violation)}); {said}.")
+    if c["relative_error_percent"] > _NO_MODEL:
+        return Verdict("bad", f"The model does not describe these runs: {said}.")
+    if session.meaningless:
+        return Verdict("bad", f"The data check failed; {said}.")
+    scaled = [e / f if f else None for e, f in zip(c["rmse"], c["noise_floor"], strict=True)]
+    known = [x for x in scaled if x is not None]
+    if len(known) < len(scaled):
+        return Verdict("usable", f"{said}; no motion repeats, so how much of it is noise is not known.")
+    worst = max(known)
+    said += f"; joint {scaled.index(worst) + 1} is worst with {figure(worst, 2)} times its noise"
+    if worst <= _NEAR_NOISE and model.judged_on != model.runs:
+        return Verdict("good", f"{said}.")
+    unseen = "" if model.judged_on != model.runs else ", and nothing was kept for testing"
+    return Verdict("usable", f"{said}{unseen}.")
+
+
 FIT = Step(
     "fit",
     "Measured against modelled",
@@ -153,4 +182,5 @@ FIT = Step(
     lambda session: session.model is not None,
     _depends,
     _draw,
+    _verdict,
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sdp_vs_penalty.page.charts import ladder_chart
 from sdp_vs_penalty.page.controls import button, chart, table, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.wording import change, figure
 
 if TYPE_CHECKING:
@@ -50,6 +50,17 @@ def _draw(view: View) -> None:
     tag("p", f"RMS error on {judged}.", "soft")
 
 
+def _verdict(session: Session) -> Verdict | None:
+    if len(session.ladder) == 1:
+        return None
+    first, last = (
+        session.ladder[k].comparison["relative_error_percent"] for k in (0, len(session.ladder) - 1)
+    )
+    level: Any = "good" if last < first else "usable"
+    said = f"{figure(first)} % relative error became {figure(last)} % ({change(first, last)})"
+    return Verdict(level, f"{said} on {', '.join(session.ladder[-1].judged_on)}.")
+
+
 LADDER = Step(
     "ladder",
     "The falling error",
@@ -57,4 +68,5 @@ LADDER = Step(
     lambda session: session.model is not None,
     _depends,
     _draw,
+    _verdict,
 )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.page.controls import button, drop, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
 
 if TYPE_CHECKING:
@@ -61,4 +62,11 @@ def _joints(robot: dict[str, Any]) -> str:
     return f"Joints in order: {', '.join(f'{name} [{unit}]' for name, unit in both)}."
 
 
-ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw)
+def _verdict(session: Session) -> Verdict | None:
+    robot = session.robot
+    if robot is None:
+        return None
+    return Verdict("good", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
+
+
+ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw, _verdict)

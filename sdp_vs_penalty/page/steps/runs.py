@@ -9,7 +9,7 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.page.controls import button, check, choice, drop, number, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import RUN_SUFFIXES
 from sdp_vs_penalty.page.wording import plain_name
 
@@ -156,6 +156,21 @@ def _list(view: View) -> None:
         )
 
 
+def _verdict(session: Session) -> Verdict | None:
+    if not session.runs:
+        return None
+    if session.meaningless:
+        return Verdict("bad", f"{session.meaningless[0]}.")
+    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
+    kept = any(run["use"] in ("test", "split") for run in session.runs)
+    if warned or not kept:
+        why = [f"the check found {show.words(warned)}"] if warned else []
+        why += [] if kept else ["nothing is kept for testing"]
+        return Verdict("usable", f"{'; '.join(why).capitalize()}.")
+    runs = show.count(len(session.runs), "run")
+    return Verdict("good", f"The check found nothing wrong in {runs}; part is kept for testing.")
+
+
 RUNS = Step(
     "runs",
     "Measurements",
@@ -163,4 +178,5 @@ RUNS = Step(
     lambda session: session.robot is not None,
     _depends,
     _draw,
+    _verdict,
 )
