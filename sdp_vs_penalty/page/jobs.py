@@ -15,16 +15,23 @@ from typing import Any
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
-from sdp_vs_penalty.data.files import load_measurements, save, windowed
+from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
+from sdp_vs_penalty.data.texts import pairs, time_windows
 from sdp_vs_penalty.diagnosis import add, diagnose
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.excitation import save_trajectory
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators import estimator_types
+from sdp_vs_penalty.estimation.known_load import parsed_known_load
+from sdp_vs_penalty.estimation.separation import separate as separation
+from sdp_vs_penalty.estimators import estimator_types, with_solver
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.page.archive import pack, unpack
+from sdp_vs_penalty.page.options import number
 from sdp_vs_penalty.page.summary import summary, violation
+from sdp_vs_penalty.problem.convert import convert
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import real_data_folder
@@ -91,6 +98,7 @@ def robot(request: Request, progress: Progress) -> Answer:
         "units": [unit.replace("*", " ") for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "torque_side": problem.torque_side,
+        "own_gravity": list(problem.robot.gravity),
     }
 
 
@@ -103,7 +111,7 @@ def read(request: Request, progress: Progress) -> Answer:
         progress(f"reading {file['name']}")
         path = Path(file["path"])
         try:
-            part = load_measurements(path, joints=problem.robot.n, names=_joint_names(problem))
+            part = _loaded(problem, path, request.get("options", {}))
             twin = hashes.get(part.data_hash)
             if twin is not None:
                 raise InputError(f"holds the same samples as {twin}", "name each run once", path)
@@ -116,6 +124,38 @@ def read(request: Request, progress: Progress) -> Answer:
         hashes[run["hash"]] = run["name"]
         runs.append(run)
     return {"runs": runs, "refused": refused}
+
+
+def _loaded(problem: Problem, path: Path, options: Mapping[str, str]) -> Measurements:
+    """A run; by the options of `convert` where any is given."""
+    if not options:
+        return load_measurements(path, joints=problem.robot.n, names=problem.robot.joint_names)
+    named = options["joints"].split(",") if "joints" in options else problem.robot.joint_names
+    part = convert(
+        path,
+        problem=problem,
+        joints=named,
+        topic=options.get("topic"),
+        rename=pairs("--rename", options.get("rename")),
+        motors=options.get("motors", "motor_side" in options),
+        rate=number(options, "rate", 0.0) or None,
+    )
+    if part.n != problem.robot.n:
+        raise other_robot(part.n, problem.robot.n, path)
+    check_usable(path, part)
+    return part
+
+
+def look_again(request: Request, progress: Progress) -> Answer:
+    """The runs, checked for the robot as it is now."""
+    problem, folder = _problem(request), Path(request["folder"])
+    kept = []
+    for run in request["runs"]:
+        progress(f"checking {run['name']}")
+        part = load_measurements(folder / run["file"])
+        made = _keep(problem, part, folder, run["name"])
+        kept.append({**made, "use": run["use"], "given": run["given"]})
+    return {"runs": kept}
 
 
 def real(request: Request, progress: Progress) -> Answer:
@@ -156,18 +196,32 @@ def mend(request: Request, progress: Progress) -> Answer:
 
 def fit(request: Request, progress: Progress) -> Answer:
     """Identify a model and look where it fails."""
-    problem, runs = _problem(request), _runs(request)
+    problem, runs, options = _problem(request), _runs(request), request["options"]
     begin = time.perf_counter()
     estimate = identify(
         problem,
-        runs.train,
-        request["method"],
+        windowed(runs.train, time_windows(options.get("window"))),
+        with_solver(request["method"], options.get("solver")),
         effects=request["effects"],
         seed=int(request["seed"]),
         progress=progress,
+        gain_uncertainty=number(options, "gain_uncertainty", 0.0),
+        known_loads=_known_loads(request, options.get("known_load")),
     )
     seconds = time.perf_counter() - begin
     return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
+
+
+def _known_loads(request: Request, text: str | None) -> list[tuple[str, float]]:
+    """Runs with a load, by their shown names: "load.csv:2.8", several separated by commas."""
+    files = {run["name"]: run["file"] for run in request["runs"]}
+    loads = []
+    for word in text.split(",") if text else []:
+        run, mass = parsed_known_load(word)
+        if str(run) not in files:
+            raise InputError(f"{run}: not a run of this page", f"choose one of {', '.join(files)}")
+        loads.append((str(Path(request["folder"]) / files[str(run)]), mass))
+    return loads
 
 
 def open_model(request: Request, progress: Progress) -> Answer:
@@ -208,7 +262,33 @@ def find(request: Request, progress: Progress) -> Answer:
         progress=progress,
         noise_from=runs.whole,
     )
-    return {"diagnosis": result.to_dict(), "seconds": time.perf_counter() - begin}
+    robot = load_estimate(request["model"]).robot
+    return {
+        "diagnosis": result.to_dict(),
+        "curves": [curve.effect(robot).text for curve in result.curves],
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def separate(request: Request, progress: Progress) -> Answer:
+    """The run that would tell two effects apart: what `sdp-vs-penalty excite --separate` does."""
+    options = request["options"]
+    found = separation(
+        load_estimate(request["model"]),
+        request["effects"],
+        duration=number(options, "duration", 20.0),
+        level=number(options, "level", 1.0),
+        iterations=int(number(options, "iterations", 200)),
+        seed=int(request["seed"]),
+        progress=progress,
+    )
+    save_trajectory(found.trajectory, Path(request["out"]))
+    said = (
+        f"To tell {request['effects']} apart: right in {100 * found.right:.0f} % of runs like "
+        f"trajectory.csv, {100 * found.default_right:.0f} % on the default excitation.",
+        "Collisions are not checked: look at the motion before it is run.",
+    )
+    return {"said": said}
 
 
 def methods(request: Request, progress: Progress) -> Answer:
@@ -259,6 +339,51 @@ def take(request: Request, progress: Progress) -> Answer:
     return {"left_out": list(export(load_estimate(request["model"]), out, urdf))}
 
 
+def save_session(request: Request, progress: Progress) -> Answer:
+    """Everything of a session in one file."""
+    folder, state, robot = Path(request["folder"]), request["state"], request["robot"]
+    members: dict[str, bytes] = {}
+    own = robot["source"] if robot["file"] else None
+    if own is not None:
+        members["robot.urdf"] = Path(own).read_bytes()
+    for k, run in enumerate(request["runs"]):
+        progress(f"writing {run['name']}")
+        text = folder / f"saved-{k}.csv"
+        save(load_measurements(folder / run["file"]), text)
+        members[f"runs/{k}.csv"] = text.read_bytes()
+        text.unlink()
+    for k, file in enumerate(request["models"]):
+        members[f"models/{k}.json"] = Path(file).read_bytes()
+    known = {"source": "robot.urdf" if own else robot["source"], "gravity": robot["gravity"]}
+    runs = [{key: run[key] for key in ("name", "given", "use")} for run in request["runs"]]
+    named = {"robot": {**known, "file": robot["file"]}, "runs": runs}
+    pack({**state, **named}, members, Path(request["out"]))
+    return {}
+
+
+def open_session(request: Request, progress: Progress) -> Answer:
+    """What was saved: the robot, the runs checked and the models judged anew."""
+    into = Path(request["into"])
+    into.mkdir(mode=0o700)
+    state = unpack(Path(request["path"]), into)
+    given = state["robot"]
+    source = str(into / "robot.urdf") if given["source"] == "robot.urdf" else given["source"]
+    asked = {**request, "robot": {"source": source, "gravity": given["gravity"]}}
+    told = {**robot({**asked, "source": source}, progress), **asked["robot"], "file": given["file"]}
+    problem, runs = _problem(asked), []
+    for k, run in enumerate(state["runs"]):
+        progress(f"checking {run['name']}")
+        part = load_measurements(into / "runs" / f"{k}.csv", joints=problem.robot.n)
+        kept = _keep(problem, part, Path(request["folder"]), run["name"])
+        runs.append({**kept, "use": run["use"], "given": run["given"]})
+    ladder = []
+    for k, rung in enumerate(state["ladder"]):
+        model = str(into / "models" / f"{k}.json")
+        details = {**asked, "runs": runs, "model": model, "out": str(into / f"model-{k}.json")}
+        ladder.append({**open_model(details, progress), **rung, "added": tuple(rung["added"])})
+    return {"robot": told, "runs": runs, "ladder": ladder, "state": state}
+
+
 def report(request: Request, progress: Progress) -> Answer:
     """The self-contained report about the ladder of models."""
     runs = _runs(request)
@@ -277,10 +402,6 @@ def _problem(request: Request) -> Problem:
     return load_problem(request["robot"]["source"], request["robot"].get("gravity"))
 
 
-def _joint_names(problem: Problem) -> list[str]:
-    return [j.name for j in problem.robot.joints]
-
-
 def _runs(request: Request) -> Runs:
     """The runs of a request for what each is used for, under their shown names.
 
@@ -292,6 +413,8 @@ def _runs(request: Request) -> Runs:
     loaded = load_measurements(*(Path(request["folder"]) / run["file"] for run in chosen))
     train, test = [], []
     for run, part in zip(chosen, loaded.runs(), strict=True):
+        if run["use"] == "load":
+            continue
         if run["use"] == "split":
             if run["split"] is None:
                 raise InputError(
@@ -338,6 +461,7 @@ def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict
                 "what": f.what,
                 "remedy": f.remedy,
                 "mends": f.mends,
+                "gravity": f.gravity,
             }
             for f in found.problems
         ],
@@ -363,7 +487,8 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
 JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
     job.__name__: job
     for job in (
-        *(catalogue, robot, read, real, simulate, mend, fit, open_model),
+        *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
+        *(save_session, open_session),
         *(extend, find, methods, take, report),
     )
 }

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page import uploads
+from sdp_vs_penalty.page import archive, uploads
 from sdp_vs_penalty.page.state import METHOD, Notice, State, Working
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Cancelled
@@ -19,7 +20,7 @@ from sdp_vs_penalty.page.workshop import Cancelled
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (
     "robot", "runs", "effects", "method", "ladder", "findings", "found_for", "found_in", "methods",
-    "made_by",
+    "made_by", "models", "curve_texts",
 )  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
 #: Seconds of a run that is long enough to be split into one to identify from and one to test on.
@@ -76,7 +77,7 @@ class Session(State):
 
         async def do() -> None:
             try:
-                await self._take_runs("read", files=listed)
+                await self._take_runs("read", files=listed, options=self.reading)
             finally:
                 uploads.forget(self.folder, [*given, *([] if log is None else [log])])
 
@@ -112,6 +113,22 @@ class Session(State):
         self.forget_models()
         self.changed()
 
+    def mount(self, gravity: str) -> None:
+        """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again, models dropped."""
+
+        async def do() -> None:
+            if self.robot is None:
+                raise InputError("No robot is chosen", "choose it first")
+            turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
+            answer = await self._job("look_again", robot=turned)
+            self.robot, self.runs = turned, answer["runs"]
+            had_models = bool(self.ladder)
+            self.forget_models()
+            if had_models:
+                self.notice = Notice(("Gravity has changed: identify again.",), error=False)
+
+        self._start("Turning the robot", do())
+
     def mend(self, file: str) -> None:
         """Put the repaired copy of a run in its place, and say what was changed."""
 
@@ -133,10 +150,14 @@ class Session(State):
                 raise InputError("No effect is chosen", "choose at least rigid_body")
             self._refuse_meaningless()
             answer = await self._job(
-                "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
+                "fit",
+                effects=",".join(self.effects),
+                method=self.method,
+                options=self.options,
+                out=self._next_file(),
             )
             self.forget_models()
-            self.ladder = [Rung(**{**answer, "label": "identified"})]
+            self._take_ladder([Rung(**{**answer, "label": "identified"})])
 
         self._start(f"Identifying by {self.method}", do())
 
@@ -146,7 +167,7 @@ class Session(State):
         async def do() -> None:
             answer = await self._job("open_model", model=path, out=self._next_file())
             self.forget_models()
-            self.ladder = [Rung(**{**answer, "label": name, "opened": name})]
+            self._take_ladder([Rung(**{**answer, "label": name, "opened": name})])
 
         self._start(f"Opening {name}", do(), {path: name})
 
@@ -157,6 +178,7 @@ class Session(State):
             self._refuse_meaningless()
             answer = await self._job("find", model=self._current(), frozen=self.frozen)
             self.findings = Diagnosis.from_dict(answer["diagnosis"])
+            self.curve_texts = answer["curves"]
             self.found_for, self.found_in = len(self.ladder), answer["seconds"]
 
         self._start("Looking for what is missing", do())
@@ -165,7 +187,7 @@ class Session(State):
         """Add effects to the current model, a rung of the ladder each."""
 
         async def do() -> None:
-            frozen = self.findings is not None and self.findings.frozen
+            frozen = self.frozen or (self.findings is not None and self.findings.frozen)
             model, rungs = self._current(), []
             for text in texts:
                 details = {"effect": text, "frozen": frozen, "out": self._next_file()}
@@ -173,9 +195,22 @@ class Session(State):
                 new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
                 rungs.append(Rung(**{**answer, **new}))
                 model = rungs[-1].file
-            self.ladder, self.methods = [*self.ladder, *rungs], None
+            self._take_ladder([*self.ladder, *rungs])
+            self.methods = None
 
         self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
+
+    def separate(self, effects: str, options: Mapping[str, str], ready: Callable[[str], None]) -> None:
+        """The run that would tell two effects apart; ``ready`` hears the name of its trajectory."""
+
+        async def do() -> None:
+            out = str(self.folder / "trajectory.csv")
+            details = {"effects": effects, "options": dict(options), "out": out}
+            answer = await self._job("separate", model=self._current(), **details)
+            self.notice = Notice(tuple(answer["said"]), error=False)
+            ready("trajectory.csv")
+
+        self._start("Designing the run that would tell", do())
 
     def undo(self) -> None:
         """One model back."""
@@ -226,6 +261,49 @@ class Session(State):
             ready(name)
 
         self._start(f"Making {name}", do())
+
+    def save(self, ready: Callable[[str], None]) -> None:
+        """Everything as one file; ``ready`` hears its name."""
+
+        async def do() -> None:
+            state = {name: getattr(self, name) for name in archive.KEPT}
+            state["ladder"] = [archive.rung_state(rung) for rung in self.ladder]
+            state["findings"] = None if self.findings is None else self.findings.to_dict()
+            models, out = [rung.file for rung in self.ladder], str(self.folder / "session.zip")
+            await self._job("save_session", state=state, models=models, out=out)
+            ready("session.zip")
+
+        self._start("Saving the session", do())
+
+    def open_session(self, path: str, name: str) -> None:
+        """Go on where a saved session ended, instead of this one."""
+
+        async def do() -> None:
+            self._count += 1
+            into = str(self.folder / f"session-{self._count}")
+            answer = await self._job("open_session", path=path, into=into)
+            self._remember()
+            self.forget_models()
+            self.robot, self.runs, self.made_by = answer["robot"], answer["runs"], None
+            self._take_ladder([Rung(**rung) for rung in answer["ladder"]])
+            found = answer["state"]["findings"]
+            self.findings = None if found is None else Diagnosis.from_dict(found)
+            for name in archive.KEPT:
+                setattr(self, name, answer["state"][name])
+
+        self._start(f"Opening {name}", do(), {path: name})
+
+    def take_up(self, model: Rung) -> None:
+        """Go on from a model of this session that was left."""
+        if not self.busy:
+            self.findings, self.methods = None, None
+            self._take_ladder([model])
+            self.changed()
+
+    def _take_ladder(self, ladder: list[Rung]) -> None:
+        """Another ladder; the session remembers every model that was on one."""
+        self.ladder = ladder
+        self.models += [rung for rung in ladder if rung.file not in {m.file for m in self.models}]
 
     def cancel(self) -> None:
         """End the job that is being done, at once; nothing that was there before changes."""

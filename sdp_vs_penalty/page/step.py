@@ -27,7 +27,7 @@ def no_verdict(session: Session) -> Verdict | None:
 class Step:
     """anchor, title : where and what; ready : whether it can be taken yet, else ``before`` says what
     comes first; depends : everything that its content is made of, so that it is redrawn only when that
-    changes; draw : fills it; verdict : the sentence that it ends in, None while there is nothing to judge.
+    changes; draw : fills it; verdict : the sentence that it ends in, None while nothing can be judged.
     """
 
     anchor: str

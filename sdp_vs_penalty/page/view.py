@@ -10,7 +10,11 @@ from typing import Any
 from nicegui import ui
 from nicegui.client import Client
 
+from sdp_vs_penalty.page.options import Field
 from sdp_vs_penalty.page.session import Session
+
+#: Options of the command line by the step that offers them.
+Forms = Mapping[str, tuple[Field, ...]]
 
 
 @dataclass
@@ -36,12 +40,14 @@ class View:
     catalogue: Mapping[str, Any]
     folder: Path | None
     client: Client
+    forms: Forms
     joint: int | None = None
     run: str = ""
     span: tuple[float, float] | None = None
     signal: str = "dq"
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
+    separating: dict[str, str] = field(default_factory=dict)
     hiding: Hiding = field(default_factory=Hiding)
 
     def look(self, **at: Any) -> None:

@@ -84,3 +84,102 @@ addEventListener("DOMContentLoaded", () => {
     document.querySelector(`[data-key="${CSS.escape(workbench.key)}"]`)?.focus({ preventScroll: true });
   }).observe(document.body, { childList: true, subtree: true });
 });
+
+// The arm in 3D and the time cursor in the charts: drawn once, moved here frame by frame.
+const arm = {
+  load(moves) {
+    this.moves = moves;
+    this.at(0, true);
+    this.settle();
+  },
+  settle() {
+    // A scene draws all the time: let it draw only what has changed and can be seen.
+    const scene = getElement(this.moves.scene);
+    if (!scene?.renderer) return setTimeout(() => this.settle(), 200);
+    if (!scene.thrifty) {
+      const draw = scene.renderer.render.bind(scene.renderer);
+      let last = "";
+      scene.thrifty = true;
+      scene.renderer.render = (world, camera) => {
+        const state = `${camera.matrixWorld.elements}${this.drawn}${world.children.length}${scene.objects.size}`;
+        if (scene.$el.offsetParent === null || (state === last && this.fresh-- < 0)) return;
+        last = state;
+        draw(world, camera);
+      };
+    }
+    this.fresh = 60; // objects arrive one by one
+    setTimeout(() => this.at(this.time ?? 0, true), 400);
+    setTimeout(() => this.at(this.time ?? 0, true), 1500);
+  },
+  at(time, quiet) {
+    const { t, poses, errors, groups, links, scene: id } = this.moves ?? {};
+    if (!t) return;
+    const end = t[t.length - 1];
+    this.time = Math.min(Math.max(time, 0), end);
+    let k = t.findIndex((x) => x > this.time);
+    if (k < 1) k = k < 0 ? t.length - 1 : 1;
+    const share = (this.time - t[k - 1]) / (t[k] - t[k - 1] || 1);
+    const objects = getElement(id)?.objects;
+    for (const [i, group] of groups.entries()) {
+      const mesh = objects?.get(group)?.mesh;
+      if (!mesh) continue;
+      const [a, b] = [poses[k - 1][i], poses[k][i]];
+      mesh.position.set(...[0, 1, 2].map((c) => a[c] + share * (b[c] - a[c])));
+      const other = mesh.quaternion.clone().set(...b.slice(3));
+      mesh.quaternion.set(...a.slice(3)).slerp(other, share);
+    }
+    for (const object of objects?.values() ?? []) {
+      const link = /^link-(\d+)$/.exec(object.mesh?.name ?? "");
+      if (!link) continue;
+      const error = errors[k][Math.min(+link[1], errors[k].length - 1)];
+      object.mesh.material.color.setRGB(0.0 + 0.84 * error, 0.45 - 0.18 * error, 0.7 - 0.7 * error);
+    }
+    this.drawn = (this.drawn ?? 0) + 1;
+    const slider = document.querySelector("[data-time]");
+    if (slider) slider.value = (1000 * this.time) / end;
+    const clock = document.querySelector("[data-clock]");
+    if (clock) clock.textContent = `${this.time.toFixed(1)} s`;
+    this.cursor(quiet);
+  },
+  cursor() {
+    for (const chart of document.querySelectorAll(".chart.timed")) {
+      const plot = chart.classList.contains("js-plotly-plot") ? chart : chart.querySelector(".js-plotly-plot");
+      const axis = plot?._fullLayout?.xaxis2 ?? plot?._fullLayout?.xaxis;
+      if (!axis?.l2p) continue;
+      let line = chart.querySelector(".cursor");
+      if (!line) {
+        line = document.createElement("div");
+        line.className = "cursor";
+        chart.append(line);
+      }
+      const x = axis.l2p(this.time);
+      line.hidden = x < 0 || x > axis._length;
+      line.style.left = `${axis._offset + x}px`;
+    }
+  },
+  play() {
+    this.playing = !this.playing;
+    const button = document.querySelector("[data-play]");
+    if (button) button.textContent = this.playing ? "Pause" : "Play";
+    let before = performance.now();
+    const next = (now) => {
+      if (!this.playing || !this.moves) return;
+      const end = this.moves.t[this.moves.t.length - 1];
+      this.at(this.time >= end ? 0 : this.time + (now - before) / 1000);
+      before = now;
+      requestAnimationFrame(next);
+    };
+    if (this.playing) requestAnimationFrame(next);
+  },
+};
+document.addEventListener("input", (event) => {
+  if (event.target.dataset?.time === undefined || !arm.moves) return;
+  arm.at((event.target.value / 1000) * arm.moves.t[arm.moves.t.length - 1]);
+});
+document.addEventListener("click", (event) => {
+  const asked = event.target.closest?.("[data-copy]");
+  if (!asked) return;
+  const rows = [...document.querySelectorAll(`${asked.dataset.copy} tr`)];
+  const text = rows.map((row) => [...row.cells].map((cell) => cell.innerText.trim()).join("\t")).join("\n");
+  navigator.clipboard?.writeText(text).then(() => (asked.textContent = "Copied"));
+});

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from typing import Any
@@ -74,19 +75,18 @@ class Workbench:
 
     def _header(self) -> None:
         self._skip = tag("a", "Skip to content", "skip")
-        with tag("header", style="top"):
-            with tag("div", style="inner"):
-                tag("span", "sdp-vs-penalty", "brand")
-                tag("span", "workbench", "soft")
-                tag("span", style="gap")
-                dark = ui.dark_mode(None)
+        with tag("header", style="top"), tag("div", style="inner"):
+            tag("span", "sdp-vs-penalty", "brand")
+            tag("span", "workbench", "soft")
+            tag("span", style="gap")
+            dark = ui.dark_mode(None)
 
-                def turn() -> None:
-                    dark.value = {None: True, True: False, False: None}[dark.value]
-                    theme.text = _THEMES[dark.value]
+            def turn() -> None:
+                dark.value = {None: True, True: False, False: None}[dark.value]
+                theme.text = _THEMES[dark.value]
 
-                theme = button(_THEMES[None], turn, "theme", "quiet")
-                tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
+            theme = button(_THEMES[None], turn, "theme", "quiet")
+            tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
 
     def _rail(self) -> None:
         with tag("nav", style="steps", aria_label="Steps"):
@@ -143,7 +143,7 @@ class Workbench:
 
     def _redraw_end(self, step: Step, verdict: Verdict | None, ready: bool) -> None:
         """The sentence that a step ends in, and the way to the next one."""
-        following = dict(zip(STEPS, STEPS[1:], strict=False)).get(step)
+        following = dict(itertools.pairwise(STEPS)).get(step)
         on = ready and following is not None and following.ready(self.session)
         state = json.dumps([None if verdict is None else (verdict.level, verdict.text), on])
         if self._drawn.get(f"end-{step.anchor}") == state:

@@ -31,6 +31,7 @@ _SECTIONS = (
     sections.ladder,
     parameters.parameters,
     parameters.arm,
+    parameters.friction,
     evidence.certificate,
     evidence.data_check,
     evidence.provenance,

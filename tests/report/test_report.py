@@ -145,7 +145,7 @@ def test_poses_are_the_robots(two_link: Problem) -> None:
 
     def energy(at: np.ndarray) -> float:
         total = 0.0
-        for pose, joint, link in zip(joint_poses(robot, at), robot.joints, links, strict=True):
+        for pose, joint, link in zip(joint_poses(robot, at[None])[0], robot.joints, links, strict=True):
             com = (pose @ joint.link_frame @ np.append(link[1:4] / link[0], 1.0))[:3]
             total -= link[0] * float(np.array(robot.gravity) @ com)
         return total

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.cli.options import Window
+from sdp_vs_penalty.data.texts import time_windows
 
 
 def verb(

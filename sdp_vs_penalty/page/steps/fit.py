@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.diagnosis.show import new_motion, repeatability_warning
-from sdp_vs_penalty.page.charts import asked_span, merged, torque_chart
+from sdp_vs_penalty.page.arm import draw_arm
+from sdp_vs_penalty.page.charts import asked_span, merged, residual_chart, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.wording import figure, held, with_unit
+from sdp_vs_penalty.report.plots import SIGNALS
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
@@ -63,11 +65,14 @@ def _draw(view: View) -> None:
         )
 
     def options() -> dict[str, Any]:
-        k, j = model.runs.index(view.run), view.joint or 0
-        curves = session.curves(model)[k]
+        curves = session.curves(model, view.run)
         if len(session.ladder) > 1:
-            curves = merged(session.curves(session.ladder[0])[k], curves)
-        return torque_chart(curves, j, units, view.span)
+            curves = merged(session.curves(session.ladder[0], view.run), curves)
+        return torque_chart(curves, view.joint or 0, units, view.span)
+
+    def against() -> dict[str, Any]:
+        j, read = view.joint or 0, session.recording(model, view.run)
+        return residual_chart(read, j, view.signal, units[j], comparison["noise_floor"][j])
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
@@ -79,16 +84,36 @@ def _draw(view: View) -> None:
         for k, chip in enumerate(chips):
             chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
             chip.props["aria-pressed"] = "true" if k == j else "false"
-        parts["chart"].update_figure(options())
+        at = j, view.run, view.span
+        if seen.get("chart") != at:
+            parts["chart"].update_figure(options())
+        if seen.get("against") != (at[:2], view.signal):
+            parts["against"].update_figure(against())
+        if seen.get("run") != view.run and "arm" in parts:
+            parts["arm"]()
+        seen.update(chart=at, against=(at[:2], view.signal), run=view.run)
         parts["words"].text = _words(model, j, units[j])
 
-    parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
-    parts["chart"].on("plotly_relayout", zoom)
+    with tag("div", style="pair"):
+        parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
+        parts["chart"].on("plotly_relayout", zoom).classes("timed")
+        if model.about["bodies"]:
+            parts["arm"] = draw_arm(view, model)
     parts["words"] = tag("p", "", "words")
+    if model.failures:
+        _heat(view, model.failures)
+    with tag("div", style="pick"):
+        choice(
+            "Error against",
+            list(SIGNALS.items()),
+            view.signal,
+            lambda signal: view.look(signal=signal),
+            "signal",
+        )
+    parts["against"] = chart(against(), "Error of the joint against a signal")
+    seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span)}
     view.followers["fit"] = follow
     follow()
-    if model.failures:
-        _heat(model.failures)
     if model.on_bounds:
         tag(
             "p",
@@ -120,13 +145,19 @@ def _words(model: Rung, j: int, unit: str) -> str:
     return " ".join([text, *model.failures[j]["sentences"]])
 
 
-def _heat(failures: list[dict[str, Any]]) -> None:
+#: The signal that shows what a quantity of the table explains.
+_SHOWN_BY = {
+    "position": "q", "velocity": "dq", "acceleration": "ddq", "torque": "torque", "time": "t",
+}  # fmt: skip
+
+
+def _heat(view: View, failures: list[dict[str, Any]]) -> None:
     """Which quantity explains how much of each joint's error: darker is more."""
     tag("h3", "Where it fails")
     tag(
         "p",
         "Share of each joint's error that a smooth function of a quantity explains on held-out data, "
-        "in per cent.",
+        "in per cent. Click a cell to see the joint.",
         "soft",
     )
     caption = "Share of the error explained by each quantity, by joint"
@@ -143,7 +174,17 @@ def _heat(failures: list[dict[str, Any]]) -> None:
                     tag("th", name, scope="row")
                     for failure in failures:
                         share = failure["held_out_shares"][name]
-                        cell = tag("td", f"{100.0 * share:.0f}")
+                        at = {"joint": failure["joint"] - 1}
+                        if name in _SHOWN_BY:
+                            at["signal"] = _SHOWN_BY[name]
+                        with tag("td") as cell:
+                            button(
+                                f"{100.0 * share:.0f}",
+                                lambda at=at: view.look(**at),  # type: ignore[misc]
+                                f"heat-{name}-{failure['joint']}",
+                                "cell",
+                                aria_label=f"joint {failure['joint']}, {name}: {100.0 * share:.0f} %",
+                            )
                         cell.style(f"--share: {share:.2f}")
 
 
