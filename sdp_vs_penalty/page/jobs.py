@@ -19,6 +19,7 @@ from sdp_vs_penalty.data.files import check_usable, load_measurements, save, win
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.texts import pairs, time_windows
 from sdp_vs_penalty.diagnosis import add, diagnose
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -392,6 +393,7 @@ def report(request: Request, progress: Progress) -> Answer:
         runs.judge,
         commands=request["commands"],
         noise_from=runs.whole,
+        diagnosis=None if request["findings"] is None else Diagnosis.from_dict(request["findings"]),
         progress=progress,
     )
     write_text(request["out"], made)

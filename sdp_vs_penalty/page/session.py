@@ -246,7 +246,9 @@ class Session(State):
                     for k, m in enumerate(self.ladder, start=1)
                 ]
                 self._current()
-                await self._job("report", models=models, commands=self.commands(), out=str(out))
+                found = None if self.findings is None else self.findings.to_dict()
+                details = {"commands": self.commands(), "findings": found, "out": str(out)}
+                await self._job("report", models=models, **details)
             else:
                 urdf = self.robot["source"] if self.robot and self.robot["file"] else None
                 answer = await self._job("take", model=self._current(), out=str(out), urdf=urdf)

@@ -89,7 +89,7 @@ addEventListener("DOMContentLoaded", () => {
 const arm = {
   load(moves) {
     this.moves = moves;
-    this.at(0, true);
+    this.at(0);
     this.settle();
   },
   settle() {
@@ -101,17 +101,16 @@ const arm = {
       let last = "";
       scene.thrifty = true;
       scene.renderer.render = (world, camera) => {
-        const state = `${camera.matrixWorld.elements}${this.drawn}${world.children.length}${scene.objects.size}`;
-        if (scene.$el.offsetParent === null || (state === last && this.fresh-- < 0)) return;
+        const there = [...scene.objects.values()].filter((o) => o.mesh?.parent).length;
+        const state = `${camera.matrixWorld.elements}${this.drawn}${there}`;
+        if (scene.$el.offsetParent === null || state === last) return;
         last = state;
         draw(world, camera);
       };
     }
-    this.fresh = 60; // objects arrive one by one
-    setTimeout(() => this.at(this.time ?? 0, true), 400);
-    setTimeout(() => this.at(this.time ?? 0, true), 1500);
+    for (const later of [300, 1500]) setTimeout(() => this.at(this.time), later); // objects arrive one by one
   },
-  at(time, quiet) {
+  at(time) {
     const { t, poses, errors, groups, links, scene: id } = this.moves ?? {};
     if (!t) return;
     const end = t[t.length - 1];
@@ -139,7 +138,7 @@ const arm = {
     if (slider) slider.value = (1000 * this.time) / end;
     const clock = document.querySelector("[data-clock]");
     if (clock) clock.textContent = `${this.time.toFixed(1)} s`;
-    this.cursor(quiet);
+    this.cursor();
   },
   cursor() {
     for (const chart of document.querySelectorAll(".chart.timed")) {

@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable, variable_unit
 from sdp_vs_penalty.report.plots import COLOURS, MEASURED, SIGNALS, band_figure, noise_band, scatter_rows
-from sdp_vs_penalty.report.section import Material, Section, figure, text
+from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 
 Array = NDArray[np.float64]
 
@@ -141,14 +141,42 @@ def _correlations(material: Material, n: int) -> Any:
     return plot
 
 
+def findings(material: Material) -> Section:
+    """What a diagnosis says is missing: verdict, and a row a finding."""
+    found = material.diagnosis
+    if found is None:
+        note = "No diagnosis was given. Name one with --findings findings.json."
+        return Section("findings", "What is missing", text(note))
+    rows = []
+    for f in found.effects:
+        joint = f.joints[0] - 1 if f.joints else 0
+        fall = (f.held_out_rmse_before[joint], f.held_out_rmse_after[joint])
+        rows.append(
+            (
+                f.effect,
+                ", ".join(map(str, f.joints)) or "all",
+                f.confidence,
+                f"{number(f.size)} ± {number(f.std, 2)} {f.unit}",
+                ", ".join(f.indistinguishable_from) or "-",
+                *(number(x, 3) for x in fall),
+                number(found.noise_floor[joint], 3),
+            )
+        )
+    heads = ("effect", "joint", "", "size", "not told from", "held-out RMSE", "with it", "noise floor")
+    body = text(found.headline)
+    body += table(heads, rows, numbers_from=5) if rows else ""
+    body += "".join(text(remark) for remark in found.remarks)
+    return Section("findings", "What is missing", body)
+
+
 def curves(material: Material) -> Section:
     """What a diagnosis measured without a name: each curve with its band and where the data lie."""
-    if not material.curves:
-        note = "No measured curves were given. Name a diagnosis with --findings findings.json."
+    if material.diagnosis is None or not material.diagnosis.curves:
+        note = "No measured curves. Name a diagnosis that has some with --findings findings.json."
         return Section("curves", "Missing torque without a name", text(note))
     body = ""
     units = material.last.robot.torque_units
-    for curve in material.curves:
+    for curve in material.diagnosis.curves:
         said = curve.sentence(units)
         draw = _line if len(curve.of) == 1 else _surface
         body += figure(draw(curve, material), f"{said[0].upper()}{said[1:]}", 360)

@@ -26,7 +26,7 @@ def verb(
     window: Window = None,
     findings: Annotated[
         Path | None,
-        typer.Option(metavar="findings.json", help="Diagnosis whose measured curves are drawn."),
+        typer.Option(metavar="findings.json", help="Diagnosis whose findings are shown."),
     ] = None,
 ) -> None:
     """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.
