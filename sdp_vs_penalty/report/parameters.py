@@ -73,7 +73,10 @@ def cells(row: Row) -> tuple[str, ...]:
     return row["name"], row["verdict"], row["source"], *figures, row["unit"]
 
 
-LINK_HEADS = ("link", "mass [kg]", "nominal", "from", "centre of mass [m]", "gyration [m]", "nominal")
+LINK_HEADS = (
+    "link", "mass [kg]", "nominal", "from", "centre of mass [m]", "gyration [m]", "nominal",
+    "thickness [mm]",
+)  # fmt: skip
 
 
 def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
@@ -82,7 +85,8 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     if not len(at):
         return []
     links, nominal = estimate.links, estimate.nominal[at].reshape(-1, 10)
-    robot, gyration = estimate.robot, (inertia.gyration(links), inertia.gyration(nominal))
+    robot, thick = estimate.robot, inertia.thickness(links)
+    gyration = inertia.gyration(links), inertia.gyration(nominal)
     rows = []
     for i, link in enumerate(links):
         com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
@@ -94,6 +98,7 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
                 estimate.sources[at[10 * i]],
                 ", ".join(number(c, 3) for c in com),
                 *(number(g[i], 3) for g in gyration),
+                number(1e3 * thick[i], 3),
             )
         )
     return rows
@@ -147,8 +152,7 @@ def arm(material: Material) -> Section:
         "Links on the arm",
         text(" ".join(plausibility(estimate)))
         + table(LINK_HEADS, link_rows(estimate))
-        + figure(plot, caption, 520)
-        + _margins(robot, links),
+        + figure(plot, caption, 520),
     )
 
 
@@ -216,29 +220,6 @@ def _picture(robot: Robot, links: Array, poses: Array) -> Any:
     ratio = dict(zip("xyz", (1.2 * (high - low) / (high - low).max()).tolist(), strict=True))
     plot.update_layout(scene={"aspectmode": "manual", "aspectratio": ratio, "camera": camera, **axes})
     return plot
-
-
-def _margins(robot: Robot, links: Array) -> str:
-    """What is left of each link until no body is possible."""
-    rows = []
-    thick, triangle = inertia.thickness(links), inertia.triangle_margin(links)
-    margins = inertia.consistency_margin(links)
-    for i in range(len(links)):
-        rows.append(
-            (
-                f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
-                number(triangle[i], 3),
-                number(margins[i], 3),
-                f"{1e3 * thick[i]:.1f}",
-            )
-        )
-    heads = (
-        "link",
-        "triangle [kg m2]",
-        "pseudo-inertia",
-        "thickness [mm]",
-    )
-    return table(heads, rows)
 
 
 def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
