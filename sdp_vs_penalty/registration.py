@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterable, Iterator
 from importlib import import_module
+from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
+
+from sdp_vs_penalty.errors import InputError
 
 
 def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
@@ -16,17 +20,41 @@ def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[Modul
 
 
 def marked(package: str, path: Iterable[str], mark: str = "NAME") -> dict[Any, ModuleType]:
-    """The modules that define ``mark``, by its value."""
-    found = {getattr(home, mark): home for home in modules(package, path, mark)}
-    return dict(sorted(found.items()))
+    """The modules that define ``mark``, by its value. Raises InputError where two define the same."""
+    return by_word((getattr(home, mark), home) for home in modules(package, path, mark))
 
 
 def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
-    """The subclasses of ``base`` that have a name, by it."""
-    found = {
-        value.name: value
+    """The subclasses of ``base`` that have a name, by it. Raises InputError where two have the same."""
+    return by_word(
+        (value.name, value)
         for home in modules(package, path)
         for value in vars(home).values()
         if isinstance(value, type) and issubclass(value, base) and hasattr(value, "name")
-    }
-    return dict(sorted(found.items()))
+    )
+
+
+def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
+    """Classes or modules by what each alone must have, in its order."""
+    out: dict[Any, Any] = {}
+    for value, thing in found:
+        if out.setdefault(value, thing) is not thing:
+            names = f"{out[value].__name__} and {thing.__name__}"
+            raise InputError(f"{names} have the same {word}, {value!r}", "give each its own")
+    return dict(sorted(out.items()))
+
+
+def written(folders: Iterable[Path], *names: str) -> Iterator[tuple[str, ...]]:
+    """The texts assigned to all of ``names`` side by side, in a file or a class, without an import."""
+    for file in sorted(path for folder in folders for path in folder.glob("*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        for scope in (tree, *(node for node in tree.body if isinstance(node, ast.ClassDef))):
+            texts = {
+                node.targets[0].id: node.value.value
+                for node in scope.body
+                if isinstance(node, ast.Assign)
+                and isinstance(node.targets[0], ast.Name)
+                and isinstance(node.value, ast.Constant)
+            }
+            if texts.keys() >= set(names):
+                yield tuple(str(texts[name]) for name in names)

@@ -136,7 +136,11 @@ def test_models_are_estimates_or_files(files: list[Path], estimate: Estimate, tm
         found = compare(models, files[0])
         assert [c.name for c in found] == names
         assert all(np.array_equal(c.rmse, rmse) for c in found)
-    assert where_it_fails(path, files[0])[0].joint == 1
+    fails = where_it_fails(path, files[0])
+    assert fails[0].joint == 1
+    assert repr(fails).startswith("Where the model fails, the worst joints first\n  joint ")
+    assert list(fails.to_frame().index) == [f.joint for f in fails]
+    assert fails._repr_html_().count("<tr>") == 2 * len(fails) + 1
     assert export(path, tmp_path / "robot.json") == ()
     assert (tmp_path / "robot.json").exists()
 

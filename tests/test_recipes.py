@@ -13,12 +13,14 @@ import pytest
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
 from sdp_vs_penalty.cli.registry import listing
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.paper.tables.methods import build
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.registration import by_word
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation.experiment import experiment
 
@@ -101,7 +103,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def test_an_estimator_is_one_file(added: None) -> None:
-    assert "ridge" in [row[0] for row in listing("methods")[1]]
+    assert "ridge" in estimator_types()
     problem = load_problem("two_link")
     run = experiment(problem).training_run(seed=0)
     estimate = identify(problem, run, "ridge")
@@ -109,6 +111,16 @@ def test_an_estimator_is_one_file(added: None) -> None:
     assert estimate.settings["weight"] == 1e-3
     torque = run.tau - run.tau.mean(axis=0)
     assert estimate.certificate.loss < np.sum(torque**2)
+
+
+def test_what_must_differ_is_refused_if_equal() -> None:
+    for twins, word in (
+        ([("spring", int), ("spring", float)], "name"),
+        ([(3, int), (3, str)], "table_place"),
+    ):
+        with pytest.raises(InputError, match=f"int and .* have the same {word}"):
+            by_word(twins, word)
+    assert list(by_word([(2, int), (1, str), (2, int)])) == [1, 2]  # one class in two files is one
 
 
 def test_an_estimator_is_in_the_table_of_methods_by_itself(

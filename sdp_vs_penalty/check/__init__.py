@@ -203,9 +203,7 @@ class _Work:
             return None
         if beside_range(self.problem.robot, self.run.q):
             out = list(signals.implausible(self.run, self.problem.robot))
-            if (
-                out[0].severity == "error"
-            ):  # so far beside its range that a fit would blame something else
+            if out[0].severity == "error":  # so far beside it that a fit would blame something else
                 self.mend(out)
                 return None
         before = len(self.found)

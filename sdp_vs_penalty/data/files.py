@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats import bag, csv, format_of, formats
+from sdp_vs_penalty.data.formats import bag, csv, format_of, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.formats.pipes import spooled
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
@@ -149,6 +149,6 @@ def save(measurements: Measurements, path: str | Path) -> None:
     path = Path(path)
     home = format_of(path)
     if not hasattr(home, "write"):
-        known = ", ".join(sorted(s for h in formats() if hasattr(h, "write") for s in h.SUFFIXES))
+        known = ", ".join(sorted(suffixes("write")))
         raise InputError("cannot be written: its suffix names no format", f"choose one of {known}", path)
     home.write(measurements, path)  # type: ignore[union-attr]

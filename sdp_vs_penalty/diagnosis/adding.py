@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.added_shapes import (
@@ -22,6 +21,13 @@ from sdp_vs_penalty.diagnosis.added_shapes import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.refit import (
+    estimator_beside,
+    estimator_of,
+    model_beside,
+    task_beside,
+    weighting_of,
+)
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
@@ -35,9 +41,8 @@ from sdp_vs_penalty.estimation.shape_constants import sensitivities
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held, independent_gains
-from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
-from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -100,7 +105,7 @@ def add(
             estimator_of(estimate),
             effects=effects,
             preprocessing=estimate.preprocessing,
-            weighting=str(estimate.settings.get("weighting", "noise")),
+            weighting=weighting_of(estimate),
             seed=seed,
             progress=progress,
             gain_uncertainty=gain_errors,
@@ -196,13 +201,6 @@ def _joints(joints: Sequence[int]) -> str:
     return "+".join(str(j + 1) for j in joints)
 
 
-def estimator_of(estimate: Estimate) -> Estimator:
-    """The method of an estimate with the settings that it had."""
-    estimator = make_estimator(estimate.method)
-    known = {f.name for f in fields(estimator)}  # type: ignore[arg-type]
-    return replace(estimator, **{k: v for k, v in estimate.settings.items() if k in known})  # type: ignore[type-var]
-
-
 def _given_shapes(text: str) -> list[frozenset[str]]:
     """Per effect of the text the shape constants that it names."""
     words = [word for word in text.split(",") if word.strip()]
@@ -218,49 +216,28 @@ def _add_frozen(
     gain_errors: Array,
 ) -> Estimate:
     """Fit only the new effects, under their own constraints, to what the model leaves."""
-    problem, old = estimate.problem, len(estimate.theta)
+    problem = estimate.problem
     own = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
-    reference = np.concatenate([estimate.theta, np.zeros(len(own.parameters))])
-    model = replace(estimate.model, effects=(*estimate.model.effects, *new), reference=None)
-    if model.needs_reference:
-        known = estimate.model.reference
-        if known is not None:
-            reference[:old] = known
-        model = replace(model, reference=reference)
+    model = model_beside(estimate, new)
     settings = estimate.preprocessing.resolve(measurements)
     progress("compressing the measurements")
     left = compress(measurements, model, settings).beside(estimate.theta)
-    weights = np.ones(estimate.robot.n)
-    for _ in range(2):
-        data = left.least_squares(weights)
-        weights = joint_weights(left, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
-    task = Task(
-        own,
-        data,
-        ConstraintSet(problem.constraints(own).convex),
-        problem.parameter_bound(own),
-        problem.nominal(own),
-        problem.box,
-        None,
-        seed,
-        progress,
-    )
+    task = task_beside(estimate, own, left, seed, progress)
     progress("estimating the new effects")
-    estimator = estimator_of(estimate)
-    if not hasattr(estimator, "solver"):  # a payload is a body, whatever the model was made by
-        estimator = make_estimator(DEFAULT_METHOD)
+    estimator = estimator_beside(estimate)
     fit = estimator.fit(task)
     part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
+    base = base_rows(problem, own)
     before, new_motion = estimate.training_motion, record_motion(measurements, settings)
     return replace(
         estimate,
         model=model,
         theta=theta,
-        uncertainty=_beside(estimate, model, own, part, measurements, settings, gain_errors),
+        uncertainty=_beside(estimate, model, own, part, base, measurements, settings, gain_errors),
         certificate=certify_beside(estimate, model, theta, certificate),
         details={
-            **_determined(estimate, record(problem, task, part, estimator.rest)),
+            **_determined(estimate, record(task, part, base, estimator.rest)),
             "on_bounds": on_bounds(problem.constraints(model), theta),
         },
         provenance={
@@ -269,7 +246,7 @@ def _add_frozen(
             "data_hash": measurements.data_hash,
             "runs": list(measurements.names),
             "samples": len(measurements.t),
-            "versions": versions(),
+            "versions": dict(versions()),
         },
         training_motion=None if before is None or new_motion is None else before.joined(new_motion),
     )
@@ -289,6 +266,7 @@ def _beside(
     model: Model,
     own: Model,
     part: Array,
+    base: BaseParameters,
     measurements: Measurements,
     settings: Preprocessing,
     gain_errors: Array,
@@ -306,5 +284,6 @@ def _beside(
         compress(measurements, wide, settings),
         (estimate.model, estimate.theta, estimate.uncertainty),
         part,
+        base,
         gain_errors=gain_errors,
     )

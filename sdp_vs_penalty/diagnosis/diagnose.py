@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Finding,
     Invisible,
 )
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, held_out_errors
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
 from sdp_vs_penalty.diagnosis.parsimony import company
 from sdp_vs_penalty.diagnosis.remaining import remaining
@@ -94,7 +94,7 @@ def diagnose(
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    return conclude(found, test, settings, gain_errors, share)
+    return conclude(found, measurements, test, settings, gain_errors, share)
 
 
 def _new_motion(
@@ -113,13 +113,14 @@ def _new_motion(
 
 def conclude(
     found: Found,
+    data: Measurements,
     test: Measurements | None,
     settings: Preprocessing,
     gain_errors: Array,
     new_share: float | None = None,
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
-    found, held_out = _offered(found, test, settings)
+    found, held_out = _offered(found, OnFolds(found) if test is None else OnTest(found, data, test))
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
@@ -153,10 +154,10 @@ def conclude(
     )
 
 
-def _offered(found: Found, test: Measurements | None, settings: Preprocessing) -> tuple[Found, HeldOut]:
+def _offered(found: Found, judge: OnFolds | OnTest) -> tuple[Found, HeldOut]:
     """The search without the picks that raise their joints' error on data left out."""
     while True:
-        held_out = held_out_errors(found, test, settings)
+        held_out = judge.errors(found.state.picks)
         kept = [p for p, rises in zip(found.state.picks, held_out.rises, strict=True) if not rises]
         if len(kept) == len(found.state.picks):
             return found, held_out

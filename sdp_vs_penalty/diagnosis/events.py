@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from sdp_vs_penalty.signals.outliers import FALSE_EVENT
 
@@ -82,10 +82,10 @@ def spectral_lines(
             pooled += 1
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, int(smooth / frequency[1]))
-    level = _running_median(power, half) / stats.chi2.median(2 * pooled) * (2 * pooled)
+    level = _running_median(power, half) / float(special.gammaincinv(pooled, 0.5)) * pooled
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
-    limit = stats.chi2.isf(FALSE_EVENT / (len(power) * tests), 2 * pooled)
+    limit = float(special.chdtri(2 * pooled, FALSE_EVENT / (len(power) * tests)))
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
     found = (excess > limit) & (frequency > lowest)

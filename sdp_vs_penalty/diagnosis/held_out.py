@@ -1,9 +1,14 @@
-"""The error that falls along the ladder, on data that no choice has seen."""
+"""The error that falls along the ladder, on data that no choice has seen.
+
+At each step the model is fitted as ``add`` would fit it, by its own method under its problem's
+constraints, and on a test run it is judged on the rows on which ``compare`` judges it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +16,15 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.ladder import climbed
 from sdp_vs_penalty.diagnosis.library import Key, spread_columns
-from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
+from sdp_vs_penalty.diagnosis.refit import fitted_parameters, model_beside, weighting_of
+from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.search import Found
 from sdp_vs_penalty.diagnosis.stage import Stage, informative, model_columns
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.estimation.identify import with_reference
+from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress, triangular
 
 Array = NDArray[np.float64]
 
@@ -42,51 +49,122 @@ class HeldOut:
     rises: tuple[bool, ...]
 
 
-def held_out_errors(
-    found: Found,
-    test: Measurements | None,
-    settings: Preprocessing,
-) -> HeldOut:
-    """Errors on the test run; without one, on outer folds: which of the picks are justified without each
-    of them, with which shapes and sizes, is searched anew."""
-    stage, picks = found.state.stage, found.state.picks
-    given = stage if found.first is found.estimate else _stage_of(stage, found.first)
-    if test is not None:
-        runs = diagnosis_rows(test, found.estimate, settings)
-        everything = np.ones(len(stage.rows.t), bool)
+@dataclass(frozen=True)
+class OnTest:
+    """Errors on a test run of models fitted to the runs that were searched."""
 
-        def on_test(model: Estimate, stage: Stage, picks: Sequence[Pick]) -> Array:
-            rows = with_estimate(runs, model)
-            base = model_columns(rows, model, stage.frozen)
-            squares = _ladder(stage, picks, everything, rows, base, rows.residual)
-            return np.asarray(np.sqrt(squares / np.maximum(rows.keep.sum(axis=0), 1)))
+    found: Found
+    data: Measurements
+    test: Measurements
 
-        ladder = on_test(found.estimate, stage, picks)
-        before = ladder[0] if given is stage else on_test(found.first, given, ())[0]
+    def errors(self, picks: Sequence[Pick]) -> HeldOut:
+        first, effects = self.found.first, [p.candidate.effect for p in picks]
+        ladder = self._ladder(self.found.estimate, effects)
+        before = ladder[0] if first is self.found.estimate else self._ladder(first, [])[0]
         return HeldOut(before, ladder, "test", *_told(picks, ladder))
-    total = np.zeros((len(picks) + 1, stage.rows.n))
-    outer, keys = stage.labels.fold % _OUTER, _looked_for(picks)
-    same, before = np.zeros_like(total), np.zeros(stage.rows.n)
-    for f in np.unique(outer):
-        train = outer != f
-        again = climbed(SearchState.start(_stage_on(stage, train, keys)), thorough=False)
-        total += _matched(stage, picks, again.picks, train)
-        same += _left_out(stage, picks, train)
-        before += _left_out(given, (), train)[0]
-    count = np.maximum(stage.rows.keep.sum(axis=0), 1)
-    ladder = np.sqrt(total / count)
-    return HeldOut(np.sqrt(before / count), ladder, "folds", *_told(picks, np.sqrt(same / count)))
+
+    def _ladder(self, estimate: Estimate, effects: Sequence[Effect]) -> Array:
+        """(steps + 1, n) RMSE."""
+        frozen, settings = self.found.state.stage.frozen, estimate.preprocessing
+        model = model_beside(estimate, effects)
+        if model.needs_reference and not frozen:
+            model = with_reference(
+                estimate.problem,
+                model,
+                lambda part: compress(self.data, part, settings),
+                weighting_of(estimate),
+            )
+        train, there = (compress(m, model, settings) for m in (self.data, self.test))
+        if frozen:
+            train, there = (rows.beside(estimate.theta) for rows in (train, there))
+        squares = _squares(estimate, frozen, effects, train, there)
+        return np.asarray(np.sqrt(squares / np.maximum(there.joint_rows(), 1)))
 
 
-def _stage_of(stage: Stage, estimate: Estimate) -> Stage:
-    """The same stage with the columns of another model."""
-    rows = with_estimate(stage.rows, estimate)
-    columns = model_columns(rows, estimate, stage.frozen)
-    return replace(stage, rows=rows, columns=columns, residual=rows.residual)
+@dataclass(frozen=True)
+class OnFolds:
+    """Errors on outer folds: which of the picks of the whole search are justified without each of them,
+    with which shapes and sizes, is searched anew."""
+
+    found: Found
+
+    def errors(self, picks: Sequence[Pick]) -> HeldOut:
+        stage, now = self.found.state.stage, self.found.estimate
+        given, first = stage, self.found.first
+        if first is not now:
+            rows = with_estimate(stage.rows, first)
+            columns = model_columns(rows, first, stage.frozen)
+            given = replace(stage, rows=rows, columns=columns, residual=rows.residual)
+        total = np.zeros((len(picks) + 1, stage.rows.n))
+        same, before = np.zeros_like(total), np.zeros(stage.rows.n)
+        for train, own in self._searched:
+            total += _matched(now, stage, picks, own, train)
+            same += _left_out(now, stage, picks, train)
+            before += _left_out(first, given, (), train)[0]
+        count = np.maximum(stage.rows.keep.sum(axis=0), 1)
+        told = _told(picks, np.sqrt(same / count))
+        return HeldOut(np.sqrt(before / count), np.sqrt(total / count), "folds", *told)
+
+    @cached_property
+    def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
+        """Of each fold the rows (M,) outside of it, and what a search in those picks."""
+        stage = self.found.state.stage
+        outer, keys = stage.labels.fold % _OUTER, _looked_for(self.found.state.picks)
+        out = []
+        for f in np.unique(outer):
+            train = outer != f
+            start = SearchState.start(_stage_on(stage, train, keys))
+            out.append((train, climbed(start, thorough=False).picks))
+        return out
+
+
+def _squares(
+    estimate: Estimate, frozen: bool, effects: Sequence[Effect], train: Regression, there: Regression
+) -> Array:
+    """(steps + 1, n) squared errors on the rows ``there`` of the model with the first effects, fitted to
+    the rows ``train`` at each step; of a frozen model both are what it leaves."""
+    ends = np.cumsum([train.p - sum(len(e.parameters) for e in effects), *map(_size, effects)])
+    out = []
+    for k, end in enumerate(ends):
+        wanted = np.arange(train.p) < end
+        theta = fitted_parameters(estimate, effects[:k], train.keeping(wanted), frozen)
+        out.append(there.keeping(wanted).joint_losses(theta))
+    return np.array(out)
+
+
+def _size(effect: Effect) -> int:
+    return len(effect.parameters)
+
+
+def _left_out(
+    estimate: Estimate, stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]
+) -> Array:
+    """(steps + 1, n) squared errors on the stage's other rows."""
+    effects, rows = [p.candidate.effect for p in picks], stage.rows
+    columns = [stage.columns, *(spread_columns(rows, effect) for effect in effects)]
+    own = () if stage.frozen else estimate.model.effects
+    parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
+    torque = stage.residual.copy()
+    if not stage.frozen:
+        torque += (stage.columns @ estimate.theta).T
+    rows_of = np.concatenate([np.concatenate(columns, axis=2), torque.T[:, :, None]], axis=2)
+    blocks = (TimeBlock(0, 0.0, 0.0), TimeBlock(0, 0.0, 0.0))
+    factors = []
+    for j in range(rows.n):
+        for block, mine in enumerate((train, ~train)):
+            kept = rows_of[j][mine & rows.keep[:, j]]
+            indices = np.arange(len(parameters))
+            factors.append(Factor(j, block, indices, triangular([kept]), len(kept)))
+    both = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
+    return _squares(estimate, stage.frozen, effects, both.select([0]), both.select([1]))
 
 
 def _matched(
-    stage: Stage, picks: Sequence[Pick], own: Sequence[Pick], train: NDArray[np.bool_]
+    estimate: Estimate,
+    stage: Stage,
+    picks: Sequence[Pick],
+    own: Sequence[Pick],
+    train: NDArray[np.bool_],
 ) -> Array:
     """(steps + 1, n) squared errors left out, at each step with those of a fold's ``own`` picks that are
     the same effect on the same joint as a pick up to there: a fold finds them in another order."""
@@ -95,12 +173,8 @@ def _matched(
         step.setdefault(pick.candidate.key, k)
     same = sorted((p for p in own if p.candidate.key in step), key=lambda p: step[p.candidate.key])
     steps = np.array([step[p.candidate.key] for p in same], int)
-    squares = _left_out(stage, same, train)
+    squares = _left_out(estimate, stage, same, train)
     return squares[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
-
-
-def _left_out(stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]) -> Array:
-    return _ladder(stage, picks, train, stage.rows, stage.columns, stage.residual, only=~train)
 
 
 def _told(picks: Sequence[Pick], ladder: Array) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
@@ -133,32 +207,7 @@ def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:
 
 def _stage_on(stage: Stage, train: NDArray[np.bool_], keys: frozenset[Key]) -> Stage:
     """The same stage with some of the rows, all others switched off, and some of the candidates."""
-    rows = _switched_off(stage, train)
+    off = ~train[:, None] | ~stage.rows.keep
+    rows = stage.rows.with_masked(off)
     labels = replace(stage.labels, count=informative(rows))
     return replace(stage, rows=rows, labels=labels, candidacy=replace(stage.candidacy, keys=keys))
-
-
-def _switched_off(stage: Stage, train: NDArray[np.bool_]) -> SegmentedRuns:
-    return stage.rows.with_masked(np.repeat(~train[:, None], stage.rows.n, axis=1) | ~stage.rows.keep)
-
-
-def _ladder(
-    stage: Stage,
-    picks: Sequence[Pick],
-    train: NDArray[np.bool_],
-    rows: SegmentedRuns,
-    base: Array,
-    residual: Array,
-    only: NDArray[np.bool_] | None = None,
-) -> Array:
-    """(steps + 1, n) squared errors on rows, parameters fitted to the white training rows."""
-    keep = rows.keep if only is None else rows.keep & only[:, None]
-    columns = [stage.columns, *(spread_columns(stage.rows, p.candidate.effect) for p in picks)]
-    there = [base, *(spread_columns(rows, p.candidate.effect) for p in picks)]
-    masked = _switched_off(stage, train)
-    out = []
-    for k in range(len(picks) + 1):
-        theta = stage.least_squares(np.concatenate(columns[: k + 1], axis=2), masked, balanced=True)
-        predicted = np.concatenate(there[: k + 1], axis=2) @ theta
-        out.append(np.sum(keep * (residual - predicted.T) ** 2, axis=0))
-    return np.array(out)

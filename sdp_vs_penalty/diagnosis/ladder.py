@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, flip_threshold, wald_exponent
 from sdp_vs_penalty.diagnosis.candidates import Candidate
@@ -149,7 +149,7 @@ def accepted(state: SearchState, candidate: Candidate, threshold: float) -> Pick
     # The noise's spectrum at the candidate's frequencies is known to a relative variance of
     # 2 ORDER / degrees only (Berk, Annals of Statistics 1974).
     known = float(stage.noise.degrees[joints].sum()) / ORDER
-    p = stats.f.sf(candidate.chi2 / k / rest, k, min(freedom, known))
+    p = special.fdtrc(k, min(freedom, known), candidate.chi2 / k / rest)
     if not p < FALSE_CLAIM / max(stage.white.size, 1):
         return None
     sums = BlockSums.of(fit, fit.partialled(fit.scaled(candidate.columns)), k)

@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-#: What a constant's change must take from the squared error, in units of the noise's variance, to be
-#: said, and twice that to be said with confidence.
-MIN_GAIN = 15.0
 #: Standard deviations by which it must move.
 _FAR = 3.0
 #: Share by which it must move: less makes no other torque.

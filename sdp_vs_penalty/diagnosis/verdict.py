@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
@@ -51,7 +51,7 @@ def remainder(fit: WhiteFit, rows: SegmentedRuns, noise: Noise, ignore: Mask | N
     variance = (keep * white**2).sum(axis=0) / degrees
     p_values = []
     if noise.source == REPETITION:
-        p_values += list(stats.f.sf(variance, degrees, noise.degrees))
+        p_values += list(special.fdtrc(degrees, noise.degrees, variance))
         p_values += _repeated_products(white, keep, rows, noise)
     p = min(1.0, min(p_values, default=1.0) * max(len(p_values), 1))
     small = {k % n for k, each in enumerate(p_values) if each * len(p_values) < FALSE_UNKNOWN}
@@ -87,4 +87,4 @@ def _repeated_products(white: Array, keep: Mask, rows: SegmentedRuns, noise: Noi
     # Under sign changes of stretches, t^2 / (B - t^2) (B - 1) is F with (1, B - 1).
     B = len(s)
     student = t * np.sqrt((B - 1) / np.maximum(B - t**2, 1e-9))
-    return [float(p) for p in stats.t.sf(student, B - 1)]
+    return [float(p) for p in special.stdtr(B - 1, -student)]

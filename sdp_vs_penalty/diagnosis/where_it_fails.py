@@ -8,10 +8,11 @@ of a motion that comes back.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,13 @@ from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.show import Shown, Summary, Table, percent
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
+
+if TYPE_CHECKING:
+    import pandas
 
 Array = NDArray[np.float64]
 
@@ -113,6 +118,48 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     return out
 
 
+class Failures(Shown, list[JointFailure]):
+    """Where a model fails on a run, joint by joint; units : of the joints' torques."""
+
+    def __init__(self, failures: Iterable[JointFailure] = (), units: Sequence[str] = ()) -> None:
+        super().__init__(failures)
+        self.units = tuple(units)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a joint (from 1): rmse, noise_floor, what the error depends on most."""
+        import pandas
+
+        rows = [
+            {
+                "joint": f.joint,
+                "rmse": f.rmse,
+                "noise_floor": np.nan if f.noise_floor is None else f.noise_floor,
+                **f.shares,
+            }
+            for f in self
+        ]
+        return pandas.DataFrame(rows).set_index("joint")
+
+    def _summary(self) -> Summary:
+        above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
+        worst = [self[int(k)] for k in np.argsort(above)[::-1]]
+        return "Where the model fails, the worst joints first", [
+            (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1]))) for f in worst
+        ]
+
+    def _table(self) -> Table:
+        quantities = list(self[0].shares) if self else []
+        return ["joint", "RMSE", "noise floor", *quantities], [
+            [
+                str(f.joint),
+                f"{f.rmse:.3g} {unit}",
+                "-" if f.noise_floor is None else f"{f.noise_floor:.3g}",
+                *(percent(x) for x in f.shares.values()),
+            ]
+            for f, unit in zip(self, self.units, strict=True)
+        ]
+
+
 def _number(x: float) -> float | None:
     return x if np.isfinite(x) else None
 
@@ -123,7 +170,7 @@ def where_it_fails(
     preprocessing: Preprocessing | None = None,
     *,
     noise_from: Measurements | None = None,
-) -> list[JointFailure]:
+) -> Failures:
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
@@ -147,7 +194,7 @@ def where_it_fails(
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.nan_to_num(np.corrcoef(residual[keep].T).reshape(rows.n, rows.n))
-    out = []
+    out = Failures(units=estimate.robot.torque_units)
     for j in range(rows.n):
         error = residual[:, j] - residual[keep, j].mean()
         rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))

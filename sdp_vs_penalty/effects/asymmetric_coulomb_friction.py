@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 
 
 class AsymmetricCoulombFriction(JointEffect):
@@ -25,8 +25,8 @@ class AsymmetricCoulombFriction(JointEffect):
         return np.abs(motion.sign(joint))
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    def sides(w: World, m: Motion) -> Array:  # the size that either direction has beyond the mean
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    def sides(w: TrueRobot, m: Motion) -> Array:  # the size that either direction has beyond the mean
         share = w.dry(m.dq[:, joint])
         return np.where(m.dq[:, joint] > 0.0, share, -share)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 
 
 class AsymmetricViscousFriction(JointEffect):
@@ -24,8 +24,8 @@ class AsymmetricViscousFriction(JointEffect):
         return np.abs(motion.dq[:, joint])
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    def slopes(w: World, m: Motion) -> Array:  # one a direction, less their mean
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    def slopes(w: TrueRobot, m: Motion) -> Array:  # one a direction, less their mean
         return np.where(m.dq[:, joint] > 0.0, m.dq[:, joint], -m.dq[:, joint])
 
     return one_joint("asymmetric_viscous_friction", joint, slopes, either_sign(rng), shape={})

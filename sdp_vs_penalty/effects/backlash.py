@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 
 
@@ -30,11 +30,11 @@ class Backlash(LinkDeviation):
         return -by_q[:, :, joint] * np.sign(motion.link_torque[:, joint, None])
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    def torque(w: World, m: Motion, a: float) -> Array:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    def torque(w: TrueRobot, m: Motion, a: float) -> Array:
         tau = w.rigid(m)
         link = m.q.copy()
         link[:, joint] -= 1e-3 * a * np.sign(tau[:, joint])
         return w.rigid(replace(m, q=link)) - w.rigid(m)
 
-    return Hidden("backlash", (joint,), torque, unit=1e-3, theta=(1e-3,), deviation=1e-3)
+    return HiddenEffect("backlash", (joint,), torque, unit=1e-3, theta=(1e-3,), deviation=1e-3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 
 
@@ -40,5 +40,5 @@ class CoulombFriction(JointEffect):
         return motion.sign(joint, self.shape["v_s"])
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     return one_joint("coulomb_friction", joint, lambda w, m: np.sign(m.dq[:, joint]))

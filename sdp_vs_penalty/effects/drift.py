@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, log_uniform, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -45,12 +45,12 @@ class Drift(JointEffect):
         return np.exp(-t / self.shape["T"]) if self.exponential else t
 
 
-def hidden_drift(effect: str, joint: int, rng: np.random.Generator, friction: bool) -> Hidden:
+def hidden_drift(effect: str, joint: int, rng: np.random.Generator, friction: bool) -> HiddenEffect:
     """An offset or a friction that settles with T, or goes on by one per 100 s, from time zero on."""
     settles, viscous = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
     T, sign = log_uniform(rng, 20.0, 120.0), either_sign(rng)
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: TrueRobot, m: Motion) -> Array:
         course = np.expm1(-m.t / T) if settles else m.t / 100.0
         if not friction:
             return course

@@ -6,7 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.drift import Drift, hidden_drift
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
 
 
@@ -40,5 +40,5 @@ class DriftFriction(Drift):
         return self.course(motion) * (dq if self.viscous else motion.sign(joint))
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     return hidden_drift("drift_friction", joint, rng, friction=True)

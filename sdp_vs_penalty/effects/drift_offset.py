@@ -6,7 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.drift import Drift, hidden_drift
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 
 
 class DriftOffset(Drift):
@@ -28,5 +28,5 @@ class DriftOffset(Drift):
         return self.course(motion)
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     return hidden_drift("drift_offset", joint, rng, friction=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.robot._pinocchio import pin
 
 
@@ -34,18 +34,18 @@ class ExternalWrench(Effect):
         return [Block(j, np.arange(6), -jacobian[:, :, j]) for j in range(self.robot.n)]
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     force, moment = rng.normal(size=3), 0.2 * rng.normal(size=3)
     theta = (*force.tolist(), *moment.tolist())
-    return Hidden(
+    return HiddenEffect(
         "external_wrench", (), lambda w, m, a: a * wrench_torque(w, m, force, moment), theta=theta
     )
 
 
-def wrench_torque(world: World, motion: Motion, force: Array, moment: Array) -> Array:
+def wrench_torque(true: TrueRobot, motion: Motion, force: Array, moment: Array) -> Array:
     """Joint torque (N, n) against a wrench on the last link, by recursive Newton-Euler."""
-    robot = world.robot
-    model = robot._with_inertias(world.links.ravel())
+    robot = true.robot
+    model = robot._with_inertias(true.links.ravel())
     data = model.createData()
     external = pin.StdVec_Force([pin.Force.Zero() for _ in range(robot.n + 1)])
     out = np.empty_like(motion.q)

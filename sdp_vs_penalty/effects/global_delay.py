@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -39,5 +39,5 @@ class GlobalDelay(Effect):
         return np.column_stack([np.interp(t + theta[0], t, channel) for channel in torque.T])
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    return Hidden("global_delay", (), late=np.full(world.robot.n, 1e-3), unit=1e-3, theta=(1e-3,))
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    return HiddenEffect("global_delay", (), late=np.full(true.robot.n, 1e-3), unit=1e-3, theta=(1e-3,))

@@ -1,7 +1,7 @@
 """Hidden effects: what a simulated robot does that a model without the effect does not know.
 
-An effect's file may state its torque a second time: ``hidden(joint, world, rng) -> Hidden``, below the
-class. That statement is the truth that searches are judged by and columns are tested against, so it
+An effect's file may state its torque a second time: ``hidden(joint, true, rng)``, below the class.
+That statement is the truth that searches are judged by and columns are tested against, so it
 shares nothing with the columns: it is written on the true motion (t, q, dq, ddq) and the true robot,
 where there is one by another route (a channel that truly reads the past, a friction state integrated
 in time, a link beside where the encoder says), and it names the parameters that the library should find.
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class World:
+class TrueRobot:
     """The robot as it truly is without hidden effects: links (n, 10); friction viscous, coulomb and
     offset (n,) each."""
 
@@ -35,7 +35,7 @@ class World:
     #: Velocity [rad/s, m/s] over which dry friction turns round.
     dry_width: float = 0.01
 
-    def without(self, effects: Sequence[str]) -> World:
+    def without(self, effects: Sequence[str]) -> TrueRobot:
         """The robot that lacks these kinds of friction, by the names of their effects."""
         none = np.zeros(self.robot.n)
         return replace(
@@ -63,12 +63,12 @@ class World:
         return 20.0 + np.outer(-np.expm1(-t / 120.0), 15.0 + 2.0 * np.arange(self.robot.n))
 
 
-#: (world, motion, size) -> (N, n) torque to add, or what the encoder shows beyond the truth.
-Change = Callable[[World, Motion, float], Array]
+#: (true, motion, size) -> (N, n) torque to add, or what the encoder shows beyond the truth.
+Change = Callable[[TrueRobot, Motion, float], Array]
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenEffect:
     """One hidden effect on joints (from 0; empty: the whole robot), with what a scorer wants to know.
 
     torque : the torque that it adds; encoder : what it does to the measured positions; late : seconds
@@ -101,12 +101,12 @@ class Hidden:
         joints = [j + 1 for j in self.joints]
         return {"effect": self.effect, "joints": joints, "size": self.amplitude, **self.details}
 
-    def sized(self, factor: float) -> Hidden:
+    def sized(self, factor: float) -> HiddenEffect:
         return replace(self, size=self.size * factor)
 
 
-#: From (joint, world, random numbers) to a hidden effect of size 1.
-Maker = Callable[[int, World, np.random.Generator], Hidden]
+#: From (joint, true, random numbers) to a hidden effect of size 1.
+Maker = Callable[[int, TrueRobot, np.random.Generator], HiddenEffect]
 
 
 def on_joint(joint: int, n: int, values: Array) -> Array:
@@ -119,12 +119,12 @@ def on_joint(joint: int, n: int, values: Array) -> Array:
 def one_joint(
     effect: str,
     joint: int,
-    law: Callable[[World, Motion], Array],
+    law: Callable[[TrueRobot, Motion], Array],
     factor: float = 1.0,
     shape: Mapping[str, float] | None = None,
-) -> Hidden:
+) -> HiddenEffect:
     """A hidden torque on one joint: size times factor times law (N,), which has one parameter."""
-    return Hidden(
+    return HiddenEffect(
         effect,
         (joint,),
         lambda w, m, size: factor * size * on_joint(joint, w.robot.n, law(w, m)),

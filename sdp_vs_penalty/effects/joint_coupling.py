@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
-from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
@@ -75,13 +75,13 @@ class JointCoupling(JointEffect):
         return smooth_sign(velocity, motion.width(joint), rate, motion.within)
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < world.robot.n]
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < true.robot.n]
     if not neighbours:
         raise InputError("effect joint_coupling needs a robot with two joints or more", "leave it out")
     i, form = int(rng.choice(neighbours)), int(rng.integers(1, 5))
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: TrueRobot, m: Motion) -> Array:
         own, other = m.dq[:, joint], m.dq[:, i]
         return other if form == 1 else np.sign({2: other, 3: own + other, 4: own - other}[form])
 

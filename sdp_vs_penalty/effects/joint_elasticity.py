@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, on_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, on_joint
 from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 
 
@@ -33,8 +33,8 @@ class JointElasticity(LinkDeviation):
         return np.negative(out)
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    def shown(w: World, m: Motion, a: float) -> Array:  # the encoder is ahead of the link
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    def shown(w: TrueRobot, m: Motion, a: float) -> Array:  # the encoder is ahead of the link
         return 1e-4 * a * on_joint(joint, w.robot.n, w.rigid(m)[:, joint])
 
-    return Hidden("joint_elasticity", (joint,), encoder=shown, unit=1e-4, theta=(1e-4,))
+    return HiddenEffect("joint_elasticity", (joint,), encoder=shown, unit=1e-4, theta=(1e-4,))

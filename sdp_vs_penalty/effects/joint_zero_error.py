@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, on_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, on_joint
 from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 
 
@@ -26,9 +26,9 @@ class JointZeroError(LinkDeviation):
         return by_q[:, :, joint]
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     sign = either_sign(rng)
-    return Hidden(
+    return HiddenEffect(
         "joint_zero_error",
         (joint,),
         encoder=lambda w, m, a: -1e-3 * sign * a * on_joint(joint, w.robot.n, np.ones(len(m.t))),

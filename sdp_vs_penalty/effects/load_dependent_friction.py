@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 
 
 class LoadDependentFriction(JointEffect):
@@ -27,8 +27,8 @@ class LoadDependentFriction(JointEffect):
         return np.abs(motion.model_torque[:, joint]) * motion.sign(joint)
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    def law(w: World, m: Motion) -> Array:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    def law(w: TrueRobot, m: Motion) -> Array:
         return np.abs(w.torque(m)[:, joint]) * np.sign(m.dq[:, joint])
 
     return one_joint("load_dependent_friction", joint, law)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
 from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle
 
 
@@ -30,10 +30,10 @@ class LoadDependentHysteresis(PreslidingHysteresis):
         return [Block(j, np.array([k]), load[:, [j]] * z[:, [k]]) for k, j in enumerate(self.joints)]
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     d = log_uniform(rng, 0.001, 0.02)
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: TrueRobot, m: Motion) -> Array:
         return np.abs(w.torque(m)[:, joint]) * bristle(m.t, m.dq[:, joint], d)
 
     return one_joint("load_dependent_hysteresis", joint, law, shape={"d": d})

@@ -6,7 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, stop
 from sdp_vs_penalty.effects.effect import Array, Block, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, on_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, on_joint
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 #: Elements side by side, and how many times farther the next one bends before it slips.
@@ -47,10 +47,10 @@ class MaxwellSlip(Remembering):
         return [Block(j, k, z[:, k]) for j, k in zip(self.joints, own, strict=True)]
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     d, share = log_uniform(rng, 0.001, 0.01), rng.dirichlet(np.ones(_ELEMENTS))
 
-    def torque(w: World, m: Motion, size: float) -> Array:
+    def torque(w: TrueRobot, m: Motion, size: float) -> Array:
         travel = np.diff(m.q[:, joint]).tolist()
         total = np.zeros(len(m.t))
         for i, weight in enumerate(share):  # sample by sample, as a slider is dragged along
@@ -64,7 +64,7 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         return size * on_joint(joint, w.robot.n, total)
 
     size = float(np.linalg.norm(share))
-    return Hidden(
+    return HiddenEffect(
         "maxwell_slip",
         (joint,),
         torque,

@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
 from sdp_vs_penalty.effects.effect import Array, Block, Motion, OneAJoint
-from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
@@ -46,10 +46,10 @@ class PreslidingHysteresis(Remembering, OneAJoint):
         ]
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     d = log_uniform(rng, 0.001, 0.02)
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: TrueRobot, m: Motion) -> Array:
         return bristle(m.t, m.dq[:, joint], d) - w.dry(m.dq[:, joint])
 
     return one_joint("presliding_hysteresis", joint, law, shape={"d": d})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 
 
 class RotorInertia(JointEffect):
@@ -24,5 +24,5 @@ class RotorInertia(JointEffect):
         return motion.ddq[:, joint]
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     return one_joint("rotor_inertia", joint, lambda w, m: m.ddq[:, joint])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 
 
 class TorqueDelay(JointEffect):
@@ -32,7 +32,7 @@ class TorqueDelay(JointEffect):
         return out
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    late = np.zeros(world.robot.n)
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    late = np.zeros(true.robot.n)
     late[joint] = 1e-3
-    return Hidden("torque_delay", (joint,), late=late, unit=1e-3, theta=(1e-3,))
+    return HiddenEffect("torque_delay", (joint,), late=late, unit=1e-3, theta=(1e-3,))

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -58,7 +58,7 @@ def lagging(x: Array, t: Array, T: float) -> Array:
     return np.asarray(lfilter([1.0 - mean, mean - decay], [1.0, -decay], x, axis=0, zi=start)[0])
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     T = log_uniform(rng, 0.004, 0.02)
 
     def behind(x: Array, t: Array) -> Array:  # the trapezium rule, a sample at a time
@@ -68,8 +68,8 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
             y[k] = ((1.0 - r) * y[k - 1] + r * (x[k] + x[k - 1])) / (1.0 + r)
         return y
 
-    def change(w: World, m: Motion, a: float) -> Array:
+    def change(w: TrueRobot, m: Motion, a: float) -> Array:
         tau = w.torque(m)
         return a * (behind(tau, m.t) - tau)
 
-    return Hidden("torque_filter", (), change, details={"shape": {"T": T}}, unit=T, theta=(T,))
+    return HiddenEffect("torque_filter", (), change, details={"shape": {"T": T}}, unit=T, theta=(T,))

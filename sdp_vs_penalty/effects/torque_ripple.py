@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import Hidden, World, on_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, on_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -88,9 +88,9 @@ class TorqueRipple(Effect):
         )
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     k, phase = float(rng.integers(2, 31)), float(rng.uniform(0.0, 2.0 * np.pi))
-    return Hidden(
+    return HiddenEffect(
         "torque_ripple",
         (joint,),
         lambda w, m, a: a * on_joint(joint, w.robot.n, np.sin(k * m.q[:, joint] + phase)),

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform
 from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.effects.stribeck_friction import StribeckFriction
@@ -194,8 +194,8 @@ def _ratios(row: Array) -> dict[str, float]:
     return {f"c{j + 1}": float(row[j]) for j in np.flatnonzero(row)}
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
-    n = world.robot.n
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    n = true.robot.n
     if n < 2:
         raise InputError(
             "effect transmission_friction needs a robot with two joints or more", "leave it out"
@@ -208,7 +208,7 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
     if law == 4:
         shape["vs"] = log_uniform(rng, 0.03, 0.25)
 
-    def torque(w: World, m: Motion, size: float) -> Array:
+    def torque(w: TrueRobot, m: Motion, size: float) -> Array:
         v = m.dq[:, first] + ratio * m.dq[:, first + 1]
         if law == 1:
             force = v
@@ -223,6 +223,6 @@ def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
         out[:, first + 1] = size * ratio * force
         return out
 
-    return Hidden(
+    return HiddenEffect(
         "transmission_friction", (first, first + 1), torque, details={"shape": shape}, theta=(1.0,)
     )

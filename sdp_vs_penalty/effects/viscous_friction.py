@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 
 
 class ViscousFriction(JointEffect):
@@ -22,5 +22,5 @@ class ViscousFriction(JointEffect):
         return motion.dq[:, joint]
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     return one_joint("viscous_friction", joint, lambda w, m: m.dq[:, joint])

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.drift import Drift
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, log_uniform, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -77,11 +77,11 @@ class WarmingFriction(JointEffect):
         return np.asarray(np.exp(-x) * rubbing)
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     clock, viscous = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
     scale = log_uniform(rng, 20.0, 120.0) if clock else log_uniform(rng, 8.0, 50.0)
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: TrueRobot, m: Motion) -> Array:
         colder = np.exp(-(m.t if clock else w.temperature(m.t)[:, joint] - 20.0) / scale)
         return colder * (m.dq[:, joint] if viscous else np.sign(m.dq[:, joint]))
 

@@ -17,7 +17,8 @@ class Certificate(Shown):
     loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of
     the nearest feasible point towards the interior; lower : a lower bound on the optimum of the
     convex problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : the
-    share of random poses at which M(q) is positive definite. None where it does not apply.
+    share of 10 000 random poses at which M(q) is positive definite; at_every_pose : that it is follows
+    from the links' pseudo-inertias, and nothing was sampled. None where it does not apply.
     largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to
     the largest half axis of its body, at most 1 for what fits; density : least and largest mean density
     of the links whose geometry has a volume [kg/m^3].
@@ -36,6 +37,7 @@ class Certificate(Shown):
     largest_gyration: float | None = None
     body_share: float | None = None
     density: list[float] | None = None
+    at_every_pose: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -75,8 +77,10 @@ class Certificate(Shown):
             low, high = self.density
             out.append(("mean density", f"{low:.3g} to {high:.3g} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:
-            share = 100.0 * self.positive_mass_matrices
-            out.append(("M(q) positive definite", f"at {share:.4g} % of 10 000 random poses"))
+            text = f"at {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"
+            if self.at_every_pose:
+                text = "at every pose (follows from the links)"
+            out.append(("M(q) positive definite", text))
         return out
 
     def _violations_text(self) -> str:

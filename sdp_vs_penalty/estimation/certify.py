@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -22,6 +23,7 @@ from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.robot import inertia
@@ -52,7 +54,8 @@ def build_estimate(
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     theta, certificate = certify(task, fit)
-    certificate = dataclasses.replace(certificate, **body_figures(problem, theta[task.links]))
+    certificate = dataclasses.replace(certificate, **link_figures(problem, theta[task.links]))
+    base = base_rows(problem, task.model)
     wide = with_sensitivities(task.model, theta)
     if wide is not task.model and isinstance(measurements, Measurements):
         regression = compress(measurements, wide, preprocessing)
@@ -61,6 +64,7 @@ def build_estimate(
         task.model,
         regression,
         theta,
+        base=base,
         weighting=weighting,
         constrained=certificate.worst == 0.0,
         gain_errors=gain_errors,
@@ -89,7 +93,7 @@ def build_estimate(
         {
             **{k: v for k, v in fit.details.items() if k != "interior"},
             "on_bounds": bounds,
-            **record(problem, task, theta, estimator.rest),
+            **record(task, theta, base, estimator.rest),
         },
         provenance,
         record_motion(measurements, preprocessing) if isinstance(measurements, Measurements) else None,
@@ -141,15 +145,12 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         )
         scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
         gap = (upper - lower) / scale if scale > 0.0 else 0.0
-    links = theta[task.links]
     return theta, Certificate(
         violations=violations(fit.constraints, theta),
         loss=task.data.loss(theta),
         upper=upper,
         lower=lower,
         gap=gap,
-        positive_mass_matrices=positive_mass_matrices(task.model.robot, links) if len(links) else None,
-        smallest_thickness=float(inertia.thickness(links).min()) if len(links) else None,
     )
 
 
@@ -160,7 +161,6 @@ def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certifi
     effects alone, whose objective and gap remain. Every constraint of the problem is judged at the
     whole theta; what only the estimate's method demanded of it (a thickness) stays as it was judged.
     """
-    links = estimate.links
     return dataclasses.replace(
         part,
         violations={
@@ -168,15 +168,13 @@ def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certifi
             **part.violations,
             **violations(estimate.problem.constraints(model), theta),
         },
-        positive_mass_matrices=positive_mass_matrices(model.robot, links) if len(links) else None,
-        smallest_thickness=float(inertia.thickness(links).min()) if len(links) else None,
         held=[effect.text for effect in estimate.model.effects],
-        **body_figures(estimate.problem, links),
+        **link_figures(estimate.problem, estimate.links),
     )
 
 
-def body_figures(problem: Problem, links: Array) -> dict[str, Any]:
-    """What a certificate says of the links' extents and densities; empty for a model without links."""
+def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
+    """What a certificate says of the links (n, 10) themselves; empty for a model without them."""
     if not len(links):
         return {}
     gyration = inertia.gyration(links)
@@ -186,23 +184,29 @@ def body_figures(problem: Problem, links: Array) -> dict[str, Any]:
         for mass, body in zip(links[:, 0], bodies, strict=True)
         if body.volume is not None
     ]
+    follows = consistent(links)
     return {
+        "positive_mass_matrices": 1.0 if follows else positive_mass_matrices(problem.robot, links),
+        "at_every_pose": follows,
+        "smallest_thickness": float(inertia.thickness(links).min()),
         "largest_gyration": float(gyration.max()),
         "body_share": float(np.max(gyration / [body.reach for body in bodies])),
         "density": [min(densities), max(densities)] if densities else None,
     }
 
 
-def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:
-    """Share of random poses at which the joint-space inertia matrix M(q) is positive definite.
+def consistent(links: Array) -> bool:
+    """Whether every pseudo-inertia is positive definite, beyond rounding.
 
-    Where every pseudo-inertia is, so is every spatial inertia, and with it M(q) = sum J_i^T I_i J_i at
-    every q, since whatever moves a joint moves a link (Traversaro et al., IROS 2016): then nothing is
-    sampled.
+    Then so is every spatial inertia, and with it M(q) = sum J_i^T I_i J_i at every q, since whatever
+    moves a joint moves a link (Traversaro et al., IROS 2016).
     """
     eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
-    if np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]):
-        return 1.0
+    return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
+
+
+def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed: int = 0) -> float:
+    """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
     matrices = robot.mass_matrices(links, robot.random_configurations(poses, seed))
     with contextlib.suppress(np.linalg.LinAlgError):  # ten times faster, where it is so everywhere
         np.linalg.cholesky(matrices)
@@ -211,7 +215,7 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed
 
 
 @cache
-def versions() -> dict[str, str]:
+def versions() -> Mapping[str, str]:
     """Versions of everything that a figure may depend on."""
     from importlib.metadata import PackageNotFoundError, version
 

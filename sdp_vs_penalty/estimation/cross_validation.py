@@ -1,14 +1,14 @@
 """The verb ``cross_validate``: how well a method's models predict motion that they have not seen.
 
 Each fold leaves out one stretch of every motion's clock (:mod:`~sdp_vs_penalty.signals.phases`), all
-its repetitions and a guard of the filters' reach around it, identifies from the rest and is judged on
-what it left out. Every row is judged once.
+its repetitions and a guard of the filters' reach around it, identifies from the rest, shape constants
+included, as ``identify`` does, and is judged on what it left out. Every row is judged once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.identify import with_reference
+from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
@@ -166,8 +170,7 @@ def cross_validate(
 
     problem, measurements, method, effects, preprocessing, weighting, seed : as :func:`identify` takes
     them; folds : into how many stretches the clock of every motion is cut; progress : hears which is at
-    work. Shape constants stay as the
-    effects have them. Raises InputError for input that cannot be used, or too short for so many folds.
+    work. Raises InputError for input that cannot be used, or too short for so many folds.
     """
     problem = as_problem(problem, "cross_validate(problem=...)")
     names = problem.robot.joint_names
@@ -182,22 +185,15 @@ def cross_validate(
     split = phase_folds(runs, settings, folds)
     model = problem.model(effects)
     assert settings.torque_cutoff is not None
-    # Columns that refer to a current model hold what it was fitted to: they are each fold's own.
-    common = None if model.needs_reference else compress_cells(runs, model, settings, split)
+    common = compress_cells(runs, model.reference_free, settings, split)
     judged = []
     for k in range(folds):
         progress(f"fold {k + 1} of {folds}")
-        own, rows = model, common
-        if rows is None:
-
-            def training(part, k=k) -> Regression:  # type: ignore[no-untyped-def]
-                return compress_cells(runs, part, settings, split).select(split.training(k))
-
-            own = with_reference(problem, model, training, weighting)
-            rows = compress_cells(runs, own, settings, split)
-        train, test = rows.select(split.training(k)), rows.select(split.tested(k))
-        if not train.factors:
+        if not common.select(split.training(k)).factors:
             raise _too_short(runs.names[0], split)
+        own = _trained(problem, model, runs, settings, split, k, weighting)
+        rows = common if own is model else compress_cells(runs, own, settings, split)
+        train, test = rows.select(split.training(k)), rows.select(split.tested(k))
         if test.factors:
             task = make_task(problem, own, train, weighting, seed)
             judged.append(_judged(split, k, estimator.fit(task).theta, test))
@@ -211,6 +207,33 @@ def cross_validate(
         any(clock.periodic for clock in split.clocks),
         split.guard,
         settings.torque_cutoff,
+    )
+
+
+def _trained(
+    problem: Problem,
+    model: Model,
+    runs: Measurements,
+    settings: Preprocessing,
+    split: PhaseFolds,
+    fold: int,
+    weighting: str,
+) -> Model:
+    """The model with what :func:`identify` takes from the data beside its parameters, from the training
+    rows of a fold alone: shape constants and the current model. The model itself where that is nothing.
+    """
+    cells = split.training(fold)
+
+    def training(run: int, t: Array) -> NDArray[np.bool_]:
+        return np.isin(split.cell(run, t), cells)
+
+    shapes = estimate_shapes(model, runs, settings, weighting, training)
+    if any(shape.after != shape.before for shape in shapes):
+        model = replace(model, effects=with_shapes(model.effects, shapes))
+    if not model.needs_reference:
+        return model
+    return with_reference(
+        problem, model, lambda m: compress_cells(runs, m, settings, split).select(cells), weighting
     )
 
 

@@ -16,10 +16,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.estimation.uncertainty import base_rows
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY, sample_variance
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
@@ -31,17 +30,16 @@ _UNSEEN = 1e-12
 _HALF = 0.5
 
 
-def record(problem: Problem, task: Task, theta: Array, rest: str) -> dict[str, Any]:
+def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[str, Any]:
     """For the details of an estimate: the parameters that the data leave open, and all base parameters
     with name, value, nominal value and who determines them.
 
     rest : what decides where the data do not (:attr:`Estimator.rest`).
     """
-    rows, names, _ = base_rows(problem, task.model)
     own, base_own = np.split(
-        data_share(task, np.vstack([np.eye(len(theta)), rows])) > _HALF, [len(theta)]
+        data_share(task, np.vstack([np.eye(len(theta)), base.rows])) > _HALF, [len(theta)]
     )
-    values = zip(names, rows @ theta, rows @ task.nominal, base_own, strict=True)
+    values = zip(base.names, base.rows @ theta, base.rows @ task.nominal, base_own, strict=True)
     open_ones = [p.name for p, seen in zip(task.model.parameters, own, strict=True) if not seen]
     return {
         "undetermined": dict.fromkeys(open_ones, rest),

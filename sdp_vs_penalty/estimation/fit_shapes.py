@@ -9,7 +9,7 @@ exact data have is then found exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +32,11 @@ from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
 
 Array = NDArray[np.float64]
+#: Which rows take part: of a run's number and instants (N,), (N,) true or false.
+Chosen = Callable[[int, Array], NDArray[np.bool_]]
+
+#: Places of k columns, of the torque behind them, and the products (k + 1, k + 1) of all, of some rows.
+_Products = tuple[NDArray[np.intp], Array]
 
 #: A constant whose relative standard deviation is below this is refined: interpolation in the grid is
 #: about as good.
@@ -52,16 +57,17 @@ def estimate_shapes(
     measurements: Measurements,
     settings: Preprocessing,
     weighting: str,
+    chosen: Chosen | None = None,
 ) -> list[ShapeEstimate]:
     """The open shape constants of a model, each at its best value if that explains significantly more
-    than the one the model has, of motion left out as well, else at that."""
+    than the one the model has, of motion left out as well, else at that; from the chosen rows."""
     wanted = open_shapes(model.effects)
     if not wanted:
         return []
     ranges = [effect.shapes[key].on(effect.robot.joints[j].kind).grid for effect, j, key in wanted]
     ends = [(grid[0], grid[-1]) for grid in ranges]
     grids = [_with(effect.shape[key], g) for (effect, _, key), g in zip(wanted, ranges, strict=True)]
-    rows = _Rows(model, wanted, ends, measurements, settings)
+    rows = _Rows(model, wanted, ends, measurements, settings, chosen)
     profile = rows.at(grids, weighting, FOLDS)
     found = best_shapes(profile.data, profile.base, profile.banks, profile.variance)
     found = confirmed(found, profile.folds, profile.base, profile.banks, profile.variance)
@@ -154,6 +160,7 @@ class _Rows:
     ends: list[tuple[float, float]]
     measurements: Measurements
     settings: Preprocessing
+    chosen: Chosen | None
 
     def at(self, values: Sequence[Sequence[float] | Array], weighting: str, folds: int = 1) -> _Profile:
         """From one pass over the measurements."""
@@ -169,7 +176,7 @@ class _Rows:
             banks.append(ShapeBank(one, joint, key, grid, now, columns, ends))
             parts.append(part)
         bigger = Model(self.model.robot, (*fixed, *parts), gains=self.model.gains)
-        products, count, oversampling = _products(self.measurements, bigger, self.settings, folds)
+        products, count, oversampling = self._products(bigger, folds)
         n, p = self.model.robot.n, len(bigger.parameters)
         joints = [_normal(p, [own[j] for own in products]) for j in range(n)]
         weights = np.ones(n)
@@ -185,6 +192,30 @@ class _Rows:
         error = max(profile.data.left(theta), 1e-12 * square, 1e-300)
         free = max(n * count - oversampling * rank, 1.0)
         return replace(profile, variance=oversampling * error / free)
+
+    def _products(self, model: Model, folds: int) -> tuple[list[list[_Products]], int, float]:
+        """Products by joint of each fold that has rows, how many rows a joint has, and how often rows
+        repeat each other."""
+        nothing = np.arange(0), np.zeros((0, 0))
+        found: dict[int, list[_Products]] = {}
+        clocks = motion_clocks(tracks_of(self.measurements)) if folds > 1 else ()
+        split, count, samples = PhaseFolds(clocks, folds), 0, 0.0
+        for index, run in enumerate(self.measurements.runs()):
+            repeated = rows_per_sample(run, self.settings)
+            for rows in filtered_rows(run, model, self.settings):
+                t = rows.motion.t
+                mine = np.ones(len(t), bool) if self.chosen is None else self.chosen(index, t)
+                count += int(mine.sum())
+                samples += mine.sum() / repeated
+                fold = split.fold(index, t) if clocks else np.zeros(len(t), int)
+                for k in np.unique(fold[mine]).tolist():
+                    own = found.setdefault(k, [nothing] * model.robot.n)
+                    for j, block in enumerate(rows.columns):
+                        both = np.column_stack([block.columns, rows.torque[:, j]])[mine & (fold == k)]
+                        indices = np.append(block.indices, len(model.parameters))
+                        before = own[j][1]
+                        own[j] = indices, both.T @ both + (before if before.size else 0.0)
+        return [found[k] for k in sorted(found)], count, count / samples
 
 
 class _Bank(Effect):
@@ -211,34 +242,6 @@ class _Bank(Effect):
             out += [Block(b.joint, b.parameters + first, b.columns) for b in effect.blocks(motion)]
             first += len(effect.parameters)
         return out
-
-
-#: Places of k columns, of the torque behind them, and the products (k + 1, k + 1) of all, of some rows.
-_Products = tuple[NDArray[np.intp], Array]
-
-
-def _products(
-    measurements: Measurements, model: Model, settings: Preprocessing, folds: int
-) -> tuple[list[list[_Products]], int, float]:
-    """Products by fold and joint, how many rows a joint has, and how often rows repeat each other."""
-    nothing = np.arange(0), np.zeros((0, 0))
-    found = [[nothing] * model.robot.n for _ in range(folds)]
-    clocks = motion_clocks(tracks_of(measurements)) if folds > 1 else ()
-    split, count, samples = PhaseFolds(clocks, folds), 0, 0.0
-    for index, run in enumerate(measurements.runs()):
-        repeated = rows_per_sample(run, settings)
-        for rows in filtered_rows(run, model, settings):
-            count += len(rows.torque)
-            samples += len(rows.torque) / repeated
-            fold = split.fold(index, rows.motion.t) if clocks else np.zeros(len(rows.torque), int)
-            for j, block in enumerate(rows.columns):
-                indices = np.append(block.indices, len(model.parameters))
-                both = np.column_stack([block.columns, rows.torque[:, j]])
-                for k in np.unique(fold):
-                    part = both[fold == k]
-                    _, before = found[k][j]
-                    found[k][j] = indices, part.T @ part + (before if before.size else 0.0)
-    return found, count, count / samples
 
 
 def _normal(p: int, parts: Sequence[_Products], weights: Array | None = None) -> Normal:

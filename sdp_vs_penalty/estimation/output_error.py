@@ -78,7 +78,7 @@ def refine(
     size = np.concatenate([c.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
     directions = visible_directions(task.data) * np.sqrt(task.data.loss(task.ols) / task.data.rows)
-    theta, error = start.theta, _errors(Plant(model, start.theta), windows, size)[0]
+    theta, error = start.theta, _errors(plant, windows, size)[0]
     begin, made = error, None
     for k in range(_ITERATIONS):
         progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")

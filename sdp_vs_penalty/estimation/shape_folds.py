@@ -22,6 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from sdp_vs_penalty.estimation.shape_profiles import (
     Normal,
@@ -35,8 +36,8 @@ from sdp_vs_penalty.estimation.shape_profiles import (
 
 Array = NDArray[np.float64]
 
-#: Folds of the motion, and Student's quantile of a two-sided 95 % interval with one degree less.
-FOLDS, _QUANTILE = 10, 2.262
+#: Folds of the motion.
+FOLDS = 10
 
 
 def confirmed(
@@ -54,6 +55,7 @@ def confirmed(
     moved = [k for k, s in enumerate(found) if s.after != s.before]
     if not moved:
         return list(found)
+    quantile = stdtrit(len(folds) - 1, 0.975)
     pool = np.concatenate([bank.columns.ravel() for bank in banks])
     ends = np.cumsum([bank.columns.size for bank in banks])[:-1]
     alone = [
@@ -68,7 +70,7 @@ def confirmed(
     for k in moved:
         gains, changes = np.array([t[k] for t in trials]).T
         noise = max(float(np.sum((gains - changes) ** 2)), 4.0 * variance * float(changes.sum()))
-        if not gains.sum() > _QUANTILE * np.sqrt(noise):
+        if not gains.sum() > quantile * np.sqrt(noise):
             out[k] = replace(found[k], after=found[k].before, std=np.inf, gain=0.0, at_end=False)
     return out
 

@@ -32,7 +32,7 @@ from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich, vi
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import base_parameters, base_parameters_of
+from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import Regression, nearest_least_squares
 
 Array = NDArray[np.float64]
@@ -217,10 +217,15 @@ class _Evidence:
         return np.fmin(self.bound, np.sqrt(data.tau_squared) / seen)
 
     def uncertainty(
-        self, value: Array, constrained: bool, gain_errors: Array, gains: Array, extra: Array
+        self,
+        value: Array,
+        base: BaseParameters,
+        constrained: bool,
+        gain_errors: Array,
+        gains: Array,
+        extra: Array,
     ) -> Uncertainty:
         """extra (p, e) : a factor of the covariance of a further error, which is known."""
-        base, names, leading = base_rows(self.problem, self.model)
         limits = np.tile([-np.inf, np.inf], (self.p, 1))
         if constrained:
             limits = physical_limits(self.problem, self.model)
@@ -231,7 +236,7 @@ class _Evidence:
             return np.asarray(np.hypot(own, np.linalg.norm(rows @ extra, axis=1)))
 
         def told(
-            rows: Array, names: list[str], units: list[str], largest: Array
+            rows: Array, names: Sequence[str], units: list[str], largest: Array
         ) -> tuple[Interval, ...]:
             std = np.hypot(deviations(rows), np.linalg.norm(rows @ gains @ gain_errors, axis=1))
             figures = np.stack([rows @ value, rows @ self.centre, std])
@@ -239,12 +244,12 @@ class _Evidence:
 
         parameters = self.model.parameters
         every = [q.name for q in parameters], [q.unit for q in parameters]
-        largest = np.fmin(np.abs(base) @ self.bound, self.largest[leading])
+        largest = np.fmin(np.abs(base.rows) @ self.bound, self.largest[base.leading])
         spread = np.hstack([self.known.factor[: self.p], extra])
         rows = np.maximum(self.regression.joint_rows(), 1)
         return Uncertainty(
             told(np.eye(self.p), *every, self.largest),
-            told(base, names, [parameters[k].unit for k in leading], largest),
+            told(base.rows, base.names, [parameters[k].unit for k in base.leading], largest),
             spread,
             gains,
             np.sqrt(self.narrow.joint_losses(value) / rows),
@@ -268,6 +273,7 @@ def of_regression(
     regression: Regression,
     theta: Array | None = None,
     *,
+    base: BaseParameters | None = None,
     weighting: str = "noise",
     constrained: bool = False,
     gain_errors: Array | None = None,
@@ -276,7 +282,8 @@ def of_regression(
     """Intervals from compressed data.
 
     regression : of the model, or of the model with :func:`with_sensitivities`. theta (p,) : the
-    estimate; default: least squares next to the nominal robot. constrained : whether it satisfies the
+    estimate; default: least squares next to the nominal robot. base : the model's base parameters, where
+    the caller has them. constrained : whether it satisfies the
     problem's constraints, and intervals are to; gain_errors (n, e) : a factor of the covariance of the
     relative errors of the torque channels' gains; white : take the residual for white noise: what the
     motion alone would show.
@@ -286,7 +293,8 @@ def of_regression(
     gains = evidence.known.gain_response(evidence.padded(value[None])[0])[: evidence.p]
     nothing = np.zeros((evidence.p, 0))
     errors = np.zeros((regression.joints, 0)) if gain_errors is None else gain_errors
-    return evidence.uncertainty(value, constrained, errors, gains, nothing)
+    base = base_rows(problem, model) if base is None else base
+    return evidence.uncertainty(value, base, constrained, errors, gains, nothing)
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:
@@ -308,16 +316,17 @@ def beside_held(
     regression: Regression,
     held: tuple[Model, Array, Uncertainty],
     theta: Array,
+    base: BaseParameters,
     *,
     constrained: bool = True,
     gain_errors: Array | None = None,
 ) -> Uncertainty:
     """Of a model that is held fixed and effects that were fitted to what it leaves.
 
-    model, theta (k,) : the new effects alone; regression : of the held model's columns, theirs, and
-    their shape constants'; held : the held model, its parameters and what is known of them, whose error
-    is an error of the torque that the new effects explain; gain_errors : as of :func:`of_regression`, by
-    default those of the held model.
+    model, theta (k,), base : the new effects alone; regression : of the held model's columns, theirs,
+    and their shape constants'; held : the held model, its parameters and what is known of them, whose
+    error is an error of the torque that the new effects explain; gain_errors : as of
+    :func:`of_regression`, by default those of the held model.
     """
     held_model, fixed, old = held
     evidence = _Evidence(problem, model, regression.beside(fixed), "noise")
@@ -334,9 +343,9 @@ def beside_held(
     extra = known.response(through)[:k]
     gains = known.response(through_gains)[:k]
     errors = old.gain_errors if gain_errors is None else gain_errors
-    new = evidence.uncertainty(theta, constrained, errors, gains, extra)
-    base, _, _ = base_rows(problem, held_model)
-    return _joined(old.with_gain_errors(errors, base), new, extra.shape[1])
+    new = evidence.uncertainty(theta, base, constrained, errors, gains, extra)
+    held_rows = base_rows(problem, held_model).rows
+    return _joined(old.with_gain_errors(errors, held_rows), new, extra.shape[1])
 
 
 def _joined(old: Uncertainty, new: Uncertainty, shared: int) -> Uncertainty:
@@ -351,34 +360,3 @@ def _joined(old: Uncertainty, new: Uncertainty, shared: int) -> Uncertainty:
         spread=np.vstack([above, below]),
         gains=np.vstack([old.gains, new.gains]),
     )
-
-
-def base_rows(problem: Problem, model: Model) -> tuple[Array, list[str], list[int]]:
-    """(b, p) base parameters of the links, then all others; their names; the symbols that lead them."""
-    p = len(model.parameters)
-    rotors = [k for k, q in enumerate(model.parameters) if q.effect == "rotor_inertia"]
-    others = np.setdiff1d(np.arange(p), model.rigid_indices)
-    rows, leading = [np.eye(p)[others]], others.tolist()
-    if len(model.rigid_indices) and rotors:
-        # A rotor acts like inertia of the first links: their common combinations are what counts.
-        matrix, solid, kept = base_parameters_of(model, ("rigid_body", "rotor_inertia"))
-        rest = np.setdiff1d(others, rotors)
-        wide = np.zeros((len(matrix), p))
-        wide[:, solid] = matrix
-        rows, leading = [wide, np.eye(p)[rest]], [*kept, *rest.tolist()]
-    elif len(model.rigid_indices):
-        try:
-            matrix, kept_rigid = base_parameters(model, problem.independent)
-        except InputError:  # the list was made for another direction of gravity
-            matrix, kept_rigid = base_parameters(model)
-        wide = np.zeros((len(matrix), p))
-        wide[:, model.rigid_indices] = matrix
-        rows.insert(0, wide)
-        leading = [int(model.rigid_indices[k]) for k in kept_rigid] + leading
-    parameters = [model.parameters[k] for k in leading]
-    names = []
-    stacked = np.vstack(rows)
-    for row, parameter in zip(stacked, parameters, strict=True):
-        alone = np.count_nonzero(row) == 1
-        names.append(parameter.name if alone else f"{parameter.name} + ...")
-    return stacked, names, leading

@@ -19,7 +19,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from sdp_vs_penalty.constraints.constraint import ConstraintStack
 from sdp_vs_penalty.estimators.barycentric import BarycentricBox, barycentric_box
@@ -115,6 +114,8 @@ def anneal_and_search(
     The local search is SLSQP, the nearest in SciPy to the authors' fmincon; of L-BFGS-B, TNC and
     SLSQP it reached the lowest penalised losses on the Panda within equal evaluations.
     """
+    from scipy import optimize
+
     if not len(u):
         return u, 0
     box = [(0.0, 1.0)] * len(u)

@@ -38,8 +38,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
 from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
-from sdp_vs_penalty.simulation.hidden_effects import LEVELS, hideable
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, makers
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 #: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
 #: between, so that no filter sees both.
@@ -66,7 +66,7 @@ def catalogue(request: Request, progress: Progress) -> Answer:
             for name, kind in estimator_types().items()
             if not kind.needs_black_box
         ],
-        "hideable": [name for name in hideable() if not effect_types()[name].frozen_only],
+        "hideable": [name for name in makers() if not effect_types()[name].frozen_only],
         "whole_robot": [name for name, kind in effect_types().items() if kind.whole_robot],
         "levels": list(LEVELS),
         "real": {d.problem: d.title for d in DATASETS.values() if _real_files(d.name)},

@@ -9,14 +9,15 @@ import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path, PureWindowsPath
 
+from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.errors import InputError
 
 #: Bytes of one file, and of all files of a session.
 LARGEST_FILE, LARGEST_SESSION = 256 * 2**20, 2**30
 MOST_FILES = 100
 
-#: Suffixes that the readers know.
-RUN_SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".pq", ".mcap", ".db3", ".bag", ".txt")
+#: Suffixes that the readers know, and that of the files of a Panda logger's folder.
+RUN_SUFFIXES = (*suffixes(), ".txt")
 ROBOT_SUFFIXES = (".urdf", ".xml")
 #: By what is dropped.
 SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",), "session": (".zip",)}

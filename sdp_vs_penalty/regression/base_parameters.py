@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -61,6 +62,44 @@ def base_parameters_of(
     preference = np.linspace(1.0, 1.0 - 1e-4, len(places))
     base, kept = _base_of(stacked.reshape(-1, len(places)), preference=preference)
     return base, places, [int(places[k]) for k in kept]
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """What makes torque of a whole model: rows (b, p) of combinations of theta (p,), base parameters of
+    the links first, then every other parameter; their names, and the parameters that lead them."""
+
+    rows: Array
+    names: list[str]
+    leading: list[int]
+
+
+def base_rows(problem: Problem, model: Model) -> BaseParameters:
+    """The base parameters of a model, those of the links with the names that the problem gives them."""
+    p = len(model.parameters)
+    rotors = [k for k, q in enumerate(model.parameters) if q.effect == "rotor_inertia"]
+    rigid = model.rigid_indices
+    if len(rigid) and rotors:
+        # A rotor acts like inertia of the first links: their common combinations are what counts.
+        matrix, places, kept = base_parameters_of(model, ("rigid_body", "rotor_inertia"))
+    elif len(rigid):
+        try:
+            matrix, lead = base_parameters(model, problem.independent)
+        except InputError:  # the list was made for another direction of gravity
+            matrix, lead = base_parameters(model)
+        places, kept = rigid, [int(rigid[k]) for k in lead]
+    else:
+        matrix, places, kept = np.zeros((0, 0)), rigid, []
+    others = np.setdiff1d(np.arange(p), places)
+    rows = np.zeros((len(matrix) + len(others), p))
+    rows[: len(matrix), places] = matrix
+    rows[np.arange(len(matrix), len(rows)), others] = 1.0
+    leading = [*kept, *others.tolist()]
+    names = [
+        model.parameters[k].name + (" + ..." if np.count_nonzero(row) > 1 else "")
+        for row, k in zip(rows, leading, strict=True)
+    ]
+    return BaseParameters(rows, names, leading)
 
 
 def _random_motion(robot: Robot, seed: int) -> Motion:

@@ -39,6 +39,8 @@ def certificate(material: Material) -> Section:
             *(
                 "-"
                 if (share := e.certificate.positive_mass_matrices) is None
+                else "all (follows from the links)"
+                if e.certificate.at_every_pose
                 else f"{100.0 * share:.4g} %"
                 for e in _all(material)
             ),

@@ -64,6 +64,7 @@ def _conic(name: str, module: ModuleType) -> Contestant:
         sdp = instance.sdp
         solution = module.solve(sdp.conic, accuracy)
         multipliers = instance.all_multipliers(sdp.multipliers(solution))
+        seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
         return Answer(
             sdp.theta(solution),
             solution.claims,
@@ -73,7 +74,7 @@ def _conic(name: str, module: ModuleType) -> Contestant:
             solution.solve_seconds,
             multipliers,
             sdp.entropy_slopes(solution),
-            *conic_errors(*(solution.seen or (sdp.conic, solution.x, solution.z))),
+            *conic_errors(seen, x, z, solution.claims),
         )
 
     return Contestant(

@@ -9,9 +9,10 @@ relative to all terms, as solvers' criteria are.
 right            claims success, and error and violation are within 10 times what was asked;
                  or claims infeasibility of what is proved infeasible
 inaccurate       admits reduced accuracy; or kept its promise, in its own scaling, and is off all the
-                 same; or our own interval is too wide to decide
-silently_wrong   claims success and misses its own promise too, its own errors 10 times or more
-                 above what was asked; or a verdict that our proofs contradict
+                 same (of infeasibility: its proof has errors no larger); or our own interval is too wide
+                 to decide
+silently_wrong   claims success, or infeasibility where a solution is proved, and misses its own promise
+                 too, its own errors 10 times or more above what was asked
 failed           says so
 timeout, crash   ended by the clock, or by a signal
 """
@@ -98,13 +99,12 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
     allowed = SLACK * asked
     kept = answer.own_error is not None and answer.own_error <= allowed
     if answer.claims in ("infeasible", "unbounded"):
-        # A sum of squares over a set that is not empty is never unbounded.
+        wrong = f"claims {answer.claims}, which is proved wrong"
         if reference.verdict == "infeasible" and answer.claims == "infeasible":
             return Verdict("right", *numbers)
         if reference.verdict == "unknown":
             return Verdict("inaccurate", *numbers, "whether anything is feasible is not proved")
-        return Verdict("silently_wrong", *numbers, f"claims {answer.claims}, which is proved wrong")
-    if reference.verdict == "infeasible":
+    elif reference.verdict == "infeasible":
         wrong = "solves what is proved infeasible"
     elif violation > allowed:
         wrong = "violates the constraints"
@@ -141,8 +141,11 @@ def _value(instance: Instance, theta: Array) -> float:
     return value if np.isfinite(value) else instance.data.loss(theta)
 
 
-def conic_errors(problem: ConicProblem, x: Array, z: Array) -> tuple[float, float]:
-    """The largest DIMACS error of a conic solution, and the largest error relative to all terms.
+def conic_errors(
+    problem: ConicProblem, x: Array, z: Array, claims: str = "optimal"
+) -> tuple[float, float]:
+    """The largest DIMACS error of a conic solution, and the largest error relative to all terms; of a
+    claim of infeasibility, that of its proof.
 
     With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
     gap. DIMACS (Mittelmann, 2003): relative to 1 + the largest entries of b and q, and to 1 + both
@@ -150,6 +153,9 @@ def conic_errors(problem: ConicProblem, x: Array, z: Array) -> tuple[float, floa
     summed up, and 1; the gap is the smaller of that of the objectives and s^T z, of which CSDP judges
     itself by the second. Infinite for numbers that are none.
     """
+    if claims == "infeasible":
+        error = _error_of_proof(problem, z)
+        return error, error
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
         return np.inf, np.inf
     s = problem.b - problem.A @ x
@@ -170,6 +176,19 @@ def conic_errors(problem: ConicProblem, x: Array, z: Array) -> tuple[float, floa
         min(abs(primal - dual), abs(float(s @ z))) / max(1.0, min(abs(primal), abs(dual))),
     )
     return max(dimacs), max(own)
+
+
+def _error_of_proof(problem: ConicProblem, z: Array) -> float:
+    """How far z is from a proof that nothing is feasible: z in K*, A^T z = 0, b^T z = -1.
+
+    A z of error e leaves room for x beyond about 1 / e: a solver whose criterion this is keeps its
+    promise where it calls a problem infeasible whose points all lie that far out. Infinite for no proof.
+    """
+    size = -float(problem.b @ z)
+    if not (np.all(np.isfinite(z)) and size > 0.0):
+        return np.inf
+    pull = float(np.linalg.norm(problem.A.T @ z)) / max(1.0, float(np.linalg.norm(problem.q)))
+    return max(pull, _outside(problem, z, dual=True)) / size
 
 
 def _largest(*vectors: Array) -> float:

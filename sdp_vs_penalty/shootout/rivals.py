@@ -134,7 +134,9 @@ def _solved(problem: Any, solver: str | None) -> tuple[float, float]:
     else:
         x, z = raw.x, raw.z
     seen = ConicProblem(P, np.asarray(data["c"], float), sparse.csc_matrix(A), b, tuple(cones))
-    return conic_errors(seen, np.asarray(x, float), np.asarray(z, float))
+    return conic_errors(
+        seen, np.asarray(x, float), np.asarray(z, float), CLAIMS.get(problem.status, "failed")
+    )
 
 
 def _no_entropy(instance: Instance) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import fft, linalg
 
 Array = NDArray[np.float64]
 
@@ -92,18 +92,21 @@ def _autocovariance(a: Array) -> Array:
     """(_MEMORY,) autocovariances of the autoregression driven by white noise of unit variance."""
     impulse = np.zeros(4 * _MEMORY)
     impulse[0] = 1.0
-    response = signal.lfilter([1.0], np.concatenate([[1.0], -a]), impulse)
+    recursion = np.tile(np.concatenate([[1.0], -a])[:, None], len(impulse))
+    response = linalg.solve_banded((len(a), 0), recursion, impulse)
     return np.correlate(response, response, mode="full")[len(response) - 1 :][:_MEMORY]
 
 
 def _with_covariance(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> Array:
     """The noise's covariance, pieces apart from each other, times Q (M, r)."""
     half = _autocovariance(a)
-    kernel = np.concatenate([half[:0:-1], half])[:, None]
+    kernel = np.concatenate([half[:0:-1], half])
     out = np.zeros_like(Q)
     for piece in pieces:
         if len(piece):
-            full = signal.fftconvolve(Q[piece], kernel, axes=0)
+            length = fft.next_fast_len(len(piece) + len(kernel) - 1, real=True)
+            spectrum = fft.rfft(Q[piece], length, axis=0) * fft.rfft(kernel, length)[:, None]
+            full = fft.irfft(spectrum, length, axis=0)
             out[piece] = full[_MEMORY - 1 : _MEMORY - 1 + len(piece)]
     return out
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import special
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,6 +23,8 @@ _MODULATION = (0.1, 10.0)
 _LENGTHS = (1, 2, 4, 8, 16, 32)
 #: From this length on the logarithm of a window's energy is nearly normal; and how far out an event is.
 _LOGARITHMIC, _FAR = 4, 5.0
+#: The median of the square of a standard normal variable.
+_MEDIAN_SQUARE = 2.0 * float(special.gammaincinv(0.5, 0.5))
 
 
 def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float) -> Mask:
@@ -33,7 +35,7 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
     """
     mask = np.zeros(len(white), bool)
     count = max(sum(len(p) for p in pieces), 1) * len(_LENGTHS) * tests
-    limits = [length * float(stats.f.isf(FALSE_EVENT / count, length, degrees)) for length in _LENGTHS]
+    limits = [length * _largest_variance(FALSE_EVENT / count, length, degrees) for length in _LENGTHS]
     for piece in pieces:
         energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
         for length, limit in zip(_LENGTHS, limits, strict=True):
@@ -46,6 +48,12 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
             for first in hits:
                 mask[piece[first : first + length]] = True
     return mask
+
+
+def _largest_variance(p: float, length: int, degrees: float) -> float:
+    """The variance of ``length`` rows that noise exceeds with probability p: F's upper quantile."""
+    w = float(special.betaincinv(0.5 * degrees, 0.5 * length, p))  # d / (d + length F)
+    return degrees * (1.0 - w) / (length * w)
 
 
 def _outlying(windows: Array) -> float:
@@ -66,13 +74,15 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
     b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares clipped so that an event does not
     shape it.
     """
+    from scipy.optimize import nnls
+
     used = white != 0.0
     if used.sum() < 20 * (rates.shape[1] + 1):
         return np.ones(len(wanted))
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
-    squares = np.minimum(squares, 9.0 * np.median(squares) / stats.chi2.median(1))
-    law = optimize.nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
+    squares = np.minimum(squares, 9.0 * np.median(squares) / _MEDIAN_SQUARE)
+    law = nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
     level = float(law.sum())
     if level <= 0.0:
         return np.ones(len(wanted))
@@ -82,4 +92,4 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
 
 def robust_scale(white: Array) -> float:
     """Standard deviation of noise with a few events in it, from the median of its square."""
-    return float(np.sqrt(np.median(white**2) / stats.chi2.median(1))) if len(white) else 1.0
+    return float(np.sqrt(np.median(white**2) / _MEDIAN_SQUARE)) if len(white) else 1.0

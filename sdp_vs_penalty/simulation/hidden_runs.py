@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,13 +17,12 @@ from scipy.interpolate import CubicSpline, interp1d
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, Maker, TrueRobot
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
-from sdp_vs_penalty.simulation.hidden_effects import LEVELS, make_hidden
-from sdp_vs_penalty.simulation.simulate import _quantise
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,24 @@ _BLEND = 0.7
 _SIZING = 200.0
 
 
+def makers() -> dict[str, Maker]:
+    """By the effect's name the function ``hidden`` beside its class, for those that have one."""
+    homes = {name: vars(sys.modules[kind.__module__]) for name, kind in effect_types().items()}
+    return {name: home["hidden"] for name, home in sorted(homes.items()) if "hidden" in home}
+
+
+def make_hidden(effect: str, joint: int, robot: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    """A hidden effect of the library with random shape constants, of size 1 (to be scaled).
+
+    joint : from 0; ignored by effects of the whole robot. Raises InputError for an effect that has
+    no simulation, or that cannot act on this joint.
+    """
+    known = makers()
+    if effect not in known:
+        raise InputError(f"effect {effect!r} cannot be hidden", f"choose from {', '.join(known)}")
+    return known[effect](joint, robot, rng)
+
+
 @dataclass(frozen=True)
 class HiddenRuns:
     """runs : as logged; ideal : what perfect sensors and a perfect clock would have logged at the same
@@ -42,15 +60,15 @@ class HiddenRuns:
     hidden : the effects, sized."""
 
     problem: Problem
-    world: World
+    true: TrueRobot
     runs: tuple[Measurements, ...]
     ideal: tuple[Measurements, ...]
     plain: tuple[Measurements, ...]
-    hidden: tuple[Hidden, ...]
+    hidden: tuple[HiddenEffect, ...]
     truth: dict[str, Any]
 
 
-def make_world(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> World:
+def true_robot(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> TrueRobot:
     """The true robot: the experiment's links, random viscous and Coulomb friction and offsets of the
     size of friction there; effects named in ``without`` are not among them."""
     rng = np.random.default_rng([seed, 1])
@@ -62,7 +80,7 @@ def make_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
         0.2 * size * rng.uniform(-1.0, 1.0, n),
     )
     width = min(problem.model().sign_width)
-    return World(problem.robot, setup.links, viscous, coulomb, offset, width).without(without)
+    return TrueRobot(problem.robot, setup.links, viscous, coulomb, offset, width).without(without)
 
 
 def hidden_runs(
@@ -71,8 +89,8 @@ def hidden_runs(
     level: str | float = "medium",
     seed: int = 0,
     count: int = 4,
-    made: Sequence[Hidden] = (),
-    world: World | None = None,
+    made: Sequence[HiddenEffect] = (),
+    true: TrueRobot | None = None,
     must_show: bool = False,
 ) -> HiddenRuns:
     """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
@@ -80,15 +98,15 @@ def hidden_runs(
     effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
     the whole robot); made : hidden effects of another kind, sized alike. level : of LEVELS, or the
     root mean square of the hidden torque over the raw noise of the joint that it moves most.
-    world : the true robot (default: that of the seed). must_show : raise InputError for an effect that
+    true : the true robot (default: that of the seed). must_show : raise InputError for an effect that
     makes no torque at all on its joint (backlash about a vertical axis) instead of hiding nothing.
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
-    usual = make_world(problem, setup, seed) if world is None else world
-    world = make_world(problem, setup, seed, without) if world is None else world
+    usual = true_robot(problem, setup, seed) if true is None else true
+    true = true_robot(problem, setup, seed, without) if true is None else true
     trajectories = [
         random_trajectory(
             problem.robot,
@@ -102,14 +120,14 @@ def hidden_runs(
     for name, joints in effects:
         for joint in joints or _all_joints(problem, name):
             one = make_hidden(name, joint, usual, rng)
-            sized = _sized(one, world, trajectories, setup, factor)
+            sized = _sized(one, true, trajectories, setup, factor)
             if sized is not one or not must_show:
                 hidden.append(sized)
             elif joints or not one.joints:
                 where = f"on joint {joint + 1}" if one.joints else "on this robot"
                 raise InputError(f"{name} makes no torque {where}", "hide it elsewhere, or hide another")
-    hidden += [_sized(one, world, trajectories, setup, factor) for one in made]
-    measured = [_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
+    hidden += [_sized(one, true, trajectories, setup, factor) for one in made]
+    measured = [_measure(x, true, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
     logged, ideal, plain = zip(*measured, strict=True)
     truth = {
         "problem": problem.name,
@@ -118,7 +136,7 @@ def hidden_runs(
         "effects": [h.to_dict() for h in hidden],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return HiddenRuns(problem, world, logged, ideal, plain, tuple(hidden), truth)
+    return HiddenRuns(problem, true, logged, ideal, plain, tuple(hidden), truth)
 
 
 def _all_joints(problem: Problem, name: str) -> Sequence[int]:
@@ -138,7 +156,11 @@ def starts(k: int) -> float:
 
 
 def true_torque(
-    world: World, hidden: Sequence[Hidden], trajectory: FourierTrajectory, local: Array, start: float
+    true: TrueRobot,
+    hidden: Sequence[HiddenEffect],
+    trajectory: FourierTrajectory,
+    local: Array,
+    start: float,
 ) -> tuple[Array, Array]:
     """(N, n) what the torque channels carry, noise aside: with the hidden effects, and without."""
 
@@ -148,15 +170,15 @@ def true_torque(
             out = base.copy()
         else:
             # Friction rubs at the motor, whose motion the encoder shows.
-            error = encoder_error(world, hidden, motion)
+            error = encoder_error(true, hidden, motion)
             rate = np.gradient(error, moment, axis=0) if np.any(error) else 0.0
-            out = world.rigid(motion) + world.friction(replace(motion, dq=motion.dq + rate))
+            out = true.rigid(motion) + true.friction(replace(motion, dq=motion.dq + rate))
         for h in hidden:
             if h.torque is not None:
-                out += h.torque(world, motion, h.size)
+                out += h.torque(true, motion, h.size)
         return out
 
-    plain = world.torque(_motion(trajectory, local, start))
+    plain = true.torque(_motion(trajectory, local, start))
     torque = at(local, plain)
     for h in hidden:
         if h.late is not None:
@@ -166,27 +188,31 @@ def true_torque(
     return torque, plain
 
 
-def encoder_error(world: World, hidden: Sequence[Hidden], motion: Motion) -> Array:
+def encoder_error(true: TrueRobot, hidden: Sequence[HiddenEffect], motion: Motion) -> Array:
     """(N, n) what the encoders show beyond the links' true positions."""
     out = np.zeros_like(motion.q)
     for h in hidden:
         if h.encoder is not None:
-            out = out + h.encoder(world, motion, h.size)
+            out = out + h.encoder(true, motion, h.size)
     return out
 
 
 def hidden_torque(
-    world: World, hidden: Hidden, trajectory: FourierTrajectory, start: float, rate: float = _SIZING
+    true: TrueRobot,
+    hidden: HiddenEffect,
+    trajectory: FourierTrajectory,
+    start: float,
+    rate: float = _SIZING,
 ) -> tuple[Motion, Array]:
     """The motion as the encoders show it, and (N, n) the torque that a model without the effect gets
     wrong on it, sampled at ``rate`` [Hz]."""
     local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / rate)
     if hidden.encoder is None:
-        torque, plain = true_torque(world, [hidden], trajectory, local, start)
+        torque, plain = true_torque(true, [hidden], trajectory, local, start)
         motion = _motion(trajectory, local, start)
-        return replace(motion, temperature=world.temperature(motion.t)), torque - plain
+        return replace(motion, temperature=true.temperature(motion.t)), torque - plain
     motion = _motion(trajectory, local, start)
-    error = encoder_error(world, [hidden], motion)
+    error = encoder_error(true, [hidden], motion)
     speed = np.gradient(error, local, axis=0)
     shown = Motion(
         motion.t,
@@ -194,21 +220,21 @@ def hidden_torque(
         motion.dq + speed,
         motion.ddq + np.gradient(speed, local, axis=0),
     )
-    return shown, world.rigid(motion) - world.rigid(shown)
+    return shown, true.rigid(motion) - true.rigid(shown)
 
 
 def _sized(
-    hidden: Hidden,
-    world: World,
+    hidden: HiddenEffect,
+    true: TrueRobot,
     trajectories: Sequence[FourierTrajectory],
     setup: Experiment,
     factor: float,
-) -> Hidden:
+) -> HiddenEffect:
     """The effect scaled until its torque has the wanted size (twice, as some are not linear); as it is,
     if it makes none."""
     for _ in range(2):
         change = np.concatenate(
-            [hidden_torque(world, hidden, x, starts(k))[1] for k, x in enumerate(trajectories)]
+            [hidden_torque(true, hidden, x, starts(k))[1] for k, x in enumerate(trajectories)]
         )
         ratio = float((np.sqrt(np.mean(change**2, axis=0)) / setup.sensor.torque_std).max())
         if ratio < 1e-9:
@@ -219,8 +245,8 @@ def _sized(
 
 def _measure(
     trajectory: FourierTrajectory,
-    world: World,
-    hidden: Sequence[Hidden],
+    true: TrueRobot,
+    hidden: Sequence[HiddenEffect],
     setup: Experiment,
     seed: int,
     k: int,
@@ -229,24 +255,19 @@ def _measure(
 
     The controller renews its values at its own rate; the log's clock reads whatever was last.
     """
-    sensor, rng = setup.sensor, np.random.default_rng([seed, 3, k])
-    duration = DURATION + 2.0 * _BLEND
-    local = np.arange(int(np.ceil(duration * sensor.rate)) + 1) / sensor.rate
+    rng = np.random.default_rng([seed, 3, k])
+    local = setup.sensor.instants(trajectory.duration)
     motion = _motion(trajectory, local, starts(k))
-    torque, plain = true_torque(world, hidden, trajectory, local, starts(k))
-    position = motion.q + encoder_error(world, hidden, motion)
-    noise = sensor.noise(len(local), rng)
-    log = sensor.log_times(duration, rng)
-    log = log[(log >= _BLEND) & (log < _BLEND + DURATION)]
-    held = np.clip(np.floor(log * sensor.rate + 1e-9).astype(np.intp), 0, len(local) - 1)
-    q = _quantise(position[held], sensor.position_step)
+    torque, plain = true_torque(true, hidden, trajectory, local, starts(k))
+    position = motion.q + encoder_error(true, hidden, motion)
+    log, *shown = setup.sensor.log(trajectory.duration, position, torque, rng)
+    inside = (log >= _BLEND) & (log < _BLEND + DURATION)
+    log, name = log[inside], f"run{k + 1}"
     clock = log + starts(k)
-    name = f"run{k + 1}"
-    noisy = _quantise((torque + noise)[held], sensor.torque_step)
-    found = [(q, noisy)]
+    found = [tuple(x[inside] for x in shown)]
     for where, load in ((position, torque), (motion.q, plain)):
         found.append((CubicSpline(local, where)(log), interp1d(local, load, axis=0)(log)))
-    warm = world.temperature(clock) if any(h.warm for h in hidden) else None
+    warm = true.temperature(clock) if any(h.warm for h in hidden) else None
     logged, ideal, without = (
         Measurements(clock, x, tau, names=(name,), temperature=warm) for x, tau in found
     )

@@ -16,8 +16,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.hidden_effects import LEVELS
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 #: The files of a folder of simulated runs; the last run is meant as the test run.
 RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")

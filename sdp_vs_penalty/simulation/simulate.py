@@ -121,6 +121,24 @@ class Sensor:
         times = np.concatenate([[0.0], times[times > 0.0]])
         return times[times <= duration]
 
+    def instants(self, duration: float) -> Array:
+        """(N,) when the controller renews its values in [0, duration] [s]."""
+        return np.arange(int(np.ceil(duration * self.rate)) + 1) / self.rate
+
+    def log(
+        self, duration: float, q: Array, torque: Array, rng: np.random.Generator
+    ) -> tuple[Array, Array, Array]:
+        """Times, positions and torques as logged, of true ones (N, n) at :meth:`instants`: the log's
+        clock reads whatever value was last."""
+        noisy = torque + self.noise(len(q), rng)
+        times = self.log_times(duration, rng)
+        held = np.clip(np.floor(times * self.rate + 1e-9).astype(np.intp), 0, len(q) - 1)
+        return (
+            times,
+            _quantise(q[held], self.position_step),
+            _quantise(noisy[held], self.torque_step),
+        )
+
 
 def innovation_share(coefficients: ArrayLike) -> float:
     """White noise's variance over the process's, of an autoregression with these coefficients."""
@@ -154,15 +172,11 @@ def simulate(
     seed : of the noise and the clock; start : first instant on the sitting's clock [s].
     The measured velocity is left out: estimators do not use it.
     """
-    rng = np.random.default_rng(seed)
-    count = int(np.ceil(trajectory.duration * sensor.rate)) + 1
-    t = np.arange(count) / sensor.rate
+    t = sensor.instants(trajectory.duration)
     motion = Motion(t, *trajectory.states(t))
-    torque = np.sum([source(motion) for source in sources], axis=0) + sensor.noise(count, rng)
-    log = sensor.log_times(trajectory.duration, rng)
-    held = np.clip(np.floor(log * sensor.rate + 1e-9).astype(np.intp), 0, count - 1)
-    q = _quantise(motion.q[held], sensor.position_step)
-    return Measurements(log + start, q, _quantise(torque[held], sensor.torque_step), names=(name,))
+    torque = np.sum([source(motion) for source in sources], axis=0)
+    log, q, tau = sensor.log(trajectory.duration, motion.q, torque, np.random.default_rng(seed))
+    return Measurements(log + start, q, tau, names=(name,))
 
 
 def _quantise(values: Array, step: Array) -> Array:

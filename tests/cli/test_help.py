@@ -33,7 +33,8 @@ def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixtu
     with pytest.raises(SystemExit):
         main(["--help"])
     lines = capsys.readouterr().out.splitlines()
-    assert {line.split()[0] for line in lines if line.startswith("  ")} >= files
+    left = files - {line.split()[0] for line in lines if line.startswith("  ")}
+    assert not left, f"{left} have no line in cli/group.py"
     assert max(map(len, lines)) <= 80
 
 
@@ -50,6 +51,7 @@ def test_every_option_is_described_by_a_noun_phrase() -> None:
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
 def test_there_is_one_example_and_it_parses(verb: str) -> None:
+    assert len(EXAMPLES[verb]) == 1, f"{verb}: one line 'Example: sdp-vs-penalty ...' in the docstring"
     (example,) = EXAMPLES[verb]
     program, called, *words = expand_many(shlex.split(example))
     assert (program, called) == ("sdp-vs-penalty", verb)
@@ -57,7 +59,8 @@ def test_there_is_one_example_and_it_parses(verb: str) -> None:
 
 
 def test_every_verb_is_run_here_or_said_not_to_be() -> None:
-    assert set(EXAMPLES) <= set(RUN) | NOT_RUN
+    left = set(EXAMPLES) - set(RUN) - NOT_RUN
+    assert not left, f"name {left} in RUN, where its example is run here, or in NOT_RUN"
     assert not set(RUN) & NOT_RUN
 
 

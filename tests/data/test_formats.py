@@ -19,13 +19,14 @@ from small_runs import small_run, write_bag
 
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.files import load_measurements, read_run, save
+from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.export.sdp import posed
 from sdp_vs_penalty.problem.load import load_problem
 
-SUFFIXES = (".csv", ".npz", ".mat", ".parquet")
+SUFFIXES = suffixes("write")
 
 
 def some_run(n: int = 3, samples: int = 50, velocity: bool = True) -> Measurements:
@@ -298,7 +299,7 @@ def test_output_suffix_and_unwritable_places(tmp_path: Path) -> None:
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    suffix=st.sampled_from([".mat", ".parquet", ".mcap", ".db3", ".bag"]),
+    suffix=st.sampled_from(suffixes()),
     noise=st.binary(max_size=400),
     place=st.integers(0, 400),
     value=st.integers(0, 255),
@@ -309,7 +310,7 @@ def test_readers_fuzzed(
     """Noise, and good files with a byte changed or the end cut off: our exception or an answer."""
     path = tmp_path_factory.mktemp("fuzz") / f"run{suffix}"
     contents = [noise]
-    if suffix in (".mat", ".parquet"):
+    if suffix in SUFFIXES:
         save(some_run(2, 20), path)
         good = path.read_bytes()
         at = place * len(good) // 401

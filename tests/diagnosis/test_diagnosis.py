@@ -149,9 +149,9 @@ def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> Non
 
 
 def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
-    from sdp_vs_penalty.effects.hidden import Hidden, on_joint
+    from sdp_vs_penalty.effects.hidden import HiddenEffect, on_joint
 
-    odd = Hidden(
+    odd = HiddenEffect(
         "unknown",
         (3,),
         lambda w, m, a: a * on_joint(3, 7, m.q[:, 3] * m.dq[:, 3]),
@@ -162,7 +162,7 @@ def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
 
 def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
     loaded = hidden_runs(panda, [("payload", [])], "strong", seed=16)
-    empty = hidden_runs(panda, [], 0.0, seed=17, world=loaded.world)
+    empty = hidden_runs(panda, [], 0.0, seed=17, true=loaded.true)
     estimate = identified(empty, concatenate(empty.runs[:3]))
     data = concatenate(loaded.runs[:3])
     result = diagnose(estimate, data, loaded.runs[3], frozen=True)
@@ -289,6 +289,18 @@ def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) 
     np.testing.assert_array_equal(load_estimate(path).theta, bigger.theta)
     again = compare({"after": load_estimate(path)}, made.runs[3])[0]
     np.testing.assert_array_equal(again.rmse, after.rmse)
+
+
+def test_the_ladder_ends_at_the_error_of_what_add_returns(two_link: Problem) -> None:
+    from sdp_vs_penalty.diagnosis.comparison import compare
+
+    made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+    data = concatenate(made.runs[:3])
+    estimate = identify(two_link, data, effects=made.truth["model_effects"])
+    result = diagnose(estimate, data, made.runs[3])
+    assert result.effects
+    added = compare(add(estimate, result, data), made.runs[3])[0]
+    np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=5e-3)
 
 
 def test_add_keeps_the_sign_of_physics(two_link: Problem) -> None:

@@ -27,7 +27,7 @@ from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, CurrentModel, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.simulation.hidden_effects import hideable
+from sdp_vs_penalty.simulation.hidden_runs import makers
 
 NAMES = list(effect_types())
 EVERY_EFFECT = pytest.mark.parametrize("name", NAMES)
@@ -163,14 +163,15 @@ def test_what_an_effect_needs_is_what_it_declares(name: str) -> None:
                 effect.blocks(bare)
         else:
             effect.blocks(bare)
-        for other, declared in (
-            (another_torque, effect.needs_torque),
-            (another_arm, effect.needs_links),
-            (later, effect.follows_clock),
-            (warmer, effect.needs_temperature),
+        for other, word in (
+            (another_torque, "needs_torque"),
+            (another_arm, "needs_links"),
+            (later, "follows_clock"),
+            (warmer, "needs_temperature"),
         ):
+            declared = getattr(effect, word)
             changed = not np.allclose(wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12)
-            assert changed == declared
+            assert changed == declared, f"{name}: declare {word} = {changed}, as its columns do"
         if effect.follows_clock:
             joint = effect.joints[0]
             for a, b in zip(
@@ -235,7 +236,10 @@ def test_friction_that_is_declared_to_dissipate_does(name: str) -> None:
         np.einsum("jnp,nj->np", wide_columns(effect, motion), dq) for effect in variants(name, robot)
     ]
     always = all(np.all(power >= 0.0) and np.any(power > 0.0) for power in powers)
-    assert always == effect_types()[name].dissipates
+    assert always == effect_types()[name].dissipates, (
+        f"{name}: its torque has {'always' if always else 'not always'} the sign of the velocity; "
+        f"declare dissipates = {always}"
+    )
 
 
 @EVERY_EFFECT
@@ -263,19 +267,23 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
 def test_whatever_a_search_can_find_can_be_hidden(name: str) -> None:
     robot = robots()["arm"]
     kind = effect_types()[name]
-    assert bool(kind.candidates(robot, None if kind.whole_robot else 1)) == (name in hideable())
+    found = bool(kind.candidates(robot, None if kind.whole_robot else 1))
+    assert not found or name in makers(), (
+        f"{name}: a search finds it, so its file needs hidden(joint, true, rng) below the class"
+    )
+    assert found or name not in makers(), f"{name}: `hidden` is of no use where no search finds it"
 
 
-@pytest.mark.parametrize("name", hideable())
+@pytest.mark.parametrize("name", makers())
 def test_columns_are_the_hidden_torque(name: str) -> None:
     check_columns_are_the_hidden_torque(name)
 
 
-@pytest.mark.parametrize("name", hideable())
+@pytest.mark.parametrize("name", makers())
 def test_the_truth_is_what_a_finding_would_say(name: str) -> None:
     check_the_truth_is_what_a_finding_would_say(name)
 
 
-@pytest.mark.parametrize("name", hideable())
+@pytest.mark.parametrize("name", makers())
 def test_the_hidden_world_shares_no_code(name: str) -> None:
     check_the_hidden_world_shares_no_code(name)

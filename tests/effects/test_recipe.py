@@ -24,8 +24,7 @@ from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.hidden_effects import hideable
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, makers
 
 NAME = "hardening_spring"
 FILE = '''
@@ -36,7 +35,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World, either_sign, log_uniform, one_joint
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
@@ -53,10 +52,10 @@ class HardeningSpring(JointEffect):
         return self.shape["q_0"] * np.sinh(motion.q[:, joint] / self.shape["q_0"])
 
 
-def hidden(joint: int, world: World, rng: np.random.Generator) -> Hidden:
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     q_0 = log_uniform(rng, 0.4, 0.6)
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: TrueRobot, m: Motion) -> Array:
         stretched = np.exp(m.q[:, joint] / q_0)
         return q_0 * (stretched - 1.0 / stretched) / 2.0
 
@@ -84,7 +83,7 @@ def test_one_file_keeps_the_contracts_and_is_listed() -> None:
     check_the_hidden_world_shares_no_code(NAME)
     _, row = registry.details("effects", NAME)
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")
-    assert NAME in hideable()
+    assert NAME in makers()
 
 
 @pytest.mark.usefixtures("new_file")

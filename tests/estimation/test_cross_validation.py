@@ -58,6 +58,20 @@ def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link: Problem
         assert np.abs(after.folds[0].theta - before.folds[0].theta).max() > 1e-3
 
 
+def test_shape_constants_are_each_folds_own(two_link: Problem) -> None:
+    """Friction that turns round over another velocity than declared is predicted as by one who knows it,
+    and what the judged phase says of that velocity is not heard."""
+    run = run_of(two_link, seconds=40.0)
+    tau = run.tau - 0.3 * np.sin(3.0 * run.q) + np.tanh(np.gradient(run.q, run.t, axis=0) / 0.025)
+    effects = "rigid_body,viscous_friction,torque_offset,coulomb_friction"
+    found, told, declared = (
+        cross_validate(two_link, replace(run, tau=tau), "ols", effects=effects + how, folds=4).rmse
+        for how in ("", "@v_s=0.025", "@v_s=0.01")
+    )
+    assert np.all(found < 1.05 * told)
+    assert np.all(declared > 1.1 * told)
+
+
 def test_what_cannot_be_split_is_refused(two_link: Problem) -> None:
     with pytest.raises(InputError, match="fewer folds"):
         cross_validate(two_link, run_of(two_link), "ols", folds=2, preprocessing=Preprocessing(2.0, 3.0))

@@ -21,9 +21,10 @@ from sdp_vs_penalty.estimation.intervals import (
     coverage,
 )
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
-from sdp_vs_penalty.estimation.uncertainty import base_rows, of_regression
+from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.trajectory import random_trajectory
@@ -60,8 +61,7 @@ def test_intervals_hold_the_truth(two_link: Problem) -> None:
         run = measured(two_link, theta, model, seed, 40.0)
         known = of_regression(two_link, model, compress(run, model, two_link.preprocessing))
         base = [i for i in known.base if np.isfinite(i.low)]
-        rows, names, _ = base_rows(two_link, model)
-        values = [float(row @ theta) for row, name in zip(rows, names, strict=True)]
+        values = base_rows(two_link, model).rows @ theta
         assert len(base) == len(values)
         shares.append(coverage(values, base))
     assert 0.90 <= np.mean(shares) <= 0.99

@@ -147,7 +147,15 @@ def check_units_are_those_of_the_columns(name: str) -> None:
                 expected = wide_columns(effect, motion) * torque[:, None, None] / scale
                 found = wide_columns(rewritten, new)
                 atol = 1e-9 * np.abs(expected).max()
-                np.testing.assert_allclose(found, expected, 1e-7, atol, err_msg=f"{which} {effect.text}")
+                wrong = [
+                    f"{p.name} [{p.unit}]"
+                    for p, a, b in zip(effect.parameters, expected.T, found.T, strict=True)
+                    if not np.allclose(b, a, 1e-7, atol)
+                ]
+                assert not wrong, (
+                    f"{effect.text} on {which}: torque over column is not in the unit declared of "
+                    f"{', '.join(wrong)} (or a shape constant's unit is wrong)"
+                )
 
 
 def _rewritten(

@@ -19,13 +19,12 @@ from effect_contract import Array, wide_columns
 from sdp_vs_penalty.diagnosis.explanations import size_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
-from sdp_vs_penalty.effects.hidden import Hidden, World
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import experiment
-from sdp_vs_penalty.simulation.hidden_effects import make_hidden
-from sdp_vs_penalty.simulation.hidden_runs import hidden_torque, make_world
+from sdp_vs_penalty.simulation.hidden_runs import hidden_torque, make_hidden, true_robot
 
 #: Of the torque: what sampling, and columns that are of first order in their parameter, may cost.
 ACCURACY = 0.02
@@ -34,11 +33,11 @@ DRAWS = 6
 
 
 @cache
-def worlds() -> dict[str, tuple[Problem, World]]:
+def worlds() -> dict[str, tuple[Problem, TrueRobot]]:
     """A seven-joint arm, and one with a prismatic joint between two revolute ones."""
     urdf = Path(__file__).parent / "slide_arm.urdf"
     problems = {"panda": load_problem("panda"), "slide_arm": load_problem(urdf)}
-    return {k: (p, make_world(p, experiment(p), seed=3)) for k, p in problems.items()}
+    return {k: (p, true_robot(p, experiment(p), seed=3)) for k, p in problems.items()}
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Case:
     (n, N, m) columns of the effects that it refines, where it counts time from elsewhere."""
 
     where: str
-    hidden: Hidden
+    hidden: HiddenEffect
     effect: Effect
     torque: Array
     columns: Array
@@ -71,7 +70,7 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
     return tuple(cases)
 
 
-def _case(where: str, world: World, hidden: Hidden, trajectory: FourierTrajectory) -> Case:
+def _case(where: str, world: TrueRobot, hidden: HiddenEffect, trajectory: FourierTrajectory) -> Case:
     kind = effect_types()[hidden.effect]
     # A sign is a sign, but a delayed one has a derivative.
     width = 1e-8 if hidden.late is None else 0.3
@@ -131,7 +130,8 @@ def check_the_truth_is_what_a_finding_would_say(name: str) -> None:
             size, _ = size_of(case.effect, theta, np.zeros((len(theta),) * 2))
             np.testing.assert_allclose(abs(size), hidden.amplitude, rtol=1e-12)
         forms.add(tuple(case.effect.shape[k] for k, s in kind.shapes.items() if s.choices))
-    assert bounded == positive
+    assert bounded or not positive, f"{name}: what is hidden is never negative; declare lower = 0.0"
+    assert positive or not bounded, f"{name}: what is hidden is negative too; leave lower = 0.0 out"
     choices = [len(s.choices) for s in kind.shapes.values() if s.choices]
     assert len(forms) == int(np.prod(choices)), "the hidden world does not meet every form"
 
@@ -167,7 +167,7 @@ def reached(thing: object) -> set[object]:
     todo = [thing]
     while todo:
         here = todo.pop()
-        if here in found or here in (Hidden, World):
+        if here in found or here in (HiddenEffect, TrueRobot):
             continue
         found.add(here)
         if inspect.isclass(here):

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.shootout import hostile, log_cholesky, pages, profile, regular, summary
@@ -29,6 +30,7 @@ from sdp_vs_penalty.shootout.nursery import _pack, _unpack, in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import cells
 from sdp_vs_penalty.solvers import clarabel, verified
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 
 CONTESTANTS = contestants()
 SMALL = ("two_link one-step gyration", "two_link two-step gyration", "chain of 2 links")
@@ -126,6 +128,21 @@ def test_infeasible_instances_are_proved_infeasible(name: str) -> None:
     assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
 
 
+def test_a_proof_of_infeasibility_is_held_to_its_solvers_tolerance() -> None:
+    """1e-5 x >= 1 has solutions, beyond 1e5: z = 1 proves nothing nearer, to 1e-5 of itself."""
+    far = ConicProblem(
+        sparse.csc_matrix((1, 1)),
+        np.ones(1),
+        sparse.csc_matrix([[-1e-5]]),
+        -np.ones(1),
+        (Cone("nonnegative", 1),),
+    )
+    nothing = np.full(1, np.nan)
+    assert conic_errors(far, nothing, np.ones(1), "infeasible")[1] == pytest.approx(1e-5)
+    assert conic_errors(far, nothing, -np.ones(1), "infeasible")[1] == np.inf
+    assert conic_errors(far, nothing, np.ones(1), "optimal")[1] == np.inf
+
+
 def test_the_default_path_is_right(two_link: Instance, proved: Reference, best: Answer) -> None:
     verdict = judge(two_link, proved, best, 1e-8)
     assert verdict.kind == "right"
@@ -144,10 +161,10 @@ def test_planted_wrong_answers_are_found(two_link: Instance, proved: Reference, 
         verdict = judge(two_link, proved, wrong, 1e-8)
         assert verdict.kind == "silently_wrong"
         assert verdict.remark
-        # Where the conic problem's own errors are as small as was asked, it is no lie of the solver's.
+        # Where the conic problem's own errors, or those of a proof that it has no solution, are as small
+        # as was asked, it is no lie of the solver's.
         kept = judge(two_link, proved, replace(wrong, own_error=1e-8), 1e-8)
-        claims = wrong.claims == "optimal"
-        assert kept.kind == ("inaccurate" if claims else "silently_wrong")
+        assert kept.kind == "inaccurate"
     assert judge(two_link, proved, suboptimal, 1e-8).violation == 0.0
     assert judge(two_link, proved, suboptimal, 1e-8).objective_error > 1e-7
     # The same points are no lie where the solver admits them, or was asked for less.

@@ -11,7 +11,7 @@ import pytest
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.arm import ARMS, inverse_dynamics, load_arm
-from sdp_vs_penalty.simulation.worlds.channel import Noise, average, first_order
+from sdp_vs_penalty.simulation.worlds.channel import SensorNoise, average, first_order
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.friction import DryFriction, bristles
 from sdp_vs_penalty.simulation.worlds.motion import KINDS, plan
@@ -90,7 +90,7 @@ def test_channels_and_noise_are_what_they_say() -> None:
     sinc = np.sin(np.pi * 2.0 * 0.041) / (np.pi * 2.0 * 0.041)
     assert average(wave, 40)[middle] == pytest.approx(sinc * wave[middle], abs=1e-4)
     std = np.array([0.1, 2.0])
-    for noise in (Noise(), Noise(3.0, 0.9), Noise(0.5, 0.0, 5.0)):
+    for noise in (SensorNoise(), SensorNoise(3.0, 0.9), SensorNoise(0.5, 0.0, 5.0)):
         drawn = noise.draw(200_000, std, np.random.default_rng(0))
         assert drawn.std(axis=0) == pytest.approx(noise.level * std, rel=0.03)
 

@@ -13,7 +13,7 @@ from random_robots import link_parameters, task_of, tree
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.certify import certify, positive_mass_matrices
+from sdp_vs_penalty.estimation.certify import certify, consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpThickness, interior_point, solve_sdp
 from sdp_vs_penalty.problem.problem import Problem
@@ -219,9 +219,11 @@ def test_repair_finds_the_first_feasible_point(seed: int) -> None:
 
 def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda: Problem) -> None:
     links = panda.nominal_links
+    assert consistent(links)
     assert positive_mass_matrices(panda.robot, links, 500) == 1.0
     broken = links.copy()
     broken[6, 9] = -0.5  # joint 7 turns about z: M_77 = Izz7 < 0 wherever it points
+    assert not consistent(broken)
     assert positive_mass_matrices(panda.robot, broken, 500) == 0.0
     tilted = links.copy()
     tilted[5, 0] = -4.0

@@ -53,12 +53,12 @@ def verb(
 
     Example: sdp-vs-penalty excite panda --out trajectory.csv
     """
-    from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.estimation.excitation import excite
-
     if separate is not None:
         _separate(Path(problem), separate, out, urdf, duration, level, iterations or 200, seed)
         return
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.estimation.excitation import excite
+
     with console.progress("excitation") as progress:
         found = excite(
             problem,

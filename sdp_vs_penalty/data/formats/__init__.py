@@ -21,6 +21,11 @@ def formats() -> tuple[ModuleType, ...]:
     return tuple(modules(__name__, __path__, "SUFFIXES"))
 
 
+def suffixes(ability: str = "read") -> tuple[str, ...]:
+    """The suffixes of all formats that can be read, or written."""
+    return tuple(s for home in formats() if hasattr(home, ability) for s in home.SUFFIXES)
+
+
 def format_of(path: Path) -> ModuleType | None:
     """The format of a file or folder by its suffix or content; None where nothing claims it."""
     suffix = path.suffix.lower()

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.curves import smooth as splines
@@ -148,7 +148,7 @@ def _accepted(fit: WhiteFit, found: Fitted, tests: int, known: float) -> bool:
     before = fit.joint_chi2[j] / level2
     freedom = max(fit.degrees[j] - edf, 1.0)
     rest = max(before - found.smooth.chi2, least / level2) / freedom
-    p = stats.f.sf(found.smooth.chi2 / edf / rest, edf, min(freedom, float(known) / ORDER))
+    p = special.fdtrc(edf, min(freedom, float(known) / ORDER), found.smooth.chi2 / edf / rest)
     excess = max(before - least / level2, 0.0)
     return bool(p < FALSE_CLAIM / tests and found.gain > max(MIN_GAIN, MIN_SHARE * excess))
 

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.estimation.certify import positive_mass_matrices
+from sdp_vs_penalty.estimation.certify import consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.paper.tables.study import FOLDS, Data, Result, Study, sentence
 from sdp_vs_penalty.paper.tables.table import ROUNDING, Cell, Column, Table
@@ -117,7 +117,7 @@ def _row(study: Study, data: Data, method: str, result: Result, optimum: float) 
     family = max(violations, key=lambda name: violations[name])
     worst = violations[family]
     errors = _errors(study, data, method, result)
-    share = positive_mass_matrices(study.problem.robot, links)
+    share = 1.0 if consistent(links) else positive_mass_matrices(study.problem.robot, links)
     return (
         data.label,
         method,

@@ -25,6 +25,7 @@ from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.problem.real_data import good_configurations, measured_run
+from sdp_vs_penalty.registration import by_word
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
@@ -35,12 +36,11 @@ from sdp_vs_penalty.simulation.experiment import Experiment, experiment
 Array = NDArray[np.float64]
 
 BUDGETS = ("quick", "paper")
+_PLACED = by_word(
+    ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
+)
 #: The columns of Tables III, VII, VIII, IX and the rows of IV: our name and the method's.
-METHODS: Mapping[str, str] = {
-    name.replace("-", "_"): name
-    for name, kind in sorted(estimator_types().items(), key=lambda item: item[1].table_place or 0)
-    if kind.table_place is not None
-}
+METHODS: Mapping[str, str] = {k.name.replace("-", "_"): k.name for k in _PLACED.values()}
 #: Where the real run is cut for repeatability [s]: what comes later is its beginning again.
 TRAIN_STOP, TEST_START = 14.0, 14.2
 #: Folds by phase in which it is judged on motion that an estimate has not seen.

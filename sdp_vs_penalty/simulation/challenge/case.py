@@ -21,7 +21,7 @@ from sdp_vs_penalty.simulation.challenge.curve_truth import judged_curve
 from sdp_vs_penalty.simulation.challenge.truth import energies, true_floor
 from sdp_vs_penalty.simulation.worlds.conditions import draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
-from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import Logged, World, draw_motion, draw_world, log_run
 
 Record = dict[str, Any]
@@ -52,7 +52,7 @@ class Sitting:
 
     world: World
     hidden: Sequence[Hidden]
-    motions: Sequence[Motion]
+    motions: Sequence[TrueMotion]
     logged: Sequence[Logged]
     effects: tuple[str, ...]
     unloaded: Sequence[Logged] = ()

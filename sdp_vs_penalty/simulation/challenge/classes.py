@@ -13,7 +13,7 @@ from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
 from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE
 from sdp_vs_penalty.simulation.worlds.hidden_unknown import disturbance, nameless, unknown
-from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 #: What every model in question has, unless that is what is hidden.
@@ -58,7 +58,7 @@ class CaseClass:
         return [str(x) for x in rng.choice(others, self.count, replace=False)]
 
     def hidden(
-        self, names: Sequence[str], world: World, motions: Sequence[Motion], rng: np.random.Generator
+        self, names: Sequence[str], world: World, motions: Sequence[TrueMotion], rng: np.random.Generator
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
         kinds = {
@@ -68,7 +68,7 @@ class CaseClass:
             "payload": FROZEN["payload"],
         }
         makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
-        coarse = [Motion(m.t[::10], m.q[::10], m.dq[::10], m.ddq[::10]) for m in motions]
+        coarse = [TrueMotion(m.t[::10], m.q[::10], m.dq[::10], m.ddq[::10]) for m in motions]
         made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in made]
 

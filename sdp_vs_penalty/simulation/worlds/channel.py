@@ -63,7 +63,7 @@ def average(x: Array, length: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Noise:
+class SensorNoise:
     """level : over the arm's own; colour : of a first-order autoregression; tails : degrees of freedom
     of Student's distribution, None: normal."""
 

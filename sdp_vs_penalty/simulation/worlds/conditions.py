@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sdp_vs_penalty.simulation.worlds.arm import ARMS
-from sdp_vs_penalty.simulation.worlds.channel import Channel, Noise
+from sdp_vs_penalty.simulation.worlds.channel import Channel, SensorNoise
 
 Generator = np.random.Generator
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
@@ -35,7 +35,7 @@ class Conditions:
     thermometer: bool = False
     misplacement: tuple[float, float] = (0.0, 0.0)
     channel: Channel = field(default_factory=Channel)
-    noise: Noise = field(default_factory=Noise)
+    noise: SensorNoise = field(default_factory=SensorNoise)
     motion: str = "periodic"
     runs: int = 3
     duration: float = 20.0
@@ -67,7 +67,7 @@ def _encoder(c: Conditions, rng: Generator) -> Conditions:
 
 def _noise(c: Conditions, rng: Generator) -> Conditions:
     tails = float(rng.uniform(3.0, 8.0)) if rng.random() < 0.5 else None
-    return replace(c, noise=Noise(_log(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails))
+    return replace(c, noise=SensorNoise(_log(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails))
 
 
 def _mixed(c: Conditions, rng: Generator) -> Conditions:

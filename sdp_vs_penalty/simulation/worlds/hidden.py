@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
-from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
-Change = Callable[[World, Motion, float], Array]
+Change = Callable[[World, TrueMotion, float], Array]
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves most.
@@ -40,11 +40,11 @@ class Hidden:
     shift: Change | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
 
-    def torque(self, world: World, m: Motion) -> Array:
+    def torque(self, world: World, m: TrueMotion) -> Array:
         """(N, n) what it adds at its size."""
         return self.change(world, m, self.size)
 
-    def sized(self, world: World, motions: Sequence[Motion], factor: float) -> Hidden:
+    def sized(self, world: World, motions: Sequence[TrueMotion], factor: float) -> Hidden:
         """With a root mean square of ``factor`` times the raw noise on the joint that it moves most;
         three rounds, as some effects are not linear. As it is, where it moves nothing."""
         out = self
@@ -57,7 +57,7 @@ class Hidden:
             out = replace(out, size=out.size * factor / ratio)
         return out
 
-    def deviation(self, world: World, m: Motion) -> float:
+    def deviation(self, world: World, m: TrueMotion) -> float:
         """Root mean square of the shift [rad or m]."""
         if self.shift is None:
             return 0.0
@@ -72,10 +72,10 @@ class Hidden:
         }
 
 
-def on_joint(joint: int, law: Callable[[World, Motion], Array]) -> Change:
+def on_joint(joint: int, law: Callable[[World, TrueMotion], Array]) -> Change:
     """The change of one joint's torque by law(world, motion) (N,) times the size."""
 
-    def change(world: World, m: Motion, size: float) -> Array:
+    def change(world: World, m: TrueMotion, size: float) -> Array:
         out = np.zeros_like(m.q)
         out[:, joint] = size * law(world, m)
         return out
@@ -86,7 +86,7 @@ def on_joint(joint: int, law: Callable[[World, Motion], Array]) -> Change:
 def at_joint(
     effect: str,
     joint: int,
-    law: Callable[[World, Motion], Array],
+    law: Callable[[World, TrueMotion], Array],
     number: float | None = 1.0,
     **shape: float,
 ) -> Hidden:
@@ -97,14 +97,14 @@ def at_joint(
 def shifted(effect: str, joint: int, shift: Change, number: float | None) -> Hidden:
     """The link of a joint stands at q + shift, where q is what motor and encoder do."""
 
-    def change(world: World, m: Motion, size: float) -> Array:
+    def change(world: World, m: TrueMotion, size: float) -> Array:
         moved = displaced(m, joint, shift(world, m, size))
         return rigid(world, moved) - rigid(world, m)
 
     return Hidden(effect, (joint,), change, number, shift=shift)
 
 
-def displaced(m: Motion, joint: int, shift: Array) -> Motion:
+def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     """The motion of the links, rates by central differences on the fine grid."""
     if np.ptp(shift) == 0.0:
         rate = acceleration = np.zeros_like(shift)
@@ -115,14 +115,14 @@ def displaced(m: Motion, joint: int, shift: Array) -> Motion:
     q[:, joint] += shift
     dq[:, joint] += rate
     ddq[:, joint] += acceleration
-    return Motion(m.t, q, dq, ddq)
+    return TrueMotion(m.t, q, dq, ddq)
 
 
-def rigid(world: World, m: Motion) -> Array:
+def rigid(world: World, m: TrueMotion) -> Array:
     """(N, n) of the links."""
     return inverse_dynamics(world.built, m.q, m.dq, m.ddq)
 
 
-def sign(world: World, joint: int, m: Motion) -> Array:
+def sign(world: World, joint: int, m: TrueMotion) -> Array:
     """(N,) the direction in which a joint rubs, as sharp as its own dry friction is."""
     return world.dry.share(m.t, m.dq)[:, joint]

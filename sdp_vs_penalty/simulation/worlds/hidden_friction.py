@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.simulation.worlds.friction import bristles
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, rigid, sign
-from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
     """Carlson, Robertsson, Johansson, 2015: grease thins exponentially with its temperature."""
     warm, viscous = float(rng.uniform(8.0, 40.0)), bool(rng.random() < 0.5)
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: World, m: TrueMotion) -> Array:
         thick = np.exp((20.0 - w.temperature(m.t)[:, j]) / warm)
         return np.asarray(thick * (m.dq[:, j] if viscous else sign(w, j, m)))
 
@@ -143,7 +143,7 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
     d, vs = _log(rng, 0.002, 0.01), _log(rng, 0.05, 0.25)
     width = float(np.median(w.dry.width))
 
-    def change(w: World, m: Motion, size: float) -> Array:
+    def change(w: World, m: TrueMotion, size: float) -> Array:
         v = m.dq[:, first] + ratio * m.dq[:, first + 1]
         rubs = np.tanh(v / width) * (np.exp(-((v / vs) ** 2)) if law == 4 else 1.0)
         if law == 3:
@@ -175,7 +175,7 @@ def _slip(w: World, j: int, rng: Generator) -> Hidden:
     d = _unit(w, j) * _log(rng, 0.001, 0.004)
     travel, weight = d * np.array([1.0, 4.0, 16.0]), rng.dirichlet(np.ones(3))
 
-    def law(w: World, m: Motion) -> Array:
+    def law(w: World, m: TrueMotion) -> Array:
         out, z = np.zeros(len(m.t)), np.zeros(3)
         for k, step in enumerate(np.diff(m.q[:, j]), start=1):
             z = np.clip(z + step / travel, -1.0, 1.0)

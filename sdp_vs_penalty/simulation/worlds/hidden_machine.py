@@ -19,7 +19,7 @@ from sdp_vs_penalty.simulation.worlds.hidden import (
     rigid,
     shifted,
 )
-from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ def _gain(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
-    def change(w: World, m: Motion, size: float) -> Array:
+    def change(w: World, m: TrueMotion, size: float) -> Array:
         tau = w.torque(m)
         out = np.zeros_like(tau)
         for j in channels:
@@ -84,7 +84,7 @@ def _global_delay(w: World, j: int, rng: Generator) -> Hidden:
 def _filter(w: World, j: int, rng: Generator) -> Hidden:
     """All channels behind one low-pass, 1 / (1 + T s): the size is T."""
 
-    def change(w: World, m: Motion, T: float) -> Array:
+    def change(w: World, m: TrueMotion, T: float) -> Array:
         # Effects are sized on a coarse grid, where a filter is read from a finer one.
         t = np.arange(m.t[0], m.t[-1], min(float(m.t[1] - m.t[0]), 0.25e-3))
         tau = w.torque(m)
@@ -104,7 +104,7 @@ def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
 def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
     """Spong 1987, the link at rest on its spring: it lags by c times the torque that it needs."""
 
-    def shift(w: World, m: Motion, c: float) -> Array:
+    def shift(w: World, m: TrueMotion, c: float) -> Array:
         lag = np.zeros(len(m.t))
         for _ in range(2):
             lag = -c * rigid(w, displaced(m, j, lag))[:, j]
@@ -119,11 +119,11 @@ def _backlash(w: World, j: int, rng: Generator) -> Hidden:
     Flanks that yield a little let it change over within a fiftieth of the largest torque; what the
     impact itself does is left out."""
 
-    def shift(w: World, m: Motion, b: float) -> Array:
+    def shift(w: World, m: TrueMotion, b: float) -> Array:
         tau = rigid(w, m)[:, j]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
-    def change(w: World, m: Motion, b: float) -> Array:
+    def change(w: World, m: TrueMotion, b: float) -> Array:
         q = m.q.copy()
         q[:, j] += shift(w, m, b)
         return rigid(w, replace(m, q=q)) - rigid(w, m)
@@ -134,7 +134,7 @@ def _backlash(w: World, j: int, rng: Generator) -> Hidden:
 def _tilt(w: World, j: int, rng: Generator) -> Hidden:
     angle = float(rng.uniform(0.0, 2.0 * np.pi))
 
-    def change(w: World, m: Motion, size: float) -> Array:
+    def change(w: World, m: TrueMotion, size: float) -> Array:
         tilted = pin.Model(w.built)
         across = size * np.array([np.cos(angle), np.sin(angle), 0.0])
         tilted.gravity.linear = w.built.gravity.linear + across
@@ -147,7 +147,7 @@ def _wrench(w: World, j: int, rng: Generator) -> Hidden:
     """A constant force and moment on the last link, at its joint: motors carry -J^T (F, M)."""
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
-    def change(w: World, m: Motion, size: float) -> Array:
+    def change(w: World, m: TrueMotion, size: float) -> Array:
         data, last = w.built.createData(), w.built.njoints - 1
         out = np.zeros_like(m.q)
         for k, q in enumerate(m.q):
@@ -164,7 +164,7 @@ def _payload(w: World, j: int, rng: Generator) -> Hidden:
     reach = float(np.linalg.norm(w.arm.model.jointPlacements[-1].translation)) + 0.05
     centre = rng.uniform(-0.5, 0.5, 3) * reach
 
-    def change(w: World, m: Motion, mass: float) -> Array:
+    def change(w: World, m: TrueMotion, mass: float) -> Array:
         loaded = pin.Model(w.built)
         ball = pin.Inertia(mass, centre, 0.4 * mass * 0.05**2 * np.eye(3))
         loaded.inertias[loaded.njoints - 1] = w.built.inertias[w.built.njoints - 1] + ball

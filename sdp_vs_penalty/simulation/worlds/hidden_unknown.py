@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
-from sdp_vs_penalty.simulation.worlds.motion import Motion
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import LEAD, World, start_of
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ def unknown(w: World, j: int, rng: Generator) -> Hidden:
     # On a prismatic joint a wave of q would be a straight line: as many waves as on a turning one.
     s = 1.0 / w.arm.unit_speed if w.arm.rotary[j] else 8.0 * np.ones(w.arm.n)
 
-    laws: Mapping[str, Callable[[Motion], Array]] = {
+    laws: Mapping[str, Callable[[TrueMotion], Array]] = {
         "q dq": lambda m: m.q[:, j] * m.dq[:, j],
         "cos(2 q_i) sign(dq_j)": lambda m: np.cos(2.0 * s[i] * m.q[:, i] + c) * np.sign(m.dq[:, j]),
         "sin(2 q_j + 3 q_i)": lambda m: np.sin(2.0 * s[j] * m.q[:, j] + 3.0 * m.q[:, i] + c),
@@ -53,12 +53,12 @@ def nameless(w: World, j: int, rng: Generator) -> Hidden:
     qi, dqi, sign = f"q{i + 1}", f"dq{i + 1}", f"sign(dq{j + 1})"
     load = 1e-2 / max(w.arm.noise[j], 1e-9)
 
-    def wave(m: Motion) -> Array:
+    def wave(m: TrueMotion) -> Array:
         return np.asarray(
             np.sin(k * m.q[:, j] + 3.0 * m.q[:, i] / (1.0 if w.arm.rotary[i] else 0.2) + c)
         )
 
-    laws: Mapping[str, tuple[Callable[[Motion], Array], tuple[str, ...], str, tuple[float, ...]]] = {
+    laws: Mapping[str, tuple[Callable[[TrueMotion], Array], tuple[str, ...], str, tuple[float, ...]]] = {
         "bumps of q": (
             lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,), "none", ()
         ),
@@ -99,7 +99,7 @@ def disturbance(w: World, j: int, rng: Generator) -> Hidden:
     frequency, phase = float(rng.uniform(1.0, 7.0)), float(rng.uniform(0.0, 2.0 * np.pi))
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
-    def change(w: World, m: Motion, size: float) -> Array:
+    def change(w: World, m: TrueMotion, size: float) -> Array:
         out = np.zeros_like(m.q)
         if kind == "hum":
             out[:, j] = size * np.sin(2.0 * np.pi * frequency * m.t + phase)

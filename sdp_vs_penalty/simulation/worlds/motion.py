@@ -20,7 +20,7 @@ KINDS = ("periodic", "aperiodic", "points")
 
 
 @dataclass(frozen=True)
-class Motion:
+class TrueMotion:
     """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the encoders show."""
 
     t: Array

@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.simulation.worlds.arm import Arm, inverse_dynamics, load_arm, misplaced
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.friction import DryFriction
-from sdp_vs_penalty.simulation.worlds.motion import Motion, plan
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion, plan
 
 Array = NDArray[np.float64]
 
@@ -40,11 +40,11 @@ class World:
     lopsided_viscous: Array
     warm_up: float
 
-    def torque(self, m: Motion) -> Array:
+    def torque(self, m: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
         return inverse_dynamics(self.built, m.q, m.dq, m.ddq) + self.friction(m)
 
-    def friction(self, m: Motion) -> Array:
+    def friction(self, m: TrueMotion) -> Array:
         """(N, n) dry, viscous, and what stays the same in both directions."""
         share = self.dry.share(m.t, m.dq)
         cold = 1.0 - self.conditions.warming * (1.0 - np.exp(-m.t / self.warm_up))
@@ -96,12 +96,12 @@ def start_of(c: Conditions, k: int) -> float:
     return k * (c.duration + 2.0 * LEAD + PAUSE)
 
 
-def draw_motion(world: World, k: int, rng: np.random.Generator) -> Motion:
+def draw_motion(world: World, k: int, rng: np.random.Generator) -> TrueMotion:
     """The motion of run k, on the fine grid."""
     c = world.conditions
     length = c.duration + 2.0 * LEAD
     local = np.arange(round(length * FINE)) / FINE
-    return Motion(start_of(c, k) + local, *plan(world.arm, c.motion, length, rng)(local))
+    return TrueMotion(start_of(c, k) + local, *plan(world.arm, c.motion, length, rng)(local))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Logged:
 
 
 def log_run(
-    world: World, motion: Motion, rng: np.random.Generator, added: Sequence[Array] = ()
+    world: World, motion: TrueMotion, rng: np.random.Generator, added: Sequence[Array] = ()
 ) -> Logged:
     """What the sensors make of a run; added : (N, n) torques on top of the world's, on the fine grid."""
     c = world.conditions
