@@ -30,31 +30,9 @@ def _draw(view: View) -> None:
     view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
     if view.run not in model.runs:
         view.run, view.span = model.judged_on[0], None
-    figures(
-        {
-            "relative error": f"{figure(comparison['relative_error_percent'])} %",
-            "judged on": _names(model.judged_on),
-            "new motion": new_motion(comparison["new_motion_share"]),
-            "below": f"{figure(comparison['band_hz'])} Hz",
-            "constraints": held(model.violation),
-            "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
-            "time": f"{model.seconds:.2g} s",
-        }
-    )
-    warning = repeatability_warning(comparison["new_motion_share"])
-    if warning and model.judged_on != model.runs:
-        tag("p", warning, "finding")
-    chips: list[Any] = []
+    _figures(model)
+    chips = _chips(view, model, units)
     parts: dict[str, Any] = {}
-    with tag("div", style="chips", role="group", aria_label="Joint to show"):
-        for j, error in enumerate(comparison["rmse"]):
-            chip = button("", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip")  # type: ignore[misc]
-            with chip:
-                tag("strong", f"Joint {j + 1}")
-                tag("span", with_unit(error, units[j]), "rmse")
-                floor = comparison["noise_floor"][j]
-                tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
-            chips.append(chip)
     with tag("div", style="pick"):
         choice(
             "Run",
@@ -120,6 +98,41 @@ def _draw(view: View) -> None:
             f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}.",
             "soft",
         )
+
+
+def _figures(model: Rung) -> None:
+    """How well the model does, in a line."""
+    comparison = model.comparison
+    figures(
+        {
+            "relative error": f"{figure(comparison['relative_error_percent'])} %",
+            "judged on": _names(model.judged_on),
+            "new motion": new_motion(comparison["new_motion_share"]),
+            "below": f"{figure(comparison['band_hz'])} Hz",
+            "constraints": held(model.violation),
+            "certified gap" + (" of what was added" if model.frozen else ""): figure(model.gap, 2),
+            "time": f"{model.seconds:.2g} s",
+        }
+    )
+    warning = repeatability_warning(comparison["new_motion_share"])
+    if warning and model.judged_on != model.runs:
+        tag("p", warning, "finding")
+
+
+def _chips(view: View, model: Rung, units: list[str]) -> list[Any]:
+    """A button a joint with its error and noise, by which it is chosen."""
+    comparison = model.comparison
+    chips: list[Any] = []
+    with tag("div", style="chips", role="group", aria_label="Joint to show"):
+        for j, error in enumerate(comparison["rmse"]):
+            chip = button("", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip")  # type: ignore[misc]
+            with chip:
+                tag("strong", f"Joint {j + 1}")
+                tag("span", with_unit(error, units[j]), "rmse")
+                floor = comparison["noise_floor"][j]
+                tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
+            chips.append(chip)
+    return chips
 
 
 def _names(names: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""Step 6: the error of every joint from model to model, and one step back."""
+"""Step 7: the error of every joint from model to model, and one step back."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def _draw(view: View) -> None:
         with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
             if chosen:
                 more.props["open"] = True
-            tag("p", "Diagnosis (step 5) tells which are missing.", "soft")
+            tag("p", "The step What is missing tells which are needed.", "soft")
             with tag("div", style="checks"):
                 for name in rest:
                     box(name)
@@ -70,21 +70,11 @@ def _draw(view: View) -> None:
     def put(name: str, value: Any) -> None:
         setattr(session, name, value)
 
-    def write(text: str) -> None:
-        session.effects = [word.strip() for word in text.split(",") if word.strip()]
-        session.changed()
-
     with tag("div", style="fields"):
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
         choice("Method", options, session.method, lambda v: put("method", v), "method")
         number("Seed", session.seed, lambda v: put("seed", v), "seed")
-    session.asked = view.forms.get("identify", ())
-    chosen = len(session.options)
-    with details(f"More options ({chosen} set)" if chosen else "More options", "more-options"):
-        said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
-        text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
-        with tag("div", style="fields"):
-            draw_form(session.asked, session.options)
+    _options(view)
     if session.meaningless:
         check(
             "Identify anyway (data check failed)",
@@ -101,6 +91,23 @@ def _draw(view: View) -> None:
             "soft",
         )
         drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
+
+
+def _options(view: View) -> None:
+    """Effects as they are written on the command line, and its options."""
+    session = view.session
+
+    def write(text: str) -> None:
+        session.effects = [word.strip() for word in text.split(",") if word.strip()]
+        session.changed()
+
+    session.asked = view.forms.get("identify", ())
+    chosen = len(session.options)
+    with details(f"More options ({chosen} set)" if chosen else "More options", "more-options"):
+        said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
+        text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
+        with tag("div", style="fields"):
+            draw_form(session.asked, session.options)
 
 
 def _name(effect: str) -> str:
