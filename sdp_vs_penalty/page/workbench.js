@@ -100,9 +100,10 @@ const arm = {
       const draw = scene.renderer.render.bind(scene.renderer);
       let last = "";
       scene.thrifty = true;
+      scene.renderer.setClearColor(0, 0); // the page's own colour, light or dark
       scene.renderer.render = (world, camera) => {
         const there = [...scene.objects.values()].filter((o) => o.mesh?.parent).length;
-        const state = `${camera.matrixWorld.elements}${this.drawn}${there}`;
+        const state = `${camera.matrixWorld.elements} ${this.drawn} ${there} ${scene.renderer.domElement.width}`;
         if (scene.$el.offsetParent === null || state === last) return;
         last = state;
         draw(world, camera);

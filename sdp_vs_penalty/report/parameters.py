@@ -48,6 +48,8 @@ def parameters(material: Material) -> Section:
 #: What :func:`cells` writes of a parameter.
 HEADS = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
 Row = dict[str, Any]
+#: Smaller values (kg, m, N m ...) are rounding.
+_ROUNDING = 1e-9
 
 
 def standard_rows(estimate: Estimate) -> list[Row]:
@@ -69,8 +71,14 @@ def _row(i: Interval, source: str, nominal: float) -> Row:
 
 def cells(row: Row) -> tuple[str, ...]:
     """A parameter as text, in the order of HEADS."""
-    figures = (number(row[name]) for name in ("value", "low", "high", "nominal"))
-    return row["name"], row["verdict"], row["source"], *figures, row["unit"]
+    figures = (number(_seen(row[name])) for name in ("value", "low", "high", "nominal"))
+    unit = row["unit"].replace("*", " ").replace("^2", "²")
+    return row["name"], row["verdict"], row["source"], *figures, unit
+
+
+def _seen(value: float | None) -> float | None:
+    """Zero for what rounding alone keeps from it."""
+    return 0.0 if value is not None and abs(value) < _ROUNDING else value
 
 
 LINK_HEADS = (
@@ -96,7 +104,7 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
                 number(link[0]),
                 number(nominal[i, 0]),
                 estimate.sources[at[10 * i]],
-                ", ".join(number(c, 3) for c in com),
+                ", ".join(number(_seen(c), 3) for c in com),
                 *(number(g[i], 3) for g in gyration),
                 number(1e3 * thick[i], 3),
             )

@@ -31,7 +31,7 @@ def _draw(view: View) -> None:
                 tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
     _all_models(view)
     if len(ladder) == 1:
-        tag("p", "Add a finding above and watch the error of each joint fall here.", "soft")
+        tag("p", "Add what is missing and watch the error of each joint fall here.", "soft")
         return
     button("Undo the last step", session.undo, "undo")
     errors = [model.comparison["rmse"] for model in ladder]
