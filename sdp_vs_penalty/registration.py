@@ -48,7 +48,8 @@ def written(folders: Iterable[Path], *names: str) -> Iterator[tuple[str, ...]]:
     """The texts assigned to all of ``names`` side by side, in a file or a class, without an import."""
     for file in sorted(path for folder in folders for path in folder.glob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
-        for scope in (tree, *(node for node in tree.body if isinstance(node, ast.ClassDef))):
+        scopes: list[ast.Module | ast.ClassDef] = [tree]
+        for scope in scopes + [node for node in tree.body if isinstance(node, ast.ClassDef)]:
             texts = {
                 node.targets[0].id: node.value.value
                 for node in scope.body

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -61,6 +62,13 @@ GainUncertainty = Annotated[
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables.")]
+
+
+class Budget(StrEnum):
+    """How much effort tables and figures may take."""
+
+    quick = "quick"
+    paper = "paper"
 
 
 def json_option(what: str) -> object:

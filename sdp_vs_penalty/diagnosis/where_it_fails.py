@@ -24,7 +24,7 @@ from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
-from sdp_vs_penalty.show import Shown, Summary, Table, percent
+from sdp_vs_penalty.show import Shown, Summary, words
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
@@ -103,8 +103,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     """Where one joint's error is large, in words; unit : of its torque."""
     named = [f"{name} ({100.0 * share:.0f} %)" for name, share in dependences(failure)]
     if named:
-        listed = named[0] if len(named) == 1 else f"{', '.join(named[:-1])} and {named[-1]}"
-        out = [f"The error depends most on {listed}."]
+        out = [f"The error depends most on {words(named)}."]
     else:
         out = [f"No smooth function of the motion explains {100.0 * _NAMED_SHARE:.0f} % of the error."]
     if failure.reversal_lift >= _NAMED_LIFT:
@@ -129,34 +128,14 @@ class Failures(Shown, list[JointFailure]):
         """One row a joint (from 1): rmse, noise_floor, what the error depends on most."""
         import pandas
 
-        rows = [
-            {
-                "joint": f.joint,
-                "rmse": f.rmse,
-                "noise_floor": np.nan if f.noise_floor is None else f.noise_floor,
-                **f.shares,
-            }
-            for f in self
-        ]
-        return pandas.DataFrame(rows).set_index("joint")
+        rows = [{"rmse": f.rmse, "noise_floor": f.noise_floor, **f.shares} for f in self]
+        return pandas.DataFrame(rows, [f.joint for f in self], dtype=float).rename_axis("joint")
 
     def _summary(self) -> Summary:
         above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
         worst = [self[int(k)] for k in np.argsort(above)[::-1]]
         return "Where the model fails, the worst joints first", [
             (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1]))) for f in worst
-        ]
-
-    def _table(self) -> Table:
-        quantities = list(self[0].shares) if self else []
-        return ["joint", "RMSE", "noise floor", *quantities], [
-            [
-                str(f.joint),
-                f"{f.rmse:.3g} {unit}",
-                "-" if f.noise_floor is None else f"{f.noise_floor:.3g}",
-                *(percent(x) for x in f.shares.values()),
-            ]
-            for f, unit in zip(self, self.units, strict=True)
         ]
 
 

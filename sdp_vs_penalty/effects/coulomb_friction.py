@@ -21,7 +21,6 @@ class CoulombFriction(JointEffect):
     symbol = "f_c"
     units = ("N*m", "N")
     lower = 0.0
-    dissipates = True
     turns = "Coulomb turns over"
     shapes = {
         "v_s": Shape(

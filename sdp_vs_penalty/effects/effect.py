@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 from typing import ClassVar, Literal
 
@@ -22,6 +21,11 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.effects.motion import SIGN_WIDTH as SIGN_WIDTH
+from sdp_vs_penalty.effects.motion import CurrentModel as CurrentModel
+from sdp_vs_penalty.effects.motion import Motion as Motion
+from sdp_vs_penalty.effects.motion import Sampling as Sampling
+from sdp_vs_penalty.effects.motion import smooth_sign as smooth_sign
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
@@ -38,127 +42,6 @@ class Parameter:
     effect: str
     joint: int
     lower: float = -np.inf
-
-
-@dataclass(frozen=True)
-class CurrentModel:
-    """What torque-dependent effects refer to: the robot and its links' standard parameters (n, 10)."""
-
-    robot: Robot
-    links: Array
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How many samples of a log, dt [s] apart, one instant of a motion stands for; one: itself."""
-
-    count: int = 1
-    dt: float = 0.0
-
-    @property
-    def offsets(self) -> Array:
-        """When those samples were taken, around the instant [s]; two at the ends share an even count."""
-        half = self.count // 2
-        return np.asarray(self.dt * np.arange(-half, half + 1), float)
-
-    @property
-    def weights(self) -> Array:
-        """Of each in the mean."""
-        half = self.count // 2
-        out = np.ones(2 * half + 1)
-        if self.count % 2 == 0:
-            out[[0, -1]] = 0.5
-        return np.asarray(out / self.count)
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
-
-    Effects that need a torque read ``torque``, those that need inverse dynamics ``current``: both
-    come from the model as it stands, never from the measured torque.
-    """
-
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    torque: Array | None = None
-    current: CurrentModel | None = None
-    #: Velocities [rad/s, m/s] over which the sign of a velocity is smoothed: one for all joints, or
-    #: one a joint. The model's own for Coulomb.
-    sign_width: float | tuple[float, ...] = 0.01
-    #: The samples of the log that each of these instants stands for, if not itself.
-    within: Sampling | None = None
-    #: (N, n) of each joint's gear or motor [degrees Celsius], where the log holds them.
-    temperature: Array | None = None
-
-    @cached_property
-    def joint_temperature(self) -> Array:
-        """``temperature``; InputError where the measurements hold none."""
-        if self.temperature is None:
-            raise InputError(
-                "these measurements hold no temperatures", "add columns temp1..tempn to the log"
-            )
-        return self.temperature
-
-    def sign(self, joint: int, width: float | None = None) -> Array:
-        """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
-        width = self.width(joint) if width is None else width
-        return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
-
-    def sign_along(self, ratios: Array) -> Array:
-        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width."""
-        width = max(self.width(int(j)) for j in np.flatnonzero(ratios))
-        return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
-
-    def width(self, joint: int) -> float:
-        """The velocity over which a joint's sign is smoothed [rad/s, m/s]."""
-        w = self.sign_width
-        return w[joint] if isinstance(w, tuple) else w
-
-    @cached_property
-    def model_torque(self) -> Array:
-        """``torque``; ValueError where this motion carries none."""
-        if self.torque is None:
-            raise ValueError("this effect needs Motion.torque, the current model's prediction")
-        return self.torque
-
-    @cached_property
-    def link_torque(self) -> Array:
-        """(N, n) what the gears transmit: the current model's rigid-body torque, without friction."""
-        links = self.model_links
-        assert self.current is not None
-        return self.current.robot.inverse_dynamics(links, self.q, self.dq, self.ddq)
-
-    @cached_property
-    def torque_rate(self) -> Array:
-        """d torque / dt (N, n) by central differences."""
-        return _time_derivative(self.model_torque, self.t)
-
-    @cached_property
-    def link_torque_rates(self) -> tuple[Array, Array]:
-        """First and second time derivative of :attr:`link_torque`."""
-        rate = _time_derivative(self.link_torque, self.t)
-        return rate, _time_derivative(rate, self.t)
-
-    @property
-    def model_links(self) -> Array:
-        """(n, 10) standard parameters of the current model's links; ValueError without one."""
-        if self.current is None:
-            raise ValueError("this effect needs Motion.current, the current model's links")
-        return self.current.links
-
-    @cached_property
-    def derivatives(self) -> tuple[Array, Array, Array]:
-        """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
-        links = self.model_links
-        assert self.current is not None
-        return self.current.robot.inverse_dynamics_derivatives(links, self.q, self.dq, self.ddq)
-
-
-def _time_derivative(values: Array, t: Array) -> Array:
-    return np.gradient(values, t, axis=0) if len(t) > 1 else np.zeros_like(values)
 
 
 @dataclass(frozen=True)
@@ -223,8 +106,6 @@ class Effect(ABC):
     sized_by: ClassVar[slice] = slice(None)
     #: False where sizes cannot be compared, because no one number says how large the effect is.
     one_number: ClassVar[bool] = True
-    #: True where torque times velocity is never negative for a positive parameter.
-    dissipates: ClassVar[bool] = False
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot
@@ -416,27 +297,3 @@ class JointEffect(OneAJoint):
         return [
             Block(j, np.array([k]), self.column(motion, j)[:, None]) for k, j in enumerate(self.joints)
         ]
-
-
-#: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
-SIGN_WIDTH = 0.01
-
-
-def smooth_sign(
-    velocity: Array, width: float = SIGN_WIDTH, rate: Array | None = None, within: Sampling | None = None
-) -> Array:
-    """tanh(dq / width): the sign of a velocity whose value near zero is noise [-].
-
-    rate (N,) : of the velocity; within : the samples of the log that each of these stands for, over
-    which the mean is taken. A sign read at every fourth sample turns round up to two samples too early
-    or too late, and a low-pass does not mend that.
-    """
-    if rate is None or within is None or within.count < 2:
-        return np.tanh(velocity / width)
-    out = np.sign(velocity)
-    # Far from zero the sign is 1 to the last bit.
-    reach = 20.0 * width + 0.5 * within.count * within.dt * np.abs(rate)
-    near = np.flatnonzero(np.abs(velocity) < reach)
-    values = np.tanh((velocity[near, None] + rate[near, None] * within.offsets) / width)
-    out[near] = values @ within.weights
-    return out

@@ -19,7 +19,6 @@ class LoadDependentFriction(JointEffect):
     symbol = "f_l"
     units = ("-", "-")
     lower = 0.0
-    dissipates = True
     refines = ("coulomb_friction",)
     needs_torque = True
 

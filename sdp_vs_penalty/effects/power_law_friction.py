@@ -19,7 +19,6 @@ class PowerLawFriction(JointEffect):
     reference = "Waiboer, Aarts, Jonker, ECCOMAS Multibody Dynamics 2005"
     symbol = "f_p"
     units = ("N*m*(s/rad)^alpha", "N*(s/m)^alpha")
-    dissipates = True
     refines = ("viscous_friction", "coulomb_friction")
     shapes = {"alpha": Shape(2.0, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0), bounds=(0.15, 4.0))}
 

@@ -20,7 +20,6 @@ class StribeckFriction(JointEffect):
     symbol = "f_st"
     units = ("N*m", "N")
     lower = 0.0
-    dissipates = True
     refines = ("coulomb_friction",)
     shapes = {
         "vs": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)),

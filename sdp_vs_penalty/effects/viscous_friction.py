@@ -16,7 +16,6 @@ class ViscousFriction(JointEffect):
     symbol = "f_v"
     units = ("N*m*s/rad", "N*s/m")
     lower = 0.0
-    dissipates = True
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.dq[:, joint]

@@ -33,7 +33,6 @@ class WarmingFriction(JointEffect):
     symbol = "f_w"
     units = ("N*m", "N")
     lower = 0.0
-    dissipates = True
     refines = ("coulomb_friction", "viscous_friction")
     shapes = {
         "law": Shape(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),

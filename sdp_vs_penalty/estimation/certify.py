@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
-from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -26,11 +25,11 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import Regression, compress
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot import compiled, inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.certificate import lower_bound, repair
+from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
 from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
 from sdp_vs_penalty.version import __version__
@@ -140,9 +139,8 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         theta = repair(fit.constraints, theta, fit.interior)
         theta = repaired_as_written(fit.constraints.convex, theta, fit.interior)
         upper = fit.objective.value(theta)
-        lower = lower_bound(
-            fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
-        )
+        same = theta is fit.theta and fit.bound is not None
+        lower = (fit if same else dataclasses.replace(fit, theta=theta, bound=task.bound)).lower
         scale = max(fit.objective.least_squares.loss(theta), 1e-12 * task.data.tau_squared)
         gap = (upper - lower) / scale if scale > 0.0 else 0.0
     return theta, Certificate(
@@ -214,9 +212,14 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
+def versions() -> dict[str, str]:
+    """Versions of everything that a figure may depend on; of the compiled core where it is used."""
+    native = compiled.core()
+    return _installed() if native is None else {**_installed(), compiled.MODULE: native.__version__}
+
+
 @cache
-def versions() -> Mapping[str, str]:
-    """Versions of everything that a figure may depend on."""
+def _installed() -> dict[str, str]:
     from importlib.metadata import PackageNotFoundError, version
 
     found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}

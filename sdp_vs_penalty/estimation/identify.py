@@ -19,12 +19,12 @@ from sdp_vs_penalty.errors import Infeasible, InputError, other_robot
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
-from sdp_vs_penalty.estimation.known_load import GAIN_PRIOR, as_known_loads, gains_from_loads
+from sdp_vs_penalty.estimation.known_load import gains_from_loads
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -92,26 +92,19 @@ def identify(
     details: dict[str, Any] = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
     if known_loads:
         progress("determining the gains from the known loads")
-        loads = as_known_loads(known_loads, problem.robot.n, problem.robot.joint_names)
-        prior = float(np.max(gain_uncertainty)) or GAIN_PRIOR
-        found = gains_from_loads(model.reference_free, measurements, loads, settings, prior)
+        prior = float(np.max(gain_uncertainty))
+        found = gains_from_loads(model, measurements, known_loads, settings, prior)
         problem = replace(problem, gains=tuple(found.gain.tolist()))
         model, errors = replace(model, gains=problem.gains), found.factor
-        details["gains"] = {"gain": found.gain.tolist(), "std": (found.gain * found.std).tolist()}
+        details["gains"] = found.to_dict()
     if model.needs_reference:
         model = with_reference(
             problem, model, lambda part: compress(measurements, part, settings), weighting, progress
         )
     progress("compressing the measurements")
     regression = compress(measurements, model, settings)
-    progress(f"estimating by {estimator.name}")
     task = make_task(problem, model, regression, weighting, seed, progress)
-    try:
-        fit = estimator.fit(task)
-    except Infeasible as error:
-        if proof is not None and error.proof:
-            write_proof(infeasibility_proof(*error.proof, task.bound), proof)
-        raise
+    fit = _fitted(task, estimator, proof)
     estimate = build_estimate(
         problem, task, estimator, fit, regression, settings, measurements, weighting, errors
     )
@@ -122,6 +115,17 @@ def identify(
         progress("proving the optimum")
         write_proof(proved(task, fit, estimate), proof)
     return estimate
+
+
+def _fitted(task: Task, estimator: Estimator, proof: str | Path | None) -> Fit:
+    """What the estimator makes of it; a proof is written where nothing satisfies all constraints."""
+    task.progress(f"estimating by {estimator.name}")
+    try:
+        return estimator.fit(task)
+    except Infeasible as error:
+        if proof is not None and error.proof:
+            write_proof(infeasibility_proof(*error.proof, task.bound), proof)
+        raise
 
 
 def _usable(
@@ -160,12 +164,10 @@ def _identify_black_box(
     model = problem.model("rigid_body" if effects is None else effects)
     progress("compressing the black box's answers")
     regression = compress_black_box(box, model)
-    progress(f"estimating by {estimator.name}")
     task = make_task(problem, model, regression, "none", seed, progress)
+    fit = _fitted(task, estimator, None)
     settings = problem.preprocessing
-    return build_estimate(
-        problem, task, estimator, estimator.fit(task), regression, settings, box, "none"
-    )
+    return build_estimate(problem, task, estimator, fit, regression, settings, box, "none")
 
 
 def with_reference(

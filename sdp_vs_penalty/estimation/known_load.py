@@ -41,14 +41,6 @@ _STEPS, _CLOSE = 50, 1e-9
 
 
 @dataclass(frozen=True)
-class KnownLoad:
-    """Runs with a body of known mass [kg] on the last link, otherwise as the runs without it."""
-
-    runs: Measurements
-    mass: float
-
-
-@dataclass(frozen=True)
 class Gains:
     """gain (n,) : what each torque channel reads over the true torque; factor (n, r) : with the
     covariance of the gains' relative errors factor factor'."""
@@ -61,19 +53,8 @@ class Gains:
         """(n,) relative standard deviations."""
         return np.asarray(np.linalg.norm(self.factor, axis=1))
 
-
-def as_known_loads(
-    loads: Sequence[tuple[Source, float]], joints: int, names: Sequence[str] | None
-) -> list[KnownLoad]:
-    """Pairs of runs and the mass that they carry. Raises InputError for a mass that is none."""
-    out = []
-    for source, mass in loads:
-        if not 0.0 < mass < np.inf:
-            raise InputError(f"a known load of {mass:g} kg", "give the mass that was on the last link")
-        out.append(
-            KnownLoad(as_measurements(source, joints, names, "identify(known_loads=...)"), float(mass))
-        )
-    return out
+    def to_dict(self) -> dict[str, list[float]]:
+        return {"gain": self.gain.tolist(), "std": (self.gain * self.std).tolist()}
 
 
 def parsed_known_load(text: str) -> tuple[Path, float]:
@@ -98,25 +79,32 @@ def _no_run(text: str) -> str:
 def gains_from_loads(
     model: Model,
     measurements: Measurements,
-    loads: Sequence[KnownLoad],
+    loads: Sequence[tuple[Source, float]],
     settings: Preprocessing,
-    prior: float = GAIN_PRIOR,
+    prior: float,
 ) -> Gains:
     """The gains that make the loads weigh what they weigh.
 
-    model : of the robot without load, its effects free of torque; settings : resolved; prior : standard
-    deviation of the relative errors of the gains before the loads are known.
+    model : of the robot without load; loads : further runs, each with the mass [kg] of a body on the
+    last link; settings : resolved; prior : standard deviation of the gains' relative errors before the
+    loads are known, 0 for the usual one. Raises InputError for a mass that is none.
     """
+    for _, mass in loads:
+        if not 0.0 < mass < np.inf:
+            raise InputError(f"a known load of {mass:g} kg", "give the mass that was on the last link")
     payload = Payload(model.robot)
-    bare = replace(model, gains=None)
+    bare = replace(model.reference_free, gains=None)
     with_load = replace(bare, effects=(*bare.effects, payload))
     parts = [(compress(measurements, bare, settings), 0.0)]
-    parts += [(compress(load.runs, with_load, settings), load.mass) for load in loads]
+    for source, mass in loads:
+        what = "identify(known_loads=...)"
+        runs = as_measurements(source, model.robot.n, model.robot.joint_names, what)
+        parts.append((compress(runs, with_load, settings), float(mass)))
     p, n = len(bare.parameters), model.robot.n
     joined = _Joined(parts, p, n)
     log_gain, weights = np.zeros(n), np.ones(n)
     x = np.zeros(joined.size)
-    scale = joined.prior(prior)
+    scale = joined.prior(prior or GAIN_PRIOR)
     for step in range(_STEPS):
         linear = joined.linearised(x, log_gain)
         data = linear.least_squares(weights)

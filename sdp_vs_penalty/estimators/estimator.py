@@ -20,6 +20,7 @@ from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.regression import LeastSquares, nearest_least_squares
+from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.objective import Objective
 
 Array = NDArray[np.float64]
@@ -109,7 +110,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Fit:
-    """theta (p,); for convex problems what the certificate needs to bound the optimum."""
+    """theta (p,); for convex problems what the certificate needs to bound the optimum.
+
+    bound (p,) : |theta_k| <= bound_k for every feasible theta.
+    """
 
     theta: Array
     objective: Objective
@@ -117,7 +121,22 @@ class Fit:
     multipliers: Sequence[Array] | None = None
     entropy_slopes: Array | None = None
     interior: Array | None = None
+    bound: Array | None = None
     details: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def lower(self) -> float:
+        """The certified lower bound on the optimum that follows from the multipliers: computed once."""
+        assert self.multipliers is not None
+        assert self.bound is not None
+        return lower_bound(
+            self.objective,
+            self.constraints,
+            self.multipliers,
+            self.theta,
+            self.bound,
+            self.entropy_slopes,
+        )
 
 
 class Estimator(ABC):

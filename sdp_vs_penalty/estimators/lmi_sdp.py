@@ -13,7 +13,8 @@ is the first two (results/default_method.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -22,8 +23,8 @@ from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.solvers import solver
-from sdp_vs_penalty.solvers.certificate import lower_bound, repair
+from sdp_vs_penalty.solvers import absent, solver, solver_modules
+from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.conic import Solution
 from sdp_vs_penalty.solvers.identification import (
     SdpProblem,
@@ -37,6 +38,8 @@ from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 #: A certified gap relative to the loss below which an answer is kept at once.
 _TIGHT = 1e-8
+#: Whose answers every solver is judged beside, and the compiled one that goes before it where it can.
+REFERENCE, QUICK = "clarabel", "native"
 #: A certified gap up to which an answer counts that its solver itself did not call one.
 _LOOSE = 1e-2
 #: Each attempt's way from the last answer to the interior point at which cones are scaled, and
@@ -68,7 +71,8 @@ class LmiSdp(Estimator):
         a joint does not reverse, Coulomb friction and offset have the same column and only this
         keeps them from growing against each other without end. On the Panda it costs under
         1e-7 of the loss at 14 s of motion; results/table_data shows what it saves at 1 s.
-    solver : one of solvers/; accuracy : what it is asked for.
+    solver : one of solvers/; None: the compiled one where it is installed and its answer is certified,
+        else Clarabel; accuracy : what it is asked for.
     """
 
     name = "lmi-sdp"
@@ -82,7 +86,7 @@ class LmiSdp(Estimator):
     thickness: float = 0.0
     entropy: float = DEFAULT_ENTROPY
     joint_prior: float = 1.0
-    solver: str = "clarabel"
+    solver: str | None = None
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
@@ -148,7 +152,11 @@ class LmiSdpEntropic(LmiSdp):
 
 
 def solve_sdp(
-    task: Task, objective: Objective, constraints: ConstraintSet, solver_name: str, accuracy: float
+    task: Task,
+    objective: Objective,
+    constraints: ConstraintSet,
+    solver_name: str | None,
+    accuracy: float,
 ) -> Fit:
     """Solve one SDP until our own certificate is tight; the answer lies inside the constraints.
 
@@ -156,16 +164,36 @@ def solve_sdp(
     a solver may stall short of what it was asked for. So every answer is certified, and where the
     gap is above ``_TIGHT`` the same problem is solved again as seen from the answer, each cone scaled
     by a point a little inside of it. The tightest answer is kept, what a solver gave up on included.
+    solver_name None: Clarabel, after one attempt of the compiled solver that counts only if it is tight.
     Raises InputError where the constraints admit no interior point, or nothing near an optimum came.
     """
-    interior = interior_point(task, constraints, solver_name)
+    interior = interior_point(task, constraints, solver_name or REFERENCE)
+    attempts = [(solver_name or REFERENCE, *how) for how in _ATTEMPTS]
+    if solver_name is None and absent(solver_modules()[QUICK]) is None:
+        with suppress(InputError):
+            once = [(QUICK, *_ATTEMPTS[0])]
+            fit, gap = _solved(task, objective, constraints, interior, once, accuracy)
+            if gap <= _TIGHT:
+                return fit
+    return _solved(task, objective, constraints, interior, attempts, accuracy)[0]
+
+
+def _solved(
+    task: Task,
+    objective: Objective,
+    constraints: ConstraintSet,
+    interior: Array,
+    attempts: Sequence[tuple[str, float, bool]],
+    accuracy: float,
+) -> tuple[Fit, float]:
+    """The tightest answer of attempts (solver, share of the way to the interior, fine), and its gap."""
     sent = essential(constraints, objective)
     best: Fit | None = None
     smallest, answered = np.inf, False
     said = []
     data = objective.least_squares
     least = _FIRST_LOSS * data.tau_squared
-    for share, fine in _ATTEMPTS:
+    for solver_name, share, fine in attempts:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)
         # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and
@@ -189,12 +217,12 @@ def solve_sdp(
         theta = repair(constraints, problem.theta(solution), interior)
         multipliers = _aligned(constraints, sent, problem.multipliers(solution))
         slopes = problem.entropy_slopes(solution)
-        lower = lower_bound(objective, constraints, multipliers, theta, task.bound, slopes)
+        details = {"solver": solver_name, "solver_said": said}
+        fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
         scale = max(data.loss(theta), 1e-12 * data.tau_squared)
-        gap = (objective.value(theta) - lower) / scale if scale > 0.0 else 0.0
+        gap = (objective.value(theta) - fit.lower) / scale if scale > 0.0 else 0.0
         if gap < smallest:
-            smallest = gap
-            best = Fit(theta, objective, constraints, multipliers, slopes, interior)
+            smallest, best = gap, fit
         if gap <= _TIGHT:
             break
     if best is None or not (answered or smallest <= _LOOSE):
@@ -205,7 +233,7 @@ def solve_sdp(
             ),
             "choose another solver, or check the units of the measurements",
         )
-    return replace(best, details={"solver": solver_name, "solver_said": said})
+    return best, smallest
 
 
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:

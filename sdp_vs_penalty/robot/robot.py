@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot import compiled, inertia
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.dh import dh_joints
 from sdp_vs_penalty.robot.joint import Joint, Mechanism
@@ -166,6 +166,19 @@ class Robot:
         return model
 
     @cached_property
+    def _tree_arrays(self) -> tuple[NDArray[Any], ...]:
+        """parents, prismatic (L,), rotations (L, 3, 3), translations and axes (L, 3), gravity (3,)."""
+        placements = np.array([joint.placement for joint in self.tree])
+        return (
+            np.array([joint.parent for joint in self.tree], np.int64),
+            np.array([joint.kind == "prismatic" for joint in self.tree], np.int64),
+            np.ascontiguousarray(placements[:, :3, :3]),
+            np.ascontiguousarray(placements[:, :3, 3]),
+            np.array([joint.axis for joint in self.tree], float),
+            np.array(self.gravity, float),
+        )
+
+    @cached_property
     def _link_maps(self) -> Array | None:
         """(links, 10, 10) from link-frame to joint-frame parameters; None where all are identity."""
         frames = [self.tree[k].link_frame for k in self.link_joints]
@@ -176,14 +189,19 @@ class Robot:
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Y with tau = Y theta, shape (N, n, 10 links), for states of shape (N, n).
 
-        Atkeson, An, Hollerbach (IJRR 1986); computed by Pinocchio's joint torque regressor.
+        Atkeson, An, Hollerbach (IJRR 1986); by the compiled core where it is installed, else by
+        Pinocchio's joint torque regressor.
         """
         q, dq, ddq = self.tree_state(q, dq, ddq)
-        model, data = self._model, self._model.createData()
         out = np.empty((len(q), len(self.tree), 10 * len(self.tree)))
-        compute = pin.computeJointTorqueRegressor
-        for k in range(len(q)):
-            out[k] = compute(model, data, q[k], dq[k], ddq[k])
+        native = compiled.core()
+        if native is not None:
+            native.regressor(*self._tree_arrays, q, dq, ddq, out)
+        else:
+            model, data = self._model, self._model.createData()
+            compute = pin.computeJointTorqueRegressor
+            for k in range(len(q)):
+                out[k] = compute(model, data, q[k], dq[k], ddq[k])
         if self.mechanism is not None:
             out = self._projected(out)
             blocks = out.reshape(len(q), self.n, -1, 10)[:, :, list(self.link_joints)]

@@ -11,8 +11,8 @@ right            claims success, and error and violation are within 10 times wha
 inaccurate       admits reduced accuracy; or kept its promise, in its own scaling, and is off all the
                  same (of infeasibility: its proof has errors no larger); or our own interval is too wide
                  to decide
-silently_wrong   claims success, or infeasibility where a solution is proved, and misses its own promise
-                 too, its own errors 10 times or more above what was asked
+silently_wrong   claims success, or that there is no optimum where one is proved, and misses its own
+                 promise too, its own errors 10 times or more above what was asked
 failed           says so
 timeout, crash   ended by the clock, or by a signal
 """
@@ -26,13 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.cones import cone_margin
+from sdp_vs_penalty.constraints.cones import cone_margin, project
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
+from sdp_vs_penalty.solvers.conic import ConicProblem, svec, unsvec
 
 Array = NDArray[np.float64]
 
@@ -145,16 +145,17 @@ def conic_errors(
     problem: ConicProblem, x: Array, z: Array, claims: str = "optimal"
 ) -> tuple[float, float]:
     """The largest DIMACS error of a conic solution, and the largest error relative to all terms; of a
-    claim of infeasibility, that of its proof.
+    claim that there is no optimum, that of its proof.
 
     With s = b - A x: the distances of s and z from their cones, stationarity P x + q + A^T z, and the
     gap. DIMACS (Mittelmann, 2003): relative to 1 + the largest entries of b and q, and to 1 + both
     objectives. Solvers' own criteria (Clarabel, SCS): relative to the largest of all terms that are
-    summed up, and 1; the gap is the smaller of that of the objectives and s^T z, of which CSDP judges
-    itself by the second. Infinite for numbers that are none.
+    summed up, and 1; the gap is the smaller of that of the objectives and s^T z with s in its cone, of
+    which CSDP judges itself by the second: how far s is outside is an error apart. Infinite for numbers
+    that are none.
     """
-    if claims == "infeasible":
-        error = _error_of_proof(problem, z)
+    if claims in ("infeasible", "unbounded"):
+        error = _error_of_proof(problem, z) if claims == "infeasible" else _error_of_ray(problem, x)
         return error, error
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
         return np.inf, np.inf
@@ -164,6 +165,7 @@ def conic_errors(
     primal, dual = half + float(problem.q @ x), -half - float(problem.b @ z)
     outside, outside_dual = _outside(problem, s), _outside(problem, z, dual=True)
     left = force + problem.q + pull
+    complement = float(_into_cones(problem, s) @ z)
     b, q, largest = _largest(problem.b), _largest(problem.q), _largest(force, pull)
     dimacs = (
         outside / (1.0 + b),
@@ -173,7 +175,7 @@ def conic_errors(
     own = (
         outside / max(1.0, b, _largest(s)),
         max(outside_dual, _largest(left)) / max(1.0, q, largest, _largest(z)),
-        min(abs(primal - dual), abs(float(s @ z))) / max(1.0, min(abs(primal), abs(dual))),
+        min(abs(primal - dual), abs(complement)) / max(1.0, min(abs(primal), abs(dual))),
     )
     return max(dimacs), max(own)
 
@@ -189,6 +191,15 @@ def _error_of_proof(problem: ConicProblem, z: Array) -> float:
         return np.inf
     pull = float(np.linalg.norm(problem.A.T @ z)) / max(1.0, float(np.linalg.norm(problem.q)))
     return max(pull, _outside(problem, z, dual=True)) / size
+
+
+def _error_of_ray(problem: ConicProblem, x: Array) -> float:
+    """How far x is from a direction of unbounded descent: -A x in K, P x = 0, q^T x = -1."""
+    size = -float(problem.q @ x)
+    if not (np.all(np.isfinite(x)) and size > 0.0):
+        return np.inf
+    bend = float(np.linalg.norm((problem.P + sparse.triu(problem.P, 1).T) @ x))
+    return max(bend, _outside(problem, -(problem.A @ x))) / max(1.0, _largest(problem.b)) / size
 
 
 def _largest(*vectors: Array) -> float:
@@ -209,6 +220,21 @@ def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
             shaped = unsvec(part, cone.size) if cone.kind == "psd" else part
             worst = max(worst, -cone_margin(cone.kind, shaped))
     return worst
+
+
+def _into_cones(problem: ConicProblem, values: Array) -> Array:
+    """The nearest rows in their cones; exponential ones as they are."""
+    out, start = values.copy(), 0
+    for cone in problem.cones:
+        own = slice(start, start + cone.rows)
+        start += cone.rows
+        if cone.kind == "zero":
+            out[own] = 0.0
+        elif cone.kind == "psd":
+            out[own] = svec(project("psd", unsvec(values[own], cone.size)))
+        elif cone.kind != "exp" and cone.rows:
+            out[own] = project(cone.kind, values[own])
+    return out
 
 
 def _outside_exponential(v: Array, dual: bool) -> float:

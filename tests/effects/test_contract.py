@@ -223,26 +223,6 @@ def test_only_what_the_links_absorb_needs_a_frozen_model(name: str) -> None:
 
 
 @EVERY_EFFECT
-def test_friction_that_is_declared_to_dissipate_does(name: str) -> None:
-    """And what has always the sign of the velocity is declared to."""
-    robot = robots()["arm"]
-    rng = np.random.default_rng(0)
-    q, dq, ddq, torque = rng.normal(size=(4, 200, robot.n))
-    dq[:50] *= 1e-3  # through zero as well
-    links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
-    current, warm = CurrentModel(robot, links), 20.0 + 30.0 * q
-    motion = Motion(np.arange(-100.0, 100.0), q, dq, ddq, torque, current, temperature=warm)
-    powers = [
-        np.einsum("jnp,nj->np", wide_columns(effect, motion), dq) for effect in variants(name, robot)
-    ]
-    always = all(np.all(power >= 0.0) and np.any(power > 0.0) for power in powers)
-    assert always == effect_types()[name].dissipates, (
-        f"{name}: its torque has {'always' if always else 'not always'} the sign of the velocity; "
-        f"declare dissipates = {always}"
-    )
-
-
-@EVERY_EFFECT
 def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name: str) -> None:
     robot = robots()["tree"]
     effect = effect_types()[name](robot)

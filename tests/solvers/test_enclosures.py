@@ -18,8 +18,8 @@ from sdp_vs_penalty.constraints.cones import cone_depths, cone_margin, safe_dept
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.enclosure import Enclosure, Long, inner, product, total, up
 from sdp_vs_penalty.solvers.objective import Entropy
-from sdp_vs_penalty.solvers.verified import Enclosure, Long, inner, product, total
 
 quick = settings(max_examples=60, deadline=None, derandomize=True)
 #: Huge, tiny and denormal numbers; products of three of them are finite in plain doubles too.
@@ -88,8 +88,8 @@ def test_rounding_up_ends_above_the_exact_value(terms: list[float]) -> None:
     total_of, product_of = Long(0), Long(1)
     for x in terms:
         total_of, product_of = total_of + Long(x), product_of * Long(min(x, 1e10))
-    assert exact(verified._up(total_of)) >= sum(map(Fraction, terms))
-    assert exact(verified._up(product_of)) >= math.prod(Fraction(min(x, 1e10)) for x in terms)
+    assert exact(up(total_of)) >= sum(map(Fraction, terms))
+    assert exact(up(product_of)) >= math.prod(Fraction(min(x, 1e10)) for x in terms)
     down = verified._down(Long(terms[0]) / Long(3))
     assert Fraction(down) <= exact(Long(terms[0]) / Long(3))
 

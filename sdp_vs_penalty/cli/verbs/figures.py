@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-
-class FigureBudget(StrEnum):
-    """How dense the figures are sampled and how long engines run."""
-
-    quick = "quick"
-    paper = "paper"
+from sdp_vs_penalty.cli.options import Budget
 
 
 def verb(
@@ -23,8 +17,8 @@ def verb(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
     budget: Annotated[
-        FigureBudget, typer.Option(help="Effort: quick, or paper (longer motions, more instants).")
-    ] = FigureBudget.quick,
+        Budget, typer.Option(help="Effort: quick, or paper (longer motions, more instants).")
+    ] = Budget.quick,
 ) -> None:
     """Regenerate the paper's figures as PNG and PDF, from simulated and, if available, measured data.
 

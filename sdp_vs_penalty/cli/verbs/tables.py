@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from sdp_vs_penalty.cli.options import Budget
 from sdp_vs_penalty.errors import InputError
 
 _TABLES_HELP = "Tables; default: these four; also VII (--problem two_link), errata, methods, data."
-
-
-class Budget(StrEnum):
-    """How long the penalty runs of the tables may take."""
-
-    quick = "quick"
-    paper = "paper"
 
 
 def verb(

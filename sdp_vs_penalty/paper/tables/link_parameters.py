@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.estimation.determined import data_share
+from sdp_vs_penalty.estimation.determined import DATA, data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
@@ -39,8 +39,11 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
     columns.append(Column("nominal"))
     for row, key in zip(rows, keys, strict=True):
         row.append(nominal[key])
+    told = []
     for data in study.whole:
         decided = sources(study, data)
+        seen = sum(decided[key] == DATA for key in keys)
+        told.append(f"the {data.label} data decide {seen} of {len(keys)} entries")
         columns.append(Column(f"{data.label}_source"))
         for row, key in zip(rows, keys, strict=True):
             row.append(decided[key])
@@ -78,6 +81,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         tuple(columns),
         tuple(tuple(row) for row in rows),
         tuple(notes),
+        f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the nominal robot.",
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
@@ -44,7 +45,15 @@ def build(study: Study) -> Table:
         tuple(columns),
         tuple(tuple(row) for row in rows),
         _notes(study),
+        f"Relative error on the training data: {_errors(study, dict(ours))}.",
     )
+
+
+def _errors(study: Study, ours: dict[str, dict[str, float]]) -> str:
+    """Of least squares and of the default method."""
+    methods = "ols", DEFAULT_METHOD.replace("-", "_")
+    names = [f"{method}_{data.label}" for data in study.whole for method in methods]
+    return ", ".join(f"{name} {ours[name][_ERROR]:.3g} %" for name in names)
 
 
 def _notes(study: Study) -> tuple[str, ...]:
