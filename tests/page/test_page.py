@@ -234,6 +234,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
         if choosers:
             break
     choosers[0].set_files([str(files[0]), str(files[1]), str(files[3])])
+    page.wait_for_selector("table.runs")
     idle(page)
     walk("next-runs")
     page.keyboard.press("Enter")
