@@ -137,8 +137,8 @@ def ur10e(data: Path) -> Arm:
     return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test,))
 
 
-def tx40(data: Path) -> Arm:
-    """Motor to joint side as the authors do it; every tenth of 5 kHz, trained on the first 6 of 9 s."""
+def tx40_run(data: Path) -> Measurements:
+    """Motor to joint side as the authors do it, at 5 kHz."""
     q, tau = (
         np.loadtxt(data / "tx40" / f"{name}.csv", delimiter=",", skiprows=1)
         for name in ("pos_read_data", "curr_data")
@@ -148,8 +148,12 @@ def tx40(data: Path) -> Arm:
     q[:, 1] -= np.pi / 2
     q[:, 2] += np.pi / 2
     tau[:, 4] += tau[:, 5]
-    run = Measurements(np.arange(len(q)) / 5000.0, q, tau, None, None, ("tx40",))
-    problem = load_problem("tx40")
+    return Measurements(np.arange(len(q)) / 5000.0, q, tau, None, None, ("tx40",))
+
+
+def tx40(data: Path) -> Arm:
+    """Every tenth row, trained on the first 6 of 9 s."""
+    run, problem = tx40_run(data), load_problem("tx40")
     train, test = (rows(run, np.arange(a, b, 10)) for a, b in ((0, 30_000), (30_000, 45_000)))
     return Arm("tx40", problem, train, test, (rows(run, np.arange(0, 45_000, 10)),))
 

@@ -31,11 +31,10 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.certify import certify
 from sdp_vs_penalty.estimation.intervals import Interval
+from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.uncertainty import (
     Uncertainty,
-    base_rows,
     beside_held,
-    independent_gains,
     of_regression,
 )
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -43,6 +42,7 @@ from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import Factor, Regression, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.trajectory import random_trajectory
@@ -200,7 +200,7 @@ def parameters(
     """Base, standard and friction parameters by least squares and by the default SDP."""
     run = place.run(seconds, 3)
     ready, model, problem = Prepared(run, place.model, place.problem), place.model, place.problem
-    rows, _, _ = base_rows(problem, model)
+    rows = base_rows(problem, model).rows
     theta, links = place.theta, len(model.rigid_indices)
     others = len(theta) - links
     what = ["base, OLS", "standard, OLS", "friction, OLS"]
@@ -238,7 +238,7 @@ def payload(
     wide = Model(model.robot, (*model.effects, *own.effects))
     first = Prepared(bare.run(20.0, 3), model, problem)
     second = Prepared(loaded.run(20.0, 4), wide, problem)
-    errors = independent_gains(stated, model.robot.n)
+    errors, base = independent_gains(stated, model.robot.n), base_rows(problem, own)
     tally = Tally(name, "payload, mass", stated >= gains, [], [])
     for k in range(count):
         rng = np.random.default_rng([k, 12])
@@ -253,8 +253,9 @@ def payload(
         left = data.beside(theta)
         part = np.linalg.lstsq(*_system(left, np.ones(left.joints)), rcond=1e-9)[0]
         part = np.linalg.lstsq(*_system(left, joint_weights(left, part)), rcond=1e-9)[0]
+        held = (model, theta, before)
         known: Uncertainty = beside_held(
-            problem, own, data, (model, theta, before), part, constrained=False, gain_errors=errors
+            problem, own, data, held, part, base, constrained=False, gain_errors=errors
         )
         tally.add(np.array([mass]), [known.standard[len(theta)]])
     yield tally

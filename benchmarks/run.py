@@ -19,15 +19,19 @@ import sys
 import tempfile
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import bootstrap
+import default_path
 import naive
 import numpy as np
 
 from sdp_vs_penalty import identify, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data.formats import csv_text
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH
 from sdp_vs_penalty.estimation.certify import versions
@@ -40,6 +44,7 @@ from sdp_vs_penalty.export import export
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
+from sdp_vs_penalty.robot import compiled
 
 #: The default SDP without what only we have: its plain form is what a script would write.
 METHOD = "lmi-sdp"
@@ -120,6 +125,59 @@ def compressed(task: Task) -> Row:
         "compressed problem to optimum, CPU", 1e3 * ours, 1e3 * other, "ms", other / ours,
         ">= 2x less", other >= 2 * ours, "ours: set-up, interior point, solve, gap checked",
     )  # fmt: skip
+
+
+@contextmanager
+def without_core() -> Iterator[None]:
+    """Everything in Python, as where the compiled core is not installed."""
+    before = os.environ.get(compiled.VARIABLE, "")
+    os.environ[compiled.VARIABLE] = "off"
+    try:
+        yield
+    finally:
+        os.environ[compiled.VARIABLE] = before
+
+
+def compiled_core(problem: Problem, folder: Path, draws: int = 60) -> list[Row]:
+    """What the compiled core (native/) saves: its time against that of Python alone."""
+    if compiled.core() is None:
+        return []
+    run = load_measurements(folder, joints=7)
+    task, states = task_of(problem, run), (run.q[:5000], 0.1 * run.q[:5000], run.q[:5000])
+    _, instance, blocks = default_path.measured_panda()
+    with tempfile.TemporaryDirectory() as name:
+        table = Path(name) / "run.csv"
+        save(run, table)
+        width = len(csv_text.header(table))
+        work = {
+            ("rigid-body columns, a sample", "us", 1e6 / 5000): (
+                lambda: problem.robot.regressor(*states),
+                5,
+            ),
+            ("20544 rows of CSV", "ms", 1e3): (lambda: csv_text.numbers(table, width), 5),
+            ("compressed problem to certified fit", "ms", 1e3): (
+                lambda: make_estimator(METHOD).fit(task),
+                9,
+            ),
+            ("text files to estimate", "s", 1.0): (
+                lambda: identify(problem, load_measurements(folder, joints=7), METHOD),
+                5,
+            ),
+            ("bootstrap, a certified draw", "ms", 1e3 / draws): (
+                lambda: bootstrap.bootstrap(instance.task, blocks, draws, 0),
+                1,
+            ),
+        }
+        rows = []
+        for (what, unit, scale), (call, times) in work.items():
+            ours = cpu(call, times)
+            with without_core():
+                other = cpu(call, times)
+            rows.append(
+                Row(f"{what}: compiled against Python, CPU", scale * ours, scale * other, unit,
+                    other / ours, "faster", ours < other)
+            )  # fmt: skip
+    return rows
 
 
 def peak(call: Callable[[], object]) -> float:
@@ -256,11 +314,13 @@ def main() -> None:
     run = load_measurements(options.data / "panda", joints=7)
     identify(problem, run, METHOD)  # imports and caches: "after import"
     solve_with_cvxpy(task_of(problem, run))
-    first, rows = from_text(problem, options.data / "panda")
+    with without_core():  # the rows of Python alone
+        first, rows = from_text(problem, options.data / "panda")
     task = task_of(problem, run)
     table = [
         first,
         compressed(task),
+        *compiled_core(problem, options.data / "panda"),
         *flat_in_samples(problem, run),
         one_loss(task, rows),
         *whole_process(problem, run, options.figaroh),

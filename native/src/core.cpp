@@ -68,13 +68,13 @@ public:
         }
     }
 
-    std::tuple<int, bool, double> solve(Doubles R, Doubles rho, double residual_norm, Doubles start, double tolerance,
-                                        int most, Out theta, Out multipliers) const {
+    std::tuple<int, bool, double> solve(Doubles R, Doubles rho, double residual_norm, Doubles start, double warmth,
+                                        double tolerance, int most, Out theta, Out multipliers) const {
         const Data data = seen(R, rho, residual_norm);
         need(start.size() == std::size_t(problem_.p) && theta.size() == start.size(), "theta");
         need(multipliers.size() == 16 * problem_.blocks.size(), "multipliers");
         nb::gil_scoped_release free;
-        const Answer answer = InteriorPoint(problem_, data).solve(start.data(), tolerance, most);
+        const Answer answer = InteriorPoint(problem_, data).solve(start.data(), warmth, tolerance, most);
         std::copy(answer.theta.begin(), answer.theta.end(), theta.data());
         std::copy(answer.multipliers.begin(), answer.multipliers.end(), multipliers.data());
         return {answer.iterations, answer.converged, answer.gap};

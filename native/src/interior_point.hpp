@@ -30,10 +30,11 @@ public:
         for (const Block& block : problem.blocks) degree_ += block.d;
     }
 
-    Answer solve(const double* start, double tolerance, int most) {
+    // warmth : the start's complementarity as a share of its objective; small where the start is near the optimum.
+    Answer solve(const double* start, double warmth, double tolerance, int most) {
         Answer best;
         best.theta.assign(start, start + p_);
-        begin(start);
+        begin(start, warmth);
         double least = HUGE_VAL;
         for (int k = 0; k < most; k++) {
             residuals();
@@ -76,7 +77,7 @@ private:
     }
 
     // S = F(theta), lifted into the cone where theta is outside or on its boundary; S Z = mu 1.
-    void begin(const double* start) {
+    void begin(const double* start, double warmth) {
         theta_.assign(start, start + p_);
         for (std::size_t b = 0; b < count(); b++) {
             double* S = &S_[16 * b];
@@ -91,7 +92,7 @@ private:
             small::inverse(&LS_[16 * b], &SI_[16 * b], block(b).d);
         }
         evaluate();
-        const double mu = std::max(std::fabs(value_) / degree_, 1e-300);
+        const double mu = std::max(warmth * std::fabs(value_) / degree_, 1e-300);
         mu_ = mu;
         for (std::size_t b = 0; b < count(); b++) {
             const double size = std::max(mu, block(b).weight);
@@ -109,8 +110,9 @@ private:
         }
         for (int k = 0; k < data_.rows; k++) {
             const double* row = data_.R + std::size_t(k) * p_;
-            double r = -data_.rho[k];
-            for (int j = 0; j < p_; j++) r += row[j] * theta_[j];
+            double parts[4] = {-data_.rho[k], 0.0, 0.0, 0.0};
+            for (int j = 0; j < p_; j++) parts[j & 3] += row[j] * theta_[j];
+            const double r = (parts[0] + parts[1]) + (parts[2] + parts[3]);
             residual_[k] = r;
             value_ += r * r;
             for (int j = 0; j < p_; j++) gradient_[j] += 2.0 * r * row[j];

@@ -81,7 +81,7 @@ inline double smallest_eigenvalue(double* A, int d) {
             on += A[5 * p] * A[5 * p];
             for (int q = p + 1; q < d; q++) off += A[4 * p + q] * A[4 * p + q];
         }
-        if (off <= 1e-20 * on) break;
+        if (off <= 1e-14 * on) break;
         for (int p = 0; p < d; p++)
             for (int q = p + 1; q < d; q++) {
                 double apq = A[4 * p + q];

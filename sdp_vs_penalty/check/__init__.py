@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import (
     clock,
@@ -30,8 +28,9 @@ from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of
+from sdp_vs_penalty.data.files import check_usable
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import beside_range
+from sdp_vs_penalty.data.plausibility import beside_range, check_plausible, check_torque
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
@@ -131,8 +130,7 @@ def check(
     measurements = as_measurements(
         measurements, problem.robot.n, problem.robot.joint_names, "check(measurements=...)", usable=False
     )
-    if not np.any(measurements.tau):
-        raise InputError("every torque is zero", "log the torque, or the current", measurements.names[0])
+    check_torque(measurements)
     if measurements.n != problem.robot.n:
         raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
@@ -146,19 +144,34 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
     try:
         unexplained = work.check_content(thorough)
     except InputError as error:
-        work.found.append(
-            Issue(
-                "too little data",
-                "error",
-                "the run",
-                f"{error.what.rstrip('.')}.",
-                "certain: the filters need more",
-                error.remedy or "record a longer motion",
-            )
-        )
+        work.found.append(_stopped("too little data", error, "certain: the filters need more"))
+    if not any(f.severity == "error" for f in work.found):
+        work.found += _refused(problem, run, settings, compressed=work.run is run)
     order = ("error", "warning", "note")
     issues = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))
     return Report(run.names[0], issues, work.run, work.fixed, unexplained)
+
+
+def _refused(
+    problem: Problem, run: Measurements, settings: Preprocessing, compressed: bool
+) -> list[Issue]:
+    """What `identify` refuses of a run as it was recorded: its own calls, in its order and words.
+
+    compressed : whether the last of them was passed already.
+    """
+    try:
+        check_usable(run.names[0], run)
+        check_plausible(problem.robot, run)
+        if not compressed:
+            compress(run, problem.model(), settings.resolve(run))
+    except InputError as error:
+        return [_stopped("not usable", error, "certain: `identify` refuses it")]
+    return []
+
+
+def _stopped(kind: str, error: InputError, sure: str) -> Issue:
+    remedy = error.remedy or "record a longer motion"
+    return Issue(kind, "error", "the run", f"{error.what.rstrip('.')}.", sure, remedy)
 
 
 class _Work:

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.hypothesis import ENOUGH, Hypothesis, best_number, propose
+from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
-_SMALLEST_GAIN, _GROSS_GAIN = 0.06, 0.2
+_SMALLEST_GAIN, _GROSS_GAIN, _ANY_DRIVE = 0.06, 0.2, 1.0
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
 _UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.1129848: "lbf in"}
 #: Delays and time constants [s] that are tried.
@@ -60,8 +60,15 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         yield propose(
             partial(Physics.with_channels, scale=scale, order=same), 2, texts,
             partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
-            gross=abs(found) > np.log1p(_GROSS_GAIN),
+            gross=abs(found) > np.log1p(_GROSS_GAIN), number=_gained(found, scaled),
         )  # fmt: skip
+
+
+def _gained(log: float, scaled: Callable[[float], Array]) -> Number | None:
+    """None for gains that no drive has: a channel of little but noise fits any."""
+    if abs(log) > _ANY_DRIVE:
+        return None
+    return Number(log, lambda x: lambda p: p.with_channels(scaled(x), np.arange(p.n)))
 
 
 def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -129,6 +136,10 @@ def _score_of_weight(physics: Physics, shares: Callable[[float], Array], share: 
     return physics.with_weight(shares(share)).evidence.score
 
 
+def _weighing(shares: Callable[[float], Array], change: float) -> Callable[[Physics], Physics]:
+    return partial(Physics.with_weight, share=shares(1.0 + change))
+
+
 def _hertz(seconds: float) -> str:
     return f"{1.0 / (2.0 * np.pi * seconds):.2g} Hz ({1e3 * seconds:.0f} ms)"
 
@@ -159,7 +170,7 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
 
         score = {x: physics.with_weight(left(x)).evidence.score for x in _WEIGHTS[:-1]}
         best = min(score, key=lambda x: score[x])
-        if score[best] > physics.evidence.score - 0.5:
+        if score[best] > physics.evidence.score - LEAST:
             continue
         x = best_number(partial(_score_of_weight, physics, left), _WEIGHTS)
         x = 0.0 if abs(x) < 0.03 else x
@@ -175,7 +186,8 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             how += f", or identify with --gravity {gx:g},{gy:g},{gz:g}"
         texts = ("gravity removed", joints_text(joints), f"{gone} missing from {of}.", how)
         yield propose(
-            partial(Physics.with_weight, share=share), 2 if every else 3, texts, None,
+            partial(Physics.with_weight, share=share), 2, texts, None,
             gravity=(gx, gy, gz) if every else None, joints=[j + 1 for j in joints], share_left=x,
             gross=x < _MOSTLY_GONE,
+            number=Number(x - 1.0, partial(_weighing, left)),
         )  # fmt: skip

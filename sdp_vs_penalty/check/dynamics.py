@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import channels, gravity, motion, order, signs, steps
 from sdp_vs_penalty.check.evidence import FLOOR
-from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, GROSS, HALVES, NO_WORSE, Hypothesis, few_rows
+from sdp_vs_penalty.check.hypothesis import (
+    ABOUT_SAME,
+    GROSS,
+    HALVES,
+    LEAST,
+    NO_WORSE,
+    Hypothesis,
+    few_rows,
+)
 from sdp_vs_penalty.check.issue import Array, Issue
 from sdp_vs_penalty.check.physics import Physics
 
@@ -75,7 +84,7 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
         found = _worth_a_look(few, moving, _LAST)
     # On all rows, the most promising ones only.
     found = sorted(found, key=lambda f: -f[0])
-    judged = [(h.gain(physics), h) for _, h in found[:6] + [f for f in found[6:] if not f[1].simplicity]]
+    judged = [(h.gain(physics), h) for _, h in _promising(found)]
     best = max((gain for gain, _ in judged), default=0.0)
     near = [(g, h) for g, h in judged if g >= best - max(ABOUT_SAME[0], ABOUT_SAME[1] * best)]
     # What is known from elsewhere (simplicity 0) need not explain more than everything else does.
@@ -84,7 +93,17 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
         enough = gain >= hypothesis.needed_for(physics)
         if enough and _holds_in_both_halves(physics, hypothesis, gain):
             return hypothesis
+    numbers = [(gain, h) for gain, h in judged if h.number is not None]
+    for gain, hypothesis in sorted(numbers, key=lambda f: -f[0])[:1]:
+        if hypothesis.known_by_number(physics, gain):
+            return replace(hypothesis, issue=replace(hypothesis.issue, severity="warning"))
     return signs.weak_signs(physics) or gravity.hanging(physics)
+
+
+def _promising(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
+    """The best six, the best number, and what is known from elsewhere; ``found`` the best first."""
+    number = next((f for f in found if f[1].number is not None), None)
+    return found[:6] + [f for f in found[6:] if not f[1].simplicity or f is number]
 
 
 def _worth_a_look(
@@ -94,7 +113,8 @@ def _worth_a_look(
     for family in families:
         for hypothesis in family(few, moving):
             gain = hypothesis.gain(few)
-            if gain > 0.6 * min(hypothesis.needed, GROSS):
+            least = 0.6 * min(hypothesis.needed, GROSS) if hypothesis.number is None else LEAST
+            if gain > least:
                 found.append((gain, hypothesis))
     return found
 

@@ -70,9 +70,16 @@ class Evidence:
         gram = np.tensordot(weights, self.gram, 1)
         return solve(gram, (weights @ self.cross)[:, None])[:, 0]
 
+    def _left(self, theta: Array) -> Array:
+        return np.maximum(self.energy - 2.0 * self.cross @ theta + self.gram @ theta @ theta, 0.0)
+
     def _shares(self, theta: Array) -> Array:
-        left = (self.energy - 2.0 * self.cross @ theta + self.gram @ theta @ theta) / self.energy
-        return np.maximum(left, FLOOR)
+        return np.maximum(self._left(theta) / self.energy, FLOOR)
+
+    @property
+    def left(self) -> Array:
+        """(n,) squared residual of each channel, one theta for all."""
+        return self._left(self.theta)
 
     @cached_property
     def shares(self) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from sdp_vs_penalty.check.evidence import solve
-from sdp_vs_penalty.check.hypothesis import NEAR, SIGNIFICANT, Hypothesis, few_rows, propose
+from sdp_vs_penalty.check.hypothesis import AGREES, NEAR, SIGNIFICANT, Hypothesis, few_rows, propose
 from sdp_vs_penalty.check.physics import Array, Physics, turned_gravity
 
 #: Gravity is said to point elsewhere from this angle on; smaller ones are the effect base_tilt.
@@ -21,8 +21,6 @@ _SMALLEST_ANGLE = 5.0
 _EARTH, _STANDARD = (9.6, 10.0), 9.81
 #: Within this angle of an axis of the base gravity is said to point along it [degrees].
 _STRAIGHT = 3.0
-#: Correlation of the torque with a plausible arm's weight below minus this: weight acts upwards.
-_OPPOSED = 0.5
 
 
 def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -86,7 +84,7 @@ def hanging(physics: Physics) -> Hypothesis | None:
     before, after = physics.unexplained, apply(physics).unexplained
     agreement = physics.agreement_with_weight()
     negative = float(apply(physics).inertia.sum()) < -SIGNIFICANT
-    if after > NEAR * before or agreement > -_OPPOSED or negative:
+    if after > NEAR * before or agreement > -AGREES or negative:
         return None
     half = len(physics.motion.t) // 2
     if any(physics.part(k).agreement_with_weight() > 0.0 for k in (slice(0, half), slice(half, None))):

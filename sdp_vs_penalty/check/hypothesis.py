@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue, Repair
 from sdp_vs_penalty.check.physics import Physics
 
@@ -29,8 +31,58 @@ HALVES, NO_WORSE = 0.5, 0.1
 NEAR = 1.5
 #: Standard deviations by which a power must be negative to call it a flipped sign.
 SIGNIFICANT = 5.0
+#: Correlation of the torque with a plausible arm's weight from which on weight has a sign; below minus
+#: this it acts upwards.
+AGREES = 0.5
 #: Rows for hypotheses that need new columns each.
 _FEW_ROWS = 200
+#: A number that may be wrong (a gain, a clock's rate, a share of the weight) is believed where it gains
+#: less, too, if it lies so many standard deviations from what the file says, and gains this much.
+SIGMAS, LEAST = 4.0, 0.15
+#: Parts of the run that are left out in turn, and steps to either side, as a share of the number.
+_PARTS, _STEP = 8, 0.3
+
+
+@dataclass(frozen=True)
+class Number:
+    """An estimated number, zero where the file is right; ``at(x)`` applies another one."""
+
+    value: float
+    at: Callable[[float], Callable[[Physics], Physics]]
+
+    def sigmas(self, physics: Physics) -> float:
+        """How many standard deviations it lies from zero: those of leaving out parts of the run.
+
+        What the model lacks makes a number wrong by as much as it varies from part to part; the noise
+        alone, of which there is little in thousands of rows, would make it look exact. Leaving out
+        parts in turn (delete-a-group jackknife) moves the minimum of the score, near which it is a
+        parabola.
+        """
+        h = _STEP * self.value
+        points = self.value + h * np.array([-1.0, 0.0, 1.0])
+        cut = np.linspace(0, len(physics.motion.t), _PARTS + 1).astype(int)
+        parts = [slice(a, b) for a, b in pairwise(cut)]
+        scores = np.array([_without(self.at(float(x))(physics), parts) for x in points])
+        bend = scores[0] - 2.0 * scores[1] + scores[2]
+        if np.any(bend <= 0.0):
+            return 0.0
+        found = self.value + 0.5 * h * (scores[0] - scores[2]) / bend
+        spread = np.sqrt((_PARTS - 1) / _PARTS * np.sum((found - found.mean()) ** 2))
+        return float(abs(found.mean()) / max(float(spread), 1e-300))
+
+
+def _without(physics: Physics, parts: list[slice]) -> list[float]:
+    """The score of the rows without each of these parts."""
+    each = [
+        Evidence.of(
+            np.array([c[rows].T @ c[rows] for c in physics.columns]),
+            [c[rows] for c in physics.columns],
+            physics.channels[rows],
+        )
+        for rows in parts
+    ]
+    gram, cross, energy = (sum(getattr(e, x) for e in each) for x in ("gram", "cross", "energy"))
+    return [Evidence(gram - e.gram, cross - e.cross, energy - e.energy).score for e in each]
 
 
 @dataclass(frozen=True)
@@ -38,7 +90,8 @@ class Hypothesis:
     """Something that may be wrong with the file; ``apply`` turns the test's data into what is right.
 
     needed : gain of the score below which it is not believed; once : it happens at one moment, or grows,
-        and need not show in both halves of a run; gross : no arm is like that by itself.
+    and need not show in both halves of a run; gross : no arm is like that by itself; number : what was
+    estimated, where it is one.
     """
 
     issue: Issue
@@ -47,6 +100,7 @@ class Hypothesis:
     needed: float = ENOUGH
     once: bool = False
     gross: bool = False
+    number: Number | None = None
 
     def gain(self, physics: Physics) -> float:
         """By how much it raises the score."""
@@ -60,6 +114,10 @@ class Hypothesis:
             return self.needed
         left = self.apply(physics).evidence.contradiction
         return GROSS if left < _SETTLED * physics.evidence.contradiction else self.needed
+
+    def known_by_number(self, physics: Physics, gain: float) -> bool:
+        """Whether its number is certainly not what the file says, however little it gains."""
+        return bool(self.number is not None and gain > LEAST and self.number.sigmas(physics) > SIGMAS)
 
     def stated(self, physics: Physics) -> Issue:
         """The issue, with what the hypothesis explains of these data."""
@@ -88,13 +146,14 @@ def propose(
     needed: float = ENOUGH,
     once: bool = False,
     gross: bool = False,
+    number: Number | None = None,
     gravity: tuple[float, float, float] | None = None,
     certainty: str = "",
     **figures: object,
 ) -> Hypothesis:
     kind, where, what, remedy = texts
     issue = Issue(kind, severity, where, what, certainty, remedy, repair, figures, gravity)
-    return Hypothesis(issue, apply, simplicity, needed, once, gross)
+    return Hypothesis(issue, apply, simplicity, needed, once, gross, number)
 
 
 def few_rows(physics: Physics) -> NDArray[np.intp]:

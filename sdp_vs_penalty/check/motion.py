@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.hypothesis import Hypothesis, best_number, propose
+from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import Array, Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signals import angle_scale
@@ -48,7 +48,8 @@ def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
     single = [k for k in np.flatnonzero(moving) if scale[k] != 1.0 and reach[k] > np.pi]
     groups = [(list(range(robot.n)), scale)]
     groups += [([int(k)], np.where(same == k, scale, 1.0)) for k in single if robot.n > 1]
-    for joints, factor in groups:
+    scores = [physics.with_motion(factor, same).evidence.score for _, factor in groups]
+    for joints, factor in [groups[int(np.argmin(scores))]]:
         every = len(joints) == robot.n
         named = ("q1" if robot.n == 1 else f"q1 to q{robot.n}") if every else f"q{joints[0] + 1}"
         what = "the positions are" if every else f"the position of {joints_text(joints)} is"
@@ -252,4 +253,5 @@ def clock(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         lambda run: replace(run, t=run.t[0] + factor * (run.t - run.t[0]),
                             dq=None if run.dq is None else run.dq / factor),
         needed=_RATE_NEEDED, factor=factor, gross=abs(np.log(factor)) > np.log1p(_GROSS_RATE),
+        number=Number(float(np.log(factor)), lambda x: lambda p: p.with_clock(float(np.exp(x)))),
     )  # fmt: skip

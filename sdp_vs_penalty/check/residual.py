@@ -33,7 +33,7 @@ _OWN = 0.5
 
 def overall(evidence: Evidence) -> float:
     """|tau - tau_hat|^2 / |tau|^2 over all joints: what `identify` quotes the root of."""
-    return float(evidence.shares @ evidence.energy / evidence.energy.sum())
+    return float(evidence.left.sum() / evidence.energy.sum())
 
 
 def find(

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.hypothesis import NEAR, SIGNIFICANT, Hypothesis, propose
+from sdp_vs_penalty.check.hypothesis import AGREES, NEAR, SIGNIFICANT, Hypothesis, propose
 from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
@@ -33,7 +33,9 @@ def time_reversed(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis | N
     driven = known & (z < 0.0)
     if driven.sum() < max(0.6 * known.sum(), 1.0) or driven.sum() < 0.4 * moving.sum():
         return None
-    if float(physics.inertia.sum()) < SIGNIFICANT or physics.agreement_with_weight() < 0.0:
+    # With every torque's sign turned instead, inertia or weight would be negative.
+    inertia, weight = float(physics.inertia.sum()), physics.agreement_with_weight()
+    if inertia < -SIGNIFICANT or weight < 0.0 or (inertia < SIGNIFICANT and weight < AGREES):
         return None
 
     def repair(run: Measurements) -> Measurements:

@@ -13,9 +13,11 @@ from sdp_vs_penalty.check.issue import Array, Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
 
 #: Instants, as shares of the run, at which a step is tried; and at which the run is cut in two.
-_STEPS, _CUTS = np.linspace(0.05, 0.95, 37), np.linspace(0.15, 0.85, 15)
-#: Gain of the score by which two arms, one after the other, must explain a run better than two that take
-#: turns in so many stripes of it.
+_STEPS, _CUTS = np.linspace(0.15, 0.85, 29), np.linspace(0.15, 0.85, 15)
+#: Share of the time on either side of a step that the joint has to move each way.
+_WAYS = 0.15
+#: Gain of the score (its median over the joints, for each of them) by which two arms, one after the
+#: other, must explain a run better than two that take turns in so many stripes of it.
 _TWO = 3.0
 _STRIPES = 20
 
@@ -41,11 +43,19 @@ def drift(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         shared = columns.T @ x
         own = np.sum(x**2, axis=0) - weights[j] * np.sum(shared * solve(gram, shared), axis=0)
         found = weights[j] * (residual @ x) ** 2 / np.maximum(own, 1e-6 * np.sum(x**2, axis=0))
+        found[1:] *= _both_ways(physics.motion.dq[:, j], u)
         for k, at in enumerate(shapes):
             best[at is None] = max(best.get(at is None, (0.0, 0, None)), (float(found[k]), j, at),
                                    key=lambda b: b[0])  # fmt: skip
     for _, j, at in best.values():
         yield _stepped(physics, j, at)
+
+
+def _both_ways(dq: Array, u: Array) -> NDArray[np.bool_]:
+    """Per instant whether the joint moves both ways on either side: else a step is friction's."""
+    sides = [(u <= s, u > s) for s in _STEPS]
+    forth = [[np.mean(dq[side] > 0.0) if side.any() else 0.0 for side in pair] for pair in sides]
+    return np.asarray(np.min(np.minimum(forth, 1.0 - np.array(forth)), axis=1) > _WAYS)
 
 
 def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
@@ -118,7 +128,11 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
     odd = (np.arange(count) * _STRIPES // count) % 2 == 1
     stripes = [physics.part(np.flatnonzero(rows)).evidence for rows in (odd, ~odd)]
     spread = sum(part.shares * part.energy for part in stripes) / one.energy
-    if float(np.log(np.maximum(spread, 1e-5)).sum()) - score < _TWO:
+    # Most joints have to say so: a wrist's friction is no other arm. And at the outermost cut it is the
+    # start or the end of the run that differs.
+    change = np.log(np.maximum(spread, 1e-5) / np.maximum(left, 1e-5))
+    outermost = cut in (int(cuts[0] * count), int(cuts[-1] * count))
+    if physics.n * float(np.median(change)) < _TWO or outermost:
         return
     with_load = _with_load(physics, cut)
     last = physics.n

@@ -25,6 +25,8 @@ _UNLIMITED = 8.0 * 2.0 * np.pi
 #: Ratios of two positions or velocities that mean degrees against radians: 57.3 within a third.
 _DEGREES = (38.0, 86.0)
 
+#: No sensor resolves this [N m, N].
+_NO_TORQUE = 1e-12
 #: How far outside its range an encoder's zero may put a joint [rad, m].
 _ZERO = 0.2
 #: What else large angles may be.
@@ -34,8 +36,7 @@ _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """InputError where positions cannot be this robot's, or are not in radians and metres."""
     for run in measurements.runs():
-        if not np.any(run.tau):
-            raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
+        check_torque(run)
         _check_derivative(robot, run)
         _check_side(robot, run)
         for j, joint in enumerate(robot.joints):
@@ -48,6 +49,12 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                     f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees",
                     f"convert to radians{_MOTORS}",
                 )
+
+
+def check_torque(run: Measurements) -> None:
+    """InputError where no channel holds anything: zeros, or numbers whose squares are."""
+    if not np.any(np.abs(run.tau) > _NO_TORQUE):
+        raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
 
 
 def _check_side(robot: Robot, run: Measurements) -> None:

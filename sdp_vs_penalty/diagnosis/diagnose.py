@@ -34,8 +34,8 @@ from sdp_vs_penalty.diagnosis.stage import quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.sources import as_estimate
-from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented

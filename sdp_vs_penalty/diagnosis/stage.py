@@ -229,6 +229,17 @@ def phase_folds(rows: SegmentedRuns, clocks: dict[int, MotionClock]) -> NDArray[
     return out % _PHASE_FOLDS
 
 
+def stretches(rows: SegmentedRuns, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(M,) folds, each one stretch of every motion's clock; and (M,) numbers of stretch and motion."""
+    fold, motion = np.zeros((2, len(rows.t)), np.intp)
+    for run, clock in clocks_of(rows).items():
+        mine = rows.run == run
+        fold[mine] = PhaseFolds((clock,), count).fold(0, rows.t[mine])
+        motion[mine] = clock.motion
+    _, cell = np.unique(motion * count + fold, return_inverse=True)
+    return fold, cell
+
+
 def white_rows(
     rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
 ) -> tuple[Array, Array]:

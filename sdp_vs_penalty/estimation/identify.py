@@ -19,10 +19,9 @@ from sdp_vs_penalty.errors import Infeasible, InputError, other_robot
 from sdp_vs_penalty.estimation.certify import build_estimate, proved
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
-from sdp_vs_penalty.estimation.known_load import gains_from_loads
+from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
-from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import make_task

@@ -76,6 +76,19 @@ def _no_run(text: str) -> str:
     raise ValueError(text)
 
 
+def independent_gains(uncertainty: float | Array, joints: int) -> Array:
+    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of each other; a
+    factor (n, e) as it is. Raises InputError for a standard deviation that is none.
+    """
+    if isinstance(uncertainty, np.ndarray):
+        return uncertainty
+    if not 0.0 <= uncertainty < 1.0:
+        raise InputError(
+            f"gain_uncertainty {uncertainty:g}", "give a relative standard deviation, such as 0.01"
+        )
+    return uncertainty * np.eye(joints)
+
+
 def gains_from_loads(
     model: Model,
     measurements: Measurements,

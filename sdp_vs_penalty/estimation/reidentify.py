@@ -100,6 +100,7 @@ class Reidentifier:
         self._rows, self._data = self._task.data, self._objective.least_squares
         self._interior = interior_point(self._task, self._constraints)
         self._quick = self._structured()
+        self._last: Array | None = None
         self._block, self._half_life = block, half_life
         self._buffer: list[tuple[Array, Array, Array]] = []
         self._pending, self._counted = 0.0, -np.inf
@@ -173,8 +174,9 @@ class Reidentifier:
         """The optimum for all samples so far, certified. Raises InputError where no solver finds one."""
         data = self._data
         if self._quick is not None:
-            found = self._quick.solve(data, 1e-8)
+            found = self._quick.solve(data, 0.1 * _TIGHT, self._last)
             if found.feasible and found.gap <= _TIGHT:
+                self._last = found.theta
                 return Parameters(found.theta, found.gap, "native")
         objective = Objective(data, self._objective.entropy)
         task = replace(self._task, data=data)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ class ShapeBank:
     @cached_property
     def weights(self) -> CubicSpline:
         """(K,) of the columns of each value, as a function of the constant's logarithm."""
-        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
+        return _interpolation(self.values.tobytes())[0]
 
     def moved(self, columns: NDArray[np.intp]) -> ShapeBank:
         """The same with its columns at other places."""
@@ -135,6 +135,15 @@ def _pseudo_inverse(gram: Array) -> tuple[Array, int]:
     return half @ half.T, int(good.sum())
 
 
+@lru_cache(maxsize=64)
+def _interpolation(values: bytes) -> tuple[CubicSpline, Array, Array]:
+    """From a constant's logarithm to weights (K,) of its grid's values; a finer grid, its weights."""
+    grid = np.log(np.frombuffer(values))
+    spline = CubicSpline(grid, np.eye(len(grid)))
+    fine = np.linspace(grid[0], grid[-1], _FINE * (len(grid) - 1) + 1)
+    return spline, fine, spline(fine)
+
+
 def best_shapes(
     data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], variance: float
 ) -> list[ShapeEstimate]:
@@ -204,26 +213,29 @@ class _Curve:
     def __init__(self, bank: ShapeBank, places: NDArray[np.intp], rest: Normal) -> None:
         self.bank, self.places, self.size = bank, places, len(rest.right)
         self.grid = np.log(bank.values)
-        self.weights = bank.weights
+        self.weights, self.known = bank.weights, dict[float, Array]()
         self.signed = len(bank.effect.parameters) == 1 and bank.effect.parameters[0].lower == 0.0
         self.seen = 1e-9 * float(np.max(np.diagonal(rest.gram)[places]))
 
     def at(self, value: float) -> Array:
         """(p, k) weights of all columns; outside the range those of its end."""
+        if value in self.known:
+            return self.known[value]
         w = self.weights(np.clip(np.log(value), self.grid[0], self.grid[-1]))
         k = self.bank.columns.shape[1]
         out = np.zeros((self.size, k))
         out[self.places] = (w[:, None, None] * np.eye(k)).reshape(-1, k)
+        self.known[value] = out
         return out
 
     def best(self, rest: Normal, others: Sequence[Array], variance: float) -> ShapeEstimate:
         """The constant that takes most beside the columns of all others."""
         low, high = self.grid[0], self.grid[-1]
         now = float(np.clip(np.log(self.bank.now), low, high))
-        fine = np.linspace(low, high, _FINE * (len(self.grid) - 1) + 1)
+        _, fine, between = _interpolation(self.bank.values.tobytes())
         none = np.zeros((self.size, 0))
         own = beside(rest, self.places, np.hstack([none, *others]))
-        w = self.weights(np.append(fine, now))
+        w = np.vstack([between, self.weights(now)])
         taken = self._taken(own, w) / variance
         u, gain, bend = _vertex(fine, taken[:-1], int(np.argmax(taken[:-1])))
         std = float(np.sqrt(2.0 / bend)) if bend > 0.0 else np.inf
@@ -240,8 +252,9 @@ class _Curve:
     def _taken(self, own: Normal, w: Array) -> Array:
         """(U,) what the columns with weights (U, K) take from the squared error."""
         K, k = self.bank.columns.shape
-        gram = np.einsum("ua,uc,abcd->ubd", w, w, own.gram.reshape(K, k, K, k), optimize=True)
-        pull = np.einsum("ua,ab->ub", w, own.right.reshape(K, k))
+        half = (w @ own.gram.reshape(K, -1)).reshape(len(w), k, K, k)
+        gram = (w[:, None, None, :] @ half)[:, :, 0]
+        pull = w @ own.right.reshape(K, k)
         if k > 1:
             solved = np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None]
             return np.asarray(np.sum(pull * solved[:, :, 0], axis=1))

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.intervals import (
     NOT_SEEN,
     Interval,
@@ -230,27 +229,28 @@ class _Evidence:
         if constrained:
             limits = physical_limits(self.problem, self.model)
 
-        def deviations(rows: Array) -> Array:
-            own = self.known.half_widths(self.padded(rows), LEVEL) / NORMAL_95
-            own = np.hypot(own, self._unsettled(rows))
-            return np.asarray(np.hypot(own, np.linalg.norm(rows @ extra, axis=1)))
-
-        def told(
-            rows: Array, names: Sequence[str], units: list[str], largest: Array
-        ) -> tuple[Interval, ...]:
-            std = np.hypot(deviations(rows), np.linalg.norm(rows @ gains @ gain_errors, axis=1))
-            figures = np.stack([rows @ value, rows @ self.centre, std])
-            return intervals_of(names, units, figures, combined_limits(rows, limits), largest)
-
         parameters = self.model.parameters
-        every = [q.name for q in parameters], [q.unit for q in parameters]
-        largest = np.fmin(np.abs(base.rows) @ self.bound, self.largest[base.leading])
-        spread = np.hstack([self.known.factor[: self.p], extra])
+
+        def told(base: BaseParameters) -> tuple[Interval, ...]:
+            rows = base.rows
+            noise = self.known.half_widths(self.padded(rows), LEVEL) / NORMAL_95
+            noise = np.hypot(noise, self._unsettled(rows))
+            known = np.hstack([rows @ extra, rows @ gains @ gain_errors])
+            std = np.hypot(noise, np.linalg.norm(known, axis=1))
+            return intervals_of(
+                base.names,
+                [parameters[k].unit for k in base.leading],
+                np.stack([rows @ value, rows @ self.centre, std]),
+                combined_limits(rows, limits),
+                np.fmin(np.abs(rows) @ self.bound, self.largest[base.leading]),
+            )
+
+        each = BaseParameters(np.eye(self.p), [q.name for q in parameters], list(range(self.p)))
         rows = np.maximum(self.regression.joint_rows(), 1)
         return Uncertainty(
-            told(np.eye(self.p), *every, self.largest),
-            told(base.rows, base.names, [parameters[k].unit for k in base.leading], largest),
-            spread,
+            told(each),
+            told(base),
+            np.hstack([self.known.factor[: self.p], extra]),
             gains,
             np.sqrt(self.narrow.joint_losses(value) / rows),
             gain_errors,
@@ -295,19 +295,6 @@ def of_regression(
     errors = np.zeros((regression.joints, 0)) if gain_errors is None else gain_errors
     base = base_rows(problem, model) if base is None else base
     return evidence.uncertainty(value, base, constrained, errors, gains, nothing)
-
-
-def independent_gains(uncertainty: float | Array, joints: int) -> Array:
-    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of each other; a
-    factor (n, e) as it is. Raises InputError for a standard deviation that is none.
-    """
-    if isinstance(uncertainty, np.ndarray):
-        return uncertainty
-    if not 0.0 <= uncertainty < 1.0:
-        raise InputError(
-            f"gain_uncertainty {uncertainty:g}", "give a relative standard deviation, such as 0.01"
-        )
-    return uncertainty * np.eye(joints)
 
 
 def beside_held(

@@ -82,7 +82,7 @@ def robot(request: Request, progress: Progress) -> Answer:
         else f"{show.count(problem.robot.n, 'joint')}, from URDF",
         "name": problem.name,
         "n": problem.robot.n,
-        "joints": [j.name for j in problem.robot.joints],
+        "joints": list(problem.robot.joint_names),
         "units": [unit.replace("*", " ") for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "torque_side": problem.torque_side,

@@ -21,10 +21,13 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.simulation.hide import RUN_FILES
 
 #: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
 #: between, so that no filter sees both.
 SPLIT, _PAUSE = 0.7, 0.5
+#: What the page shows of a finding of the check.
+_SHOWN = ("severity", "kind", "what", "remedy", "mends", "gravity")
 Request = Mapping[str, Any]
 Answer = dict[str, Any]
 Progress = Callable[[str], None]
@@ -115,10 +118,10 @@ def simulate(request: Request, progress: Progress) -> Answer:
     hidden = [] if request["effect"] == "none" else [(request["effect"], joints)]
     made = hidden_runs(problem, hidden, level, int(request["seed"]), must_show=True)
     runs = []
-    for name, part in zip(("run1.csv", "run2.csv", "run3.csv", "test.csv"), made.runs, strict=True):
+    for name, part in zip(RUN_FILES, made.runs, strict=True):
         progress(f"checking {name}")
         run = keep(problem, part, Path(request["folder"]), name)
-        runs.append({**run, "use": "test" if name == "test.csv" else "train"})
+        runs.append({**run, "use": "test" if name == RUN_FILES[-1] else "train"})
     return {"runs": runs, "refused": [], "effects": made.truth["model_effects"]}
 
 
@@ -191,17 +194,7 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
         "seconds": seconds,
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
-        "findings": [
-            {
-                "severity": f.severity,
-                "kind": f.kind,
-                "what": f.what,
-                "remedy": f.remedy,
-                "mends": f.mends,
-                "gravity": f.gravity,
-            }
-            for f in found.problems
-        ],
+        "findings": [{word: getattr(f, word) for word in _SHOWN} for f in found.problems],
     }
 
 

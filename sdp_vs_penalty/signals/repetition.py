@@ -55,6 +55,8 @@ def repeat_period(t: Array, q: Array) -> float | None:
     away = [np.any(np.abs(q - rest) > ALIKE * scale, axis=1) for rest in (q[0], q[-1])]
     moving = slice(int(np.argmax(away[0])), len(t) - int(np.argmax(away[1][::-1])))
     t, q = t[moving], q[moving]
+    if len(t) < 2:
+        return None
     for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST):
         inside = (t >= t[0] + cut) & (t <= t[-1] - cut)
         period = _period(t[inside], q[inside])

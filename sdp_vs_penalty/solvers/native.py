@@ -73,7 +73,7 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     ready = time.perf_counter()
     theta, multipliers = np.zeros(read.p), np.zeros((read.core.blocks, ORDER, ORDER))
     steps, converged, gap = read.core.solve(
-        read.R, read.rho, 0.0, np.zeros(read.p), accuracy, ITERATIONS, theta, multipliers
+        read.R, read.rho, 0.0, np.zeros(read.p), 1.0, accuracy, ITERATIONS, theta, multipliers
     )
     seconds = time.perf_counter() - ready
     claims = "optimal" if converged else "inaccurate" if gap < 1e-6 else "failed"

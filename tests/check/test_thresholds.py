@@ -15,14 +15,14 @@ from sdp_vs_penalty.data.measurements import Measurements
 N = 3
 
 
-def physics(z: float, inertia: float = 100.0) -> Any:
+def physics(z: float, inertia: float = 100.0, weight: float = 1.0) -> Any:
     """An arm whose friction seems to drive it, by ``z`` standard deviations."""
     return SimpleNamespace(
         dissipation=(np.full(N, -z), np.ones(N)),
         inertia=np.full(N, inertia / N),
-        agreement_with_weight=lambda: 1.0,
+        agreement_with_weight=lambda: weight,
         motion=SimpleNamespace(t=np.arange(100.0)),
-        part=lambda _: physics(z, inertia),
+        part=lambda _: physics(z, inertia, weight),
     )
 
 
@@ -30,7 +30,8 @@ def physics(z: float, inertia: float = 100.0) -> Any:
 def test_time_runs_backwards_only_where_noise_cannot_say_so(z: float, believed: bool) -> None:
     moving = np.ones(N, bool)
     assert (time_reversed(physics(z), moving) is not None) == believed
-    assert time_reversed(physics(8.0, inertia=2.0), moving) is None
+    assert time_reversed(physics(8.0, inertia=2.0, weight=0.2), moving) is None
+    assert time_reversed(physics(8.0, inertia=-8.0), moving) is None
 
 
 @pytest.mark.parametrize(("sigmas", "believed"), [(2.0, False), (8.0, True)])

@@ -11,6 +11,8 @@ import pytest
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
 from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.curves.bases import Axis
+from sdp_vs_penalty.diagnosis.curves.held_out import HeldOut, _falls
 from sdp_vs_penalty.effects import effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
@@ -105,3 +107,27 @@ def test_the_added_curve_takes_the_error_to_the_noise(made: Made) -> None:
     (written,) = parse_effects(effect.text, made.estimate.robot)
     restored = effect_from_dict(json.loads(json.dumps(effect.to_dict())), made.estimate.robot)
     assert written.to_dict() == restored.to_dict() == effect.to_dict()
+
+
+def test_the_share_is_what_data_left_out_show() -> None:
+    assert HeldOut(0.5, 0.3, True).share(0.1) == pytest.approx((0.25 - 0.09) / (0.25 - 0.01))
+    assert HeldOut(0.5, 0.6, False).share(0.1) == 0.0
+    assert HeldOut(0.5, 0.05, True).share(0.1) == 1.0
+
+
+def test_an_error_that_falls_in_one_stretch_only_has_not_fallen() -> None:
+    before = np.array([9.0, 1.0, 1.0, 1.0, 1.0])
+    assert _falls(before, 0.2 * before)
+    assert not _falls(before, np.array([1.0, 1.2, 1.1, 0.9, 1.2]))
+    assert not _falls(before, 1.1 * before)
+
+
+def test_a_curve_levels_off_where_nothing_was_measured() -> None:
+    """A straight line over the lower half of the range is not continued beyond it."""
+    axis = Axis(("q", 0), 0.0, 1.0, 32)
+    x = np.linspace(0.0, 0.5, 200)
+    B = axis.columns(x)
+    c = np.linalg.solve(B.T @ B + 10.0 * axis.penalty + 1e-6 * np.eye(32), B.T @ (4.0 * x))
+    inside, edge, far = axis.columns(np.array([0.25, 0.5, 0.95])) @ c
+    assert inside == pytest.approx(1.0, abs=0.15)
+    assert far - edge < 0.8  # straight on: 1.8

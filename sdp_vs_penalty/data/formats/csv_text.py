@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,8 +95,7 @@ def _is_number(text: str) -> bool:
 
 def numbers(path: Path, width: int, first: int = 2) -> Array:
     """The rows (N, width) of a file from row ``first`` on; InputError naming the row that is wrong."""
-    native = compiled.core()
-    table = None if native is None else _at_once(native, path, width, first)
+    table = at_once(path, width, first)
     if table is not None:
         return table
     rows = islice(lines(path), first - 1, None)
@@ -118,8 +116,11 @@ def numbers(path: Path, width: int, first: int = 2) -> Array:
     raise InputError("the rows cannot be read as numbers", "write numbers in all cells", path)
 
 
-def _at_once(native: Any, path: Path, width: int, first: int) -> Array | None:
-    """The same by the compiled core, part by part; None where a part is not numbers and nothing else."""
+def at_once(path: Path, width: int, first: int) -> Array | None:
+    """The same by the compiled core, part by part; None without it, or where a row is unusual."""
+    native = compiled.core()
+    if native is None:
+        return None
     parts = [np.zeros((0, width))]
     try:
         with path.open("rb") as file:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from pathlib import Path
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats.columns import (
@@ -67,6 +69,18 @@ def _read_npz(path: Path) -> Measurements:
     return run_of(path, arrays["t"], {name: group(name) for name in groups})
 
 
+def _check_claim(archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: str | Path) -> None:
+    """InputError where an array's header claims more than is there: memory is taken for that."""
+    with archive.open(info) as member:
+        major, _ = npy.read_magic(member)
+        header = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
+        shape, _, dtype = header(member)
+    if math.prod(shape) * dtype.itemsize > info.file_size:
+        raise InputError(
+            f"{info.filename} claims {shape} numbers and holds fewer", "write it anew", path
+        )
+
+
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """The arrays of an .npz file as floats; InputError for anything but real numbers."""
     opened(path)
@@ -76,6 +90,8 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
             size = sum(info.file_size for info in archive.infolist())
             packed = sum(info.compress_size for info in archive.infolist())
             check_size(Path(path), size, packed)
+            for info in archive.infolist():
+                _check_claim(archive, info, path)
         with np.load(path, allow_pickle=False) as file:
             for name in file.files:
                 array = file[name]

@@ -51,11 +51,14 @@ class Axis:
 
     @property
     def penalty(self) -> Array:
-        """(count, count) of second differences of the coefficients (Eilers, Marx 1996)."""
+        """(count, count) of second differences of the coefficients (Eilers, Marx 1996). Where splines
+        are many, also of first ones, as large as they are for a wave as long as the range: where few
+        measurements lie, such a curve levels off instead of going on straight."""
         if self.is_sign:
             return np.zeros((2, 2))
-        second = np.diff(np.eye(self.count), 2, axis=0)
-        return np.asarray(second.T @ second)
+        first, second = (np.diff(np.eye(self.count), k, axis=0) for k in (1, 2))
+        level = 0.0 if self.count == _PAIR else (2.0 * np.pi / self.count) ** 2
+        return np.asarray(second.T @ second + level * first.T @ first)
 
     def points(self, count: int) -> Array:
         """Where the curve is written down."""

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
-from sdp_vs_penalty.diagnosis.curves import smooth as splines
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
-from sdp_vs_penalty.diagnosis.curves.curve import table_effect
-from sdp_vs_penalty.diagnosis.curves.smooth import Factors, Smooth, agreement, block_scores
+from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, effect_of
+from sdp_vs_penalty.diagnosis.curves.held_out import HeldOut, Judge
+from sdp_vs_penalty.diagnosis.curves.smooth import agreement, block_scores
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.ladder import FALSE_CLAIM, MIN_GAIN, MIN_SHARE, TOLD_APART
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
@@ -31,78 +31,39 @@ from sdp_vs_penalty.signals.noise import RESIDUAL
 
 Array = NDArray[np.float64]
 
-#: How many curves of a joint are looked at closely, draws of signs, and curves a joint at most.
-_CLOSE, _SIGNS, MOST = 8, 400, 3
+#: How many curves of a joint are looked at closely, how many of these are tried on data left out, draws
+#: of signs, and curves a joint at most.
+_CLOSE, _TRIED, _SIGNS, _MOST = 8, 3, 400, 3
 #: A curve over fewer variables is preferred to one that contains it up to so many standard deviations
 #: of the difference of their gains.
 _SIMPLER = 2.0
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """A curve of one joint: its basis, white columns Z (M, k) with C = Q'Z, factors, fit and gain."""
+class Found:
+    """A curve as an effect, what it was fitted to, and what it does to the error on data left out."""
 
-    joint: int
-    basis: Basis
-    Z: Array
-    C: Array
-    factors: Factors
-    smooth: Smooth
-    gains: Array
-
-    @property
-    def gain(self) -> float:
-        return float(self.gains.sum())
-
-    @property
-    def coefficients(self) -> Array:
-        """(k,) of what the model's own columns cannot make."""
-        return np.asarray(splines.identifiable(self.factors) @ self.smooth.c)
+    fitted: Fitted
+    effect: MeasuredCurve
+    look: Look
+    held_out: HeldOut
 
 
-class Look:
-    """What a state leaves, ready to be compared with curves."""
-
-    def __init__(self, state: SearchState, variables: Variables) -> None:
-        self.state, self.variables, self.fit = state, variables, state.fit
-        self.noise, self.rows = state.stage.noise, state.stage.rows
-        fit = self.fit
-        self.overlap = fit.rows.block_sums(fit.Q * fit.residual[:, None])
-
-    def white(self, columns: Array, joint: int) -> Array:
-        """(M, k) columns of one joint, white and weighted like the rows."""
-        gain = 1.0 if self.rows.gains is None else self.rows.gains[joint]
-        pieces = self.rows.pieces(joint)
-        return self.fit.weighting.apply(self.noise.whiten(gain * columns, joint, pieces), joint)
-
-    def fitted(self, basis: Basis, joint: int, fine: bool, columns: Array | None = None) -> Fitted:
-        """A curve on exact columns where ``fine``, with its gains."""
-        if columns is None:
-            columns = self.variables.exact(basis, joint) if fine else self.variables.coarse(basis)
-        Z = self.white(columns, joint)
-        factors, C = Factors.of(self.fit, Z, joint)
-        found = splines.smooth(factors, basis.penalties, fine)
-        gains = np.zeros(0)
-        if fine:
-            gains = splines.held_out_gains(self.fit, Z, C, factors, found.P, joint)
-        return Fitted(joint, basis, Z, C, factors, found, gains)
-
-
-def best_curve(look: Look, joints: Sequence[int], taken: Sequence[Fitted], seed: int) -> Fitted | None:
-    """The most convincing curve of any of the joints (from 0); None where none passes."""
-    candidates, agreements = _screened(look, joints, taken)
+def _convincing(look: Look, joint: int, taken: Sequence[Fitted], seed: int) -> list[Fitted]:
+    """The curves of a joint (from 0) that pass, the one to be preferred first."""
+    candidates, agreements = _screened(look, joint, taken)
     if not candidates:
-        return None
+        return []
     threshold, stand = _flipped(agreements, seed)
-    close: list[Fitted] = []
-    for j in joints:
-        mine = [k for k, c in enumerate(candidates) if c.joint == j and stand[k] > threshold]
-        mine.sort(key=lambda k: -candidates[k].smooth.evidence)
-        for k in _closest(mine, candidates):
-            found = look.fitted(candidates[k].basis, j, fine=True)
-            if _accepted(look.fit, found, len(candidates), look.noise.degrees[j]):
-                close.append(found)
-    return _chosen(close) if close else None
+    order = [k for k in range(len(candidates)) if stand[k] > threshold]
+    order.sort(key=lambda k: -candidates[k].smooth.evidence)
+    close = [look.fitted(candidates[k].basis, joint, fine=True) for k in _closest(order, candidates)]
+    degrees = look.noise.degrees[joint]
+    close = [c for c in close if _accepted(look.fit, c, len(candidates), degrees)]
+    if not close:
+        return []
+    best = _chosen(close)
+    return [best, *sorted((c for c in close if c is not best), key=lambda c: -c.gain)]
 
 
 def _closest(order: Sequence[int], candidates: Sequence[Fitted]) -> list[int]:
@@ -112,22 +73,18 @@ def _closest(order: Sequence[int], candidates: Sequence[Fitted]) -> list[int]:
     return [*single[: _CLOSE // 2], *pairs[: _CLOSE // 2]]
 
 
-def _screened(
-    look: Look, joints: Sequence[int], taken: Sequence[Fitted]
-) -> tuple[list[Fitted], list[Array]]:
+def _screened(look: Look, joint: int, taken: Sequence[Fitted]) -> tuple[list[Fitted], list[Array]]:
     candidates, agreements = [], []
-    for j in joints:
-        own = {t.basis.of for t in taken if t.joint == j}
-        for of in pairs_of(j, look.rows.n, look.variables.warm):
-            basis = look.variables.basis(of)
-            if basis is None or basis.of in own:
-                continue
-            found = look.fitted(basis, j, fine=False)
-            A = found.factors.D + found.smooth.P
-            if found.smooth.evidence > 0.0:
-                scores = block_scores(look.fit, found.Z, found.C, j, look.overlap)
-                candidates.append(found)
-                agreements.append(agreement(scores, A))
+    own = {t.basis.of for t in taken}
+    for of in pairs_of(joint, look.rows.n, look.variables.warm):
+        basis = look.variables.basis(of)
+        if basis is None or basis.of in own:
+            continue
+        found = look.fitted(basis, joint, fine=False)
+        if found.smooth.evidence > 0.0:
+            scores = block_scores(look.fit, found.Z, found.C, joint, look.overlap)
+            candidates.append(found)
+            agreements.append(agreement(scores, found.factors.D + found.smooth.P))
     return candidates, agreements
 
 
@@ -185,14 +142,6 @@ def _contains(large: Basis, small: Basis) -> bool:
     )
 
 
-def effect_of(look: Look, found: Fitted) -> MeasuredCurve:
-    """The curve as an effect: a table of its values."""
-    robot = look.state.stage.candidacy.model.robot
-    points = look.variables.supported(found.basis)
-    values = found.basis.at(*points.T) @ found.coefficients
-    return table_effect(robot, found.joint, found.basis.of, points, values)
-
-
 def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> SearchState:
     """The state with the curve among its picks; levels and a guessed noise are brought up to date."""
     picks = state.picks
@@ -205,23 +154,25 @@ def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> Search
 
 
 def search_curves(
-    state: SearchState, variables: Variables, joints: Sequence[int], seed: int
-) -> tuple[SearchState, list[tuple[Fitted, MeasuredCurve, Look]]]:
-    """Curves one after the other, each refitted once what it explains no longer counts as error."""
-    found: list[tuple[Fitted, MeasuredCurve, Look]] = []
-    open_joints = list(joints)
-    while open_joints:
-        taken = [f for f, _, _ in found]
+    state: SearchState, variables: Variables, joint: int, seed: int, judge: Judge
+) -> tuple[SearchState, list[Found], Judge]:
+    """Curves of a joint (from 0) one after the other, each refitted once what it explains no longer
+    counts as error, as long as one lowers the error on data left out."""
+    found: list[Found] = []
+    judge = judge.beside(state)
+    while len(found) < _MOST:
         look = Look(state, variables)
-        best = best_curve(look, open_joints, taken, seed + len(found))
-        if best is None:
+        for best in _convincing(look, joint, [f.fitted for f in found], seed + len(found))[:_TRIED]:
+            later = with_curve(state, effect_of(look, best), best.gain)
+            bare = replace(later, picks=later.picks[:-1])
+            again = Look(bare, variables)
+            fitted = again.fitted(best.basis, joint, fine=True)
+            effect = effect_of(again, fitted)
+            after, held_out = judge.tried(fitted, effect, again)
+            if held_out.lowers:
+                state, judge = with_curve(bare, effect, best.gain), after
+                found.append(Found(fitted, effect, again, held_out))
+                break
+        else:
             break
-        later = with_curve(state, effect_of(look, best), best.gain)
-        look = Look(replace(later, picks=later.picks[:-1]), variables)
-        best = look.fitted(best.basis, best.joint, fine=True)
-        effect = effect_of(look, best)
-        state = with_curve(replace(later, picks=later.picks[:-1]), effect, best.gain)
-        found.append((best, effect, look))
-        if sum(f.joint == best.joint for f, _, _ in found) >= MOST:
-            open_joints.remove(best.joint)
-    return state, found
+    return state, found, judge

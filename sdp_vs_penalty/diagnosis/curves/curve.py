@@ -28,7 +28,8 @@ class Curve:
 
     x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower, upper (P,) : the
     curve and its simultaneous 95 % band [N m or N], without what the model's own columns can make;
-    explained_share : of the joint's error beyond the noise, on data left out; formula : the simplest
+    explained_share : of the joint's squared error beyond the noise's, what the curve takes on data left
+    out, its values and the model fitted to the others; formula : the simplest
     law within the band, or None; held_out_rmse_before, _after : of the joint.
     """
 
@@ -101,8 +102,9 @@ class Curve:
         said = f" Within the band: {self.formula}." if self.formula else " No simple law fits its band."
         return (
             f"joint {self.joint} misses a torque over {ranges}: {np.ptp(self.torque):.3g} {unit} from "
-            f"peak to peak, {100.0 * self.explained_share:.0f} % of the error beyond noise; held-out "
-            f"error {self.held_out_rmse_before:.3g} to {self.held_out_rmse_after:.3g} {unit}.{said}"
+            f"peak to peak, {100.0 * self.explained_share:.0f} % of the held-out energy beyond noise; "
+            f"held-out error {self.held_out_rmse_before:.3g} to {self.held_out_rmse_after:.3g} {unit}."
+            f"{said}"
         )
 
 

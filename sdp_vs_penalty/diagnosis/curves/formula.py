@@ -1,9 +1,10 @@
 """Recognition: the simplest law of a small dictionary that lies within the band of a curve.
 
-A law a g(x; b) is put into the curve's own splines, c_g, and fitted to the measurements through their
-compressed factors: a = c_g's / c_g'D c_g, with what the model's own columns can make left open. Among
-those that stay within the band, and explain less only by what noise may do, the one with the least
--chi2 + (constants) log M is named.
+A law a g(x; b) is put into the curve's own splines, c_g, and fitted through their compressed factors:
+a = c_g's / c_g'D c_g, with what the model's own columns can make left open. The best of these, which
+splines may only hold roughly (a sign), are fitted once more on the rows themselves. Of those that stay
+within the band and gain on data left out what the curve gains, the simplest is named that explains
+about as much as any.
 """
 
 from __future__ import annotations
@@ -13,25 +14,30 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import optimize
 
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
-from sdp_vs_penalty.diagnosis.curves.choose import Fitted
+from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
+from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable_name, variable_unit
 
 Array = NDArray[np.float64]
 
 #: Steps of a scan over a constant, and over each of two.
 _SCAN, _SCAN_TWO = 60, 14
+#: How many laws are fitted on the rows themselves.
+_EXACT = 8
 #: Share of the points of a curve at which a law lies in its band: where few measurements lie, the
-#: smoothing shows; and the probability that noise alone makes a true law explain so much less.
-_INSIDE, _WORSE = 0.95, 0.01
+#: smoothing shows. The band is at least so wide, as a share of the curve from peak to peak: a strong
+#: torque shows also that its model is not perfect. So much of the curve's gain a law may lose, and of
+#: what another law explains.
+_INSIDE, _NEAR, _LOST, _ALIKE = 0.95, 0.05, 0.1, 0.02
 
 
 @dataclass(frozen=True)
 class Law:
-    """columns(points (P, v), constants) -> (P, m); starts : constants that a fit begins with; text(
-    amplitudes, constants) -> how it reads."""
+    """columns(points (P, v), constants) -> (P, m); starts : constants that a fit begins with, and within
+    whose ends it stays; text(amplitudes, constants) -> how it reads."""
 
     columns: Callable[[Array, Array], Array]
     text: Callable[[Array, Array], str]
@@ -39,73 +45,114 @@ class Law:
 
 
 @dataclass(frozen=True)
-class _Recognised:
-    text: str
-    cost: float
+class _Fit:
+    """A law with its amplitudes and constants; chi2 : what it explains."""
+
+    law: Law
+    amplitudes: Array
+    constants: Array
+    chi2: float
+
+    @property
+    def size(self) -> int:
+        return len(self.amplitudes) + len(self.constants)
+
+    def cost(self, count: float) -> float:
+        """-chi2 + (constants) log M (Schwarz 1978)."""
+        return -self.chi2 + self.size * np.log(max(count, 2.0))
 
 
-def formula_of(
-    f: Fitted, points: Array, half: Array, projector: Array, torque_units: Sequence[str]
-) -> str | None:
+def formula_of(f: Fitted, look: Look, points: Array, half: Array, projector: Array) -> str | None:
     """The law as text with units, or None where none of the dictionary lies within the band.
 
     points (P, v), half (P,) : where the band is and how wide; projector (k, k) : onto what the model
     cannot make.
     """
-    every = f.basis.points
+    every, count = f.basis.points, f.factors.count
     inverse = np.asarray(np.linalg.pinv(f.basis.at(*every.T), rcond=1e-10), float)
+
+    def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
+        c = inverse @ law.columns(every, constants)
+        return c.T @ f.factors.D @ c, c.T @ f.factors.s
+
+    def on_rows(law: Law, constants: Array) -> tuple[Array, Array]:
+        factors, _ = Factors.of(look.fit, look.law(law.columns, constants, f), f.joint)
+        return factors.D, factors.s
+
+    rough = [_fitted(law, in_splines, law.starts) for law in _dictionary(f.basis.axes) if law.starts]
+    rough.sort(key=lambda r: r.cost(count))
     at = f.basis.at(*points.T) @ projector
     torque = at @ f.smooth.c
-    worst = float(special.chdtri(max(f.smooth.edf, 1.0), _WORSE))
-    best: _Recognised | None = None
-    for law in _dictionary(f.basis.axes):
-        found = _fit(law, f, every, inverse)
-        if found is None:
-            continue
-        coefficients, amplitudes, constants, chi2 = found
-        inside = np.mean(np.abs(at @ coefficients - torque) <= half)
-        if inside < _INSIDE or f.smooth.chi2 - chi2 > worst:
-            continue
-        cost = -chi2 + (len(amplitudes) + len(constants)) * np.log(max(f.factors.count, 2.0))
-        if best is None or cost < best.cost:
-            best = _Recognised(law.text(amplitudes, constants), cost)
-    if best is None:
+    wide = np.maximum(half, _NEAR * np.ptp(torque))
+    passed: list[_Fit] = []
+    for r in rough[:_EXACT]:
+        fit = _fitted(r.law, on_rows, [tuple(r.constants)])
+        own = inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
+        inside = np.mean(np.abs(at @ own - torque) <= wide)
+        if inside >= _INSIDE and _gains(fit, f, look) >= (1.0 - _LOST) * f.gain:
+            passed.append(fit)
+    if not passed:
         return None
+    most = max(fit.chi2 for fit in passed)
+    alike = [fit for fit in passed if fit.chi2 >= (1.0 - _ALIKE) * most]
+    simplest = min(alike, key=lambda fit: (fit.size, -fit.chi2))
+    return _written(simplest, f, look.state.stage.candidacy.model.robot.torque_units)
+
+
+def _gains(law: _Fit, f: Fitted, look: Look) -> float:
+    """What a law with its constants gains on data left out, its amplitudes from the others."""
+    Z = look.law(law.law.columns, law.constants, f)
+    factors, C = Factors.of(look.fit, Z, f.joint)
+    P = factors.prior((), ())
+    return float(held_out_gains(look.fit, Z, C, factors, P, f.joint).sum())
+
+
+def _written(law: _Fit, f: Fitted, torque_units: Sequence[str]) -> str:
     unit = torque_units[f.joint].replace("*", " ")
     units = {v: variable_unit(torque_units, *parse_variable(v)) for v in f.basis.of}
     said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
-    return f"{best.text} {unit}" + (f" ({said})" if said else "")
+    text = law.law.text(law.amplitudes, law.constants)
+    return f"{text} {unit}" + (f" ({said})" if said else "")
 
 
-def _fit(law: Law, f: Fitted, every: Array, inverse: Array) -> tuple[Array, Array, Array, float] | None:
-    """Coefficients, amplitudes, constants and chi2 of a law."""
+def _fitted(
+    law: Law,
+    normal: Callable[[Law, Array], tuple[Array, Array]],
+    starts: Sequence[tuple[float, ...]],
+) -> _Fit:
+    """The constants that explain most, between the ends of the law's own starts; normal : matrix and
+    right side of the normal equations of its amplitudes."""
+    ends = np.array(law.starts, float)
+    low, high = ends.min(axis=0), ends.max(axis=0)
 
-    def solved(constants: Array) -> tuple[Array, Array, float]:
+    def solved(constants: Array) -> _Fit:
+        if np.any(constants < low) or np.any(constants > high):
+            return _Fit(law, np.zeros(0), constants, 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
-            own = law.columns(every, constants)
-        if not np.all(np.isfinite(own)):
-            return np.zeros(len(f.smooth.c)), np.zeros(own.shape[1]), 0.0
-        c = inverse @ own
-        gram, pull = c.T @ f.factors.D @ c, c.T @ f.factors.s
+            gram, pull = normal(law, constants)
+        if not np.all(np.isfinite(gram)):
+            return _Fit(law, np.zeros(0), constants, 0.0)
         scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
         a = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale, rcond=1e-9)[0] / scale
-        return c @ a, a, float(a @ pull)
+        return _Fit(law, a, constants, float(a @ pull))
 
-    starts = [np.array(s, float) for s in law.starts]
-    if not starts:
-        return None
-    best = max(starts, key=lambda s: solved(s)[2])
-    if len(best):
-        simplex = np.vstack([best, best + np.diag(0.1 * np.abs(best) + 1e-3)])
-        found = optimize.minimize(
-            lambda s: -solved(s)[2],
-            best,
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "maxiter": 80 * len(best), "fatol": 1e-6},
-        )
-        best = found.x
-    coefficients, amplitudes, chi2 = solved(best)
-    return coefficients, amplitudes, best, chi2
+    best = max((solved(np.array(s, float)) for s in starts), key=lambda r: r.chi2)
+    if not len(best.constants):
+        return best
+    step = np.minimum(0.1 * np.abs(best.constants) + 1e-3, 0.3 * (high - low))
+    step *= np.where(best.constants + step > high, -1.0, 1.0)
+    found = optimize.minimize(
+        lambda s: -solved(s).chi2,
+        best.constants,
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": np.vstack([best.constants, best.constants + np.diag(step)]),
+            "maxiter": 60 * len(step),
+            "fatol": 1e-4 * max(best.chi2, 1e-300),
+            "xatol": 1e-4 * float(np.max(np.abs(best.constants))),
+        },
+    )
+    return max((best, solved(found.x)), key=lambda r: r.chi2)
 
 
 def _dictionary(axes: Sequence[Axis]) -> list[Law]:
@@ -183,7 +230,7 @@ def _of_one(axis: Axis) -> list[Law]:
         Law(
             lambda p, b: np.column_stack([np.sin(b[0] * p[:, 0]), np.cos(b[0] * p[:, 0])]),
             lambda a, b: _wave(a, f"{_number(b[0])} {x}"),
-            [(float(k),) for k in np.linspace(0.5 * np.pi / span, _fastest(axis), _SCAN)],
+            [(float(k),) for k in np.linspace(np.pi / span, _fastest(axis), _SCAN)],
         ),
         Law(
             lambda p, b: np.exp(-(((p[:, 0] - b[0]) / b[1]) ** 2))[:, None],
@@ -223,8 +270,7 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
         if axis.is_sign:
             continue
         starts = [
-            (float(w),)
-            for w in np.linspace(0.5 * np.pi / (axis.high - axis.low), _fastest(axis), _SCAN // 2)
+            (float(w),) for w in np.linspace(np.pi / (axis.high - axis.low), _fastest(axis), _SCAN // 2)
         ]
         out += [
             Law(

@@ -2,100 +2,189 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
-from sdp_vs_penalty.diagnosis.curves.choose import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.curve import table_effect
+from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.smooth import fold_coefficients
 from sdp_vs_penalty.diagnosis.library import spread_columns
-from sdp_vs_penalty.diagnosis.stage import model_columns, white_rows
+from sdp_vs_penalty.diagnosis.stage import model_columns, stretches, white_rows
 from sdp_vs_penalty.diagnosis.state import SearchState
-from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.noise import RESIDUAL, Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
+Labels = NDArray[np.intp]
 #: A test run's rows with the model attached, and the model.
 TestRun = tuple[SegmentedRuns, Estimate]
+#: Stretches of a motion that are left out in turn, and how sure it must be that the error falls.
+_FOLDS, _SURE = 5, 0.95
+#: Share of the joint's error energy beyond noise that a curve takes there: what leaves most of it is not
+#: the law that is missing, and beside links that give way is as likely none.
+_MOST = 0.5
 
 
-class HeldOutCurves:
+@dataclass(frozen=True)
+class HeldOut:
+    """Root mean square error of a curve's joint without it and with it, on a test run or on folds;
+    lowers : whether on folds most of it beyond the noise goes, not by chance, and it falls on a test
+    run."""
+
+    before: float
+    after: float
+    lowers: bool
+
+    def share(self, floor: float) -> float:
+        """Of the squared error above the noise's ``floor``, what the curve takes."""
+        excess = self.before**2 - floor**2
+        return float(np.clip((self.before**2 - self.after**2) / max(excess, 1e-300), 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Judge:
     """Curves that are added one after the other to the model and what was named.
 
     Parameters are those of least squares on white rows; in a fold a curve's values come from the other
-    folds too. All is done on sums of products, fold by fold.
+    folds too. Directions that the other folds hardly determine stay with the model's parameters, by a
+    prior that is worth one row: with none, links run away as `add`, under its constraints, never lets
+    them, and a curve gets the credit for holding them. Folds are fifths of
+    every motion, each in one piece: in a short stretch an error is much like before and after it.
+    Folds decide; a test run is what is reported, and may only refuse.
+
+    fold, cell (M,) : of the rows, a cell being a fold of one motion;
+    raw (n, M, p), white (n M, p) : columns of the model and of what was named; curves : per fold those
+    (n, M, c) of the curves; there, curves_there : on the test run; all_curves : as they are there from
+    all folds.
     """
 
-    def __init__(self, state: SearchState, test: TestRun | None = None) -> None:
-        self.state, stage = state, state.stage
-        self.test = None if test is None else test[0]
-        effects = state.effects
-        self.raw = _beside(stage.columns, stage.rows, effects)
-        M = len(stage.rows.t)
-        white, self.target = white_rows(stage.rows, stage.noise, self.raw, stage.residual)
-        self.white = state.base.weighting.apply_all(white)
-        self.target = state.base.weighting.apply_all(self.target)
-        self.folds = [stage.labels.fold != f for f in np.unique(stage.labels.fold)]
-        if test is not None:
-            self.folds = [np.ones(M, bool)]
-            self.there = _beside(model_columns(test[0], test[1], stage.frozen), test[0], effects)
-        # Per fold the columns of the curves so far, (n, M, c), and on the test run.
-        none = np.zeros((stage.rows.n, M, 0))
-        self.curves = [none for _ in self.folds]
-        self.curves_there = np.zeros((stage.rows.n, 0 if self.test is None else len(self.test.t), 0))
+    state: SearchState
+    test: TestRun | None
+    fold: Labels
+    cell: Labels
+    raw: Array
+    white: Array
+    target: Array
+    curves: tuple[Array, ...]
+    all_curves: Array
+    there: Array
+    curves_there: Array
 
-    def added(self, found: Fitted, effect: MeasuredCurve, look: Look) -> tuple[float, float]:
-        """Root mean square error of the curve's joint without it and with it."""
-        before = self._rmse(found.joint)
-        stage = self.state.stage
+    @classmethod
+    def of(cls, state: SearchState, test: TestRun | None) -> Judge:
+        n, M = state.stage.rows.n, len(state.stage.rows.t)
+        none = np.zeros((n, M, 0))
+        fold, cell = stretches(state.stage.rows, _FOLDS)
+        there = np.zeros((n, 0 if test is None else len(test[0].t), 0))
+        blank = np.zeros(0)
+        curves = (none,) * len(np.unique(fold))
+        bare = cls(state, test, fold, cell, none, blank, blank, curves, none, there, there)
+        return bare.beside(state)
+
+    def beside(self, state: SearchState) -> Judge:
+        """The same curves beside what another state has named."""
+        stage, weighting = state.stage, state.base.weighting
+        effects = [e for e in state.effects if not isinstance(e, MeasuredCurve)]
+
+        def columns(own: Array, rows: SegmentedRuns) -> Array:
+            return np.concatenate([own, *(spread_columns(rows, e) for e in effects)], axis=2)
+
+        raw = columns(stage.columns, stage.rows)
+        white, target = white_rows(stage.rows, stage.noise, raw, stage.residual)
+        there = self.there
         if self.test is not None:
-            self.curves = [np.concatenate([self.curves[0], spread_columns(stage.rows, effect)], axis=2)]
-            there = spread_columns(self.test, effect)
-            self.curves_there = np.concatenate([self.curves_there, there], axis=2)
-            return before, self._rmse(found.joint)
-        f, points = found, look.variables.supported(found.basis)
-        each = fold_coefficients(look.fit, f.Z, f.C, f.factors, f.smooth.P, f.joint)
-        for k, c in enumerate(each):
-            values = f.basis.at(*points.T) @ c
-            own = table_effect(effect.robot, f.joint, f.basis.of, points, values)
-            column = spread_columns(stage.rows, own)
-            self.curves[k] = np.concatenate([self.curves[k], column], axis=2)
-        return before, self._rmse(found.joint)
+            there = columns(model_columns(*self.test, stage.frozen), self.test[0])
+        return replace(
+            self,
+            state=state,
+            raw=raw,
+            white=weighting.apply_all(white),
+            target=weighting.apply_all(target),
+            there=there,
+        )
 
-    def _rmse(self, joint: int) -> float:
-        stage, weighting = self.state.stage, self.state.base.weighting
-        n, keep = stage.rows.n, stage.rows.keep[:, joint]
-        total = count = 0.0
-        for train, curves in zip(self.folds, self.curves, strict=True):
-            used, columns = np.tile(train, n), self.white
-            if curves.shape[2]:
-                white, _ = white_rows(stage.rows, stage.noise, curves, stage.residual)
-                columns = np.hstack([columns, weighting.apply_all(white)])
-            columns = columns[used]
-            theta = _least_squares(columns, self.target[used])
-            if self.test is None:
-                columns, out = np.concatenate([self.raw[joint], curves[joint]], axis=1), keep & ~train
-                left = stage.residual[:, joint] - columns @ theta
-            else:
-                columns = np.concatenate([self.there[joint], self.curves_there[joint]], axis=1)
-                left, out = self.test.residual[:, joint] - columns @ theta, self.test.keep[:, joint]
-            total += float(np.sum(left[out] ** 2))
-            count += float(out.sum())
-        return float(np.sqrt(total / max(count, 1.0)))
+    def tried(self, found: Fitted, effect: MeasuredCurve, look: Look) -> tuple[Judge, HeldOut]:
+        """With one more curve, and what it does to the error of its joint."""
+        rows, f = self.state.stage.rows, found
+        points = look.variables.supported(f.basis)
+        fit = replace(look.fit, rows=replace(look.fit.rows, fold=self.fold))
+        each = fold_coefficients(fit, f.Z, f.C, f.factors, f.smooth.P, f.joint)
+        grid = f.basis.at(*points.T)
+        tables = [table_effect(effect.robot, f.joint, f.basis.of, points, grid @ c) for c in each]
+
+        def joined(old: Array, rows: SegmentedRuns, new: MeasuredCurve) -> Array:
+            return np.concatenate([old, spread_columns(rows, new)], axis=2)
+
+        after = replace(
+            self,
+            curves=tuple(joined(c, rows, t) for c, t in zip(self.curves, tables, strict=True)),
+            all_curves=joined(self.all_curves, rows, effect),
+        )
+        lowers = _falls(self._squares(f.joint), after._squares(f.joint))
+        out = HeldOut(self.error(f.joint), after.error(f.joint), lowers)
+        if out.share(known_floor(self.state.stage.noise, f.joint)) < _MOST:
+            out = replace(out, lowers=False)
+        if self.test is not None:
+            after = replace(after, curves_there=joined(self.curves_there, self.test[0], effect))
+            before, rest = self._there(f.joint), after._there(f.joint)
+            out = HeldOut(before, rest, out.lowers and rest < before)
+        return after, out
+
+    def error(self, joint: int) -> float:
+        """Root mean square on folds left out."""
+        count = self.state.stage.rows.keep[:, joint].sum()
+        return float(np.sqrt(self._squares(joint).sum() / max(count, 1)))
+
+    def _squares(self, joint: int) -> Array:
+        """(cells,) squared error, each cell left out."""
+        stage, left = self.state.stage, np.zeros(len(self.fold))
+        for f, curves in zip(np.unique(self.fold), self.curves, strict=True):
+            out = self.fold == f
+            columns = np.concatenate([self.raw[joint], curves[joint]], axis=1)[out]
+            left[out] = stage.residual[out, joint] - columns @ self._parameters(~out, curves)
+        return np.asarray(
+            np.bincount(self.cell, np.where(stage.rows.keep[:, joint], left, 0.0) ** 2), float
+        )
+
+    def _there(self, joint: int) -> float:
+        """Root mean square error on the test run."""
+        assert self.test is not None
+        rows = self.test[0]
+        theta = self._parameters(np.ones(len(self.fold), bool), self.all_curves)
+        columns = np.concatenate([self.there[joint], self.curves_there[joint]], axis=1)
+        left = (rows.residual[:, joint] - columns @ theta)[rows.keep[:, joint]]
+        return float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
+
+    def _parameters(self, train: NDArray[np.bool_], curves: Array) -> Array:
+        """(p + c,) from rows ``train`` (M,), with the prior that is worth one of them."""
+        stage, used = self.state.stage, np.tile(train, self.state.stage.rows.n)
+        columns = self.white[used]
+        if curves.shape[2]:
+            white, _ = white_rows(stage.rows, stage.noise, curves, stage.residual)
+            columns = np.hstack([columns, self.state.base.weighting.apply_all(white)[used]])
+        norms = np.linalg.norm(columns, axis=0)
+        unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
+        columns = columns / unit
+        gram = columns.T @ columns + np.eye(len(unit)) / max(train.sum(), 1)
+        return np.asarray(np.linalg.solve(gram, columns.T @ self.target[used]) / unit)
 
 
-def _beside(columns: Array, rows: SegmentedRuns, effects: list[Effect]) -> Array:
-    return np.concatenate([columns, *(spread_columns(rows, e) for e in effects)], axis=2)
+def known_floor(noise: Noise, joint: int) -> float:
+    """The noise of a joint; 0 where no motion repeats: what is taken for noise then holds the error."""
+    return 0.0 if noise.source == RESIDUAL else float(noise.floor[joint])
 
 
-def _least_squares(columns: Array, target: Array) -> Array:
-    """The smallest solution, from sums of products."""
-    norms = np.linalg.norm(columns, axis=0)
-    unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-    gram = (columns / unit).T @ (columns / unit)
-    values, vectors = np.linalg.eigh(gram)
-    good = values > 1e-11 * values[-1]
-    part = vectors[:, good]
-    return np.asarray(part @ ((part.T @ ((columns / unit).T @ target)) / values[good]) / unit)
+def _falls(before: Array, after: Array) -> bool:
+    """Whether squares (cells,) fall in all, and from cell to cell by a share that is not chance:
+    Student's test of their logarithms, so that no stretch decides alone."""
+    seen = (before > 0.0) & (after > 0.0)
+    share = np.log(after[seen] / before[seen])
+    if len(share) < 2 or not after.sum() < before.sum():
+        return False
+    spread = share.std(ddof=1) / np.sqrt(len(share))
+    return bool(share.mean() < -special.stdtrit(len(share) - 1, _SURE) * spread)

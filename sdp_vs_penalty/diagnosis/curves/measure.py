@@ -9,25 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.curves.bases import Variables
-from sdp_vs_penalty.diagnosis.curves.choose import Fitted, Look, search_curves
+from sdp_vs_penalty.diagnosis.curves.choose import Found, search_curves
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.formula import formula_of
-from sdp_vs_penalty.diagnosis.curves.held_out import HeldOutCurves, TestRun
+from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun, known_floor
 from sdp_vs_penalty.diagnosis.curves.smooth import draws, identifiable
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder
-from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.signals.noise import RESIDUAL
 
 Array = NDArray[np.float64]
 
 #: Draws of the bootstrap, and the level of the band.
 _DRAWS, _LEVEL = 300, 0.95
-
-Found = list[tuple[Fitted, MeasuredCurve, Look]]
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ def measured_curves(
     at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
     run with the model attached, for the held-out errors; without one they are those of folds. What a
     search without curves has named on such a joint is kept, unless curves without it explain the joint
-    better by the Bayesian information criterion (Schwarz 1978).
+    better by the Bayesian information criterion (Schwarz 1978) and no worse on data left out.
     """
     joints = sorted({*left.joints, *doubted})
     if state.stage.noise.source == RESIDUAL:
@@ -55,30 +52,24 @@ def measured_curves(
     if not joints:
         return Measured()
     seed, variables = state.stage.seed, Variables(state.stage.rows)
-    state_picks, places = state.picks, list(range(len(state.picks)))
-    every: Found = []
-    replaced: set[int] = set()
+    places = list(range(len(state.picks)))
+    judge, every, replaced = Judge.of(state, test), list[Found](), set[int]()
     for joint in joints:
-        beside, found = search_curves(state, variables, [joint], seed)
+        beside, found, judged = search_curves(state, variables, joint, seed, judge)
         own = [k for k in places if state.picks[places.index(k)].candidate.key[1] == joint]
         if own:
             kept = tuple(p for k, p in zip(places, state.picks, strict=False) if k not in own)
-            after = state.picks[len(places) :]
-            alone, instead = search_curves(state.with_picks((*kept, *after)), variables, [joint], seed)
-            better = _cost(beside, joint, found) - _cost(alone, joint, instead)
-            if instead and (better > TOLD_APART or (joint in doubted and _explains(alone, joint))):
-                beside, found = alone, instead
+            bare = state.with_picks((*kept, *state.picks[len(places) :]))
+            alone, instead, other = search_curves(bare, variables, joint, seed, judge)
+            better = _cost(beside, joint, found) - _cost(alone, joint, instead) > TOLD_APART
+            better |= joint in doubted and _explains(alone, joint)
+            if instead and better and other.error(joint) <= judged.error(joint):
+                beside, found, judged = alone, instead, other
                 replaced |= set(own)
                 places = [k for k in places if k not in own]
-        state = beside
+        state, judge = beside, judged
         every += found
-    judge = HeldOutCurves(replace(state, picks=state.picks[: len(places)]), test)
-    made = (_curve(f, effect, look, judge, seed) for f, effect, look in every)
-    # What raises the error of its joint on data left out is not offered.
-    curves = tuple(c for c in made if c.held_out_rmse_after < c.held_out_rmse_before)
-    left_on = {c.joint - 1 for c in curves}
-    stands = {k for k in replaced if state_picks[k].candidate.key[1] in left_on}
-    return Measured(curves, frozenset(stands))
+    return Measured(tuple(_curve(f, seed) for f in every), frozenset(replaced))
 
 
 def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding, ...]:
@@ -104,28 +95,27 @@ def _explains(state: SearchState, joint: int) -> bool:
     )
 
 
-def _cost(state: SearchState, joint: int, found: Found) -> float:
+def _cost(state: SearchState, joint: int, found: Sequence[Found]) -> float:
     """The information criterion of a joint's rows: deviance and the price of what explains them."""
     fit = state.fit
     degrees, noise = float(fit.degrees[joint]), float(fit.weighting.noise_variance[joint])
     chi2 = float(fit.joint_chi2[joint])
     variance = max(chi2 / degrees, noise)
-    curves = {effect.text for _, effect, _ in found}
+    curves = {f.effect.text for f in found}
     named = [p.candidate for p in state.picks if p.candidate.effect.text not in curves]
-    freedom = sum(f.smooth.edf for f, _, _ in found)
+    freedom = sum(f.fitted.smooth.edf for f in found)
     freedom += sum(len(h.beta) + len(h.effect.searched) for h in named if h.key[1] == joint)
     return degrees * np.log(variance) + chi2 / variance + freedom * np.log(degrees)
 
 
-def _curve(f: Fitted, effect: MeasuredCurve, look: Look, judge: HeldOutCurves, seed: int) -> Curve:
+def _curve(found: Found, seed: int) -> Curve:
+    f, look = found.fitted, found.look
     points = look.variables.supported(f.basis)
     grid = f.basis.at(*points.T)
-    projector = identifiable(f.factors)
+    projector = identifiable(f.factors, f.smooth.P)
     errors = draws(look.fit, f.Z, f.C, f.smooth, f.joint, seed, _DRAWS) @ projector.T
     half = _simultaneous(errors @ grid.T)
     torque = grid @ f.coefficients
-    before, after = judge.added(f, effect, look)
-    level2 = look.fit.weighting.level[f.joint] ** 2
     return Curve(
         f.joint + 1,
         f.basis.of,
@@ -133,10 +123,10 @@ def _curve(f: Fitted, effect: MeasuredCurve, look: Look, judge: HeldOutCurves, s
         torque,
         torque - half,
         torque + half,
-        _share(look, f, level2),
-        formula_of(f, points, half, projector, effect.robot.torque_units),
-        before,
-        after,
+        found.held_out.share(known_floor(look.noise, f.joint)),
+        formula_of(f, look, points, half, projector),
+        found.held_out.before,
+        found.held_out.after,
     )
 
 
@@ -145,10 +135,3 @@ def _simultaneous(errors: Array) -> Array:
     deviation = np.maximum(errors.std(axis=0), 1e-300)
     largest = np.max(np.abs(errors) / deviation, axis=1)
     return np.asarray(np.quantile(largest, _LEVEL) * deviation)
-
-
-def _share(look: Look, f: Fitted, level2: float) -> float:
-    """Of the joint's squared error beyond the noise, what the curve takes on folds left out."""
-    fit = look.fit
-    excess = fit.joint_chi2[f.joint] - fit.degrees[f.joint] * fit.weighting.noise_variance[f.joint]
-    return float(np.clip(f.gain * level2 / max(excess, 1e-12), 0.0, 1.0))

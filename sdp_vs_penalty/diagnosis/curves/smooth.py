@@ -160,10 +160,10 @@ def fold_coefficients(
     ]
 
 
-def identifiable(f: Factors) -> Array:
-    """(k, k) projector onto what the model's own columns cannot make, in the metric of Z'Z."""
-    k = len(f.s)
-    metric = f.raw + 1e-9 * np.trace(f.raw) * np.eye(k)
+def identifiable(f: Factors, P: Array) -> Array:
+    """(k, k) projector onto what the model's own columns cannot make, nor the smoothing alone decides,
+    in the metric of Z'Z + P: where few measurements lie, Z'Z alone lets a curve grow without limit."""
+    metric = f.raw + P
     values, vectors = scipy.linalg.eigh(f.D, metric)
     kept = vectors[:, values > ABSORBED]
     return np.asarray(kept @ kept.T @ metric)

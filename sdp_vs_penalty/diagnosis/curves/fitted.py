@@ -1,0 +1,84 @@
+"""A curve fitted to what a state leaves of a joint, before anything is decided about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.curves import smooth as splines
+from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
+from sdp_vs_penalty.diagnosis.curves.curve import table_effect
+from sdp_vs_penalty.diagnosis.curves.smooth import Factors, Smooth
+from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve, variable
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A curve of one joint: its basis, white columns Z (M, k) with C = Q'Z, factors, fit and gain."""
+
+    joint: int
+    basis: Basis
+    Z: Array
+    C: Array
+    factors: Factors
+    smooth: Smooth
+    gains: Array
+
+    @property
+    def gain(self) -> float:
+        return float(self.gains.sum())
+
+    @property
+    def coefficients(self) -> Array:
+        """(k,) of what the model's own columns cannot make."""
+        return np.asarray(splines.identifiable(self.factors, self.smooth.P) @ self.smooth.c)
+
+
+class Look:
+    """What a state leaves, ready to be compared with curves."""
+
+    def __init__(self, state: SearchState, variables: Variables) -> None:
+        self.state, self.variables, self.fit = state, variables, state.fit
+        self.noise, self.rows = state.stage.noise, state.stage.rows
+        fit = self.fit
+        self.overlap = fit.rows.block_sums(fit.Q * fit.residual[:, None])
+
+    def white(self, columns: Array, joint: int) -> Array:
+        """(M, k) columns of one joint, white and weighted like the rows."""
+        gain = 1.0 if self.rows.gains is None else self.rows.gains[joint]
+        pieces = self.rows.pieces(joint)
+        return self.fit.weighting.apply(self.noise.whiten(gain * columns, joint, pieces), joint)
+
+    def fitted(self, basis: Basis, joint: int, fine: bool, columns: Array | None = None) -> Fitted:
+        """A curve on exact columns where ``fine``, with its gains."""
+        if columns is None:
+            columns = self.variables.exact(basis, joint) if fine else self.variables.coarse(basis)
+        Z = self.white(columns, joint)
+        factors, C = Factors.of(self.fit, Z, joint)
+        found = splines.smooth(factors, basis.penalties, fine)
+        gains = np.zeros(0)
+        if fine:
+            gains = splines.held_out_gains(self.fit, Z, C, factors, found.P, joint)
+        return Fitted(joint, basis, Z, C, factors, found, gains)
+
+    def law(self, columns: Callable[[Array, Array], Array], constants: Array, f: Fitted) -> Array:
+        """(M, m) white columns of a law of a curve's variables: columns(points (N, v), constants)."""
+        parts = []
+        for s in self.rows.segments:
+            points = np.column_stack([variable(s.motion, *a.variable) for a in f.basis.axes])
+            parts.append(s.low_pass @ columns(points, constants))
+        return self.white(np.concatenate(parts), f.joint)
+
+
+def effect_of(look: Look, found: Fitted) -> MeasuredCurve:
+    """The curve as an effect: a table of its values."""
+    robot = look.state.stage.candidacy.model.robot
+    points = look.variables.supported(found.basis)
+    values = found.basis.at(*points.T) @ found.coefficients
+    return table_effect(robot, found.joint, found.basis.of, points, values)
