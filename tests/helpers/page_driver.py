@@ -149,7 +149,8 @@ def open_page(context: BrowserContext, server: Server, path: str = "new") -> Pag
 
     page.faults = faults  # type: ignore[attr-defined]
     page.goto(f"{server.address}{path}?key={server.key}")
-    page.wait_for_selector(key("robot-two_link"))
+    # A tab of a session that is there already shows the step that was shown last.
+    page.wait_for_selector(key("robot-two_link"), state="attached")
     return page
 
 
