@@ -90,6 +90,13 @@ class Model:
         widths = {j: e.shape["v_s"] for e in self.effects if "v_s" in e.shape for j in e.joints}
         return tuple(widths.get(j, SIGN_WIDTH) for j in range(self.robot.n))
 
+    @cached_property
+    def plausible(self) -> Array:
+        """(p,) standard deviations of the parameters about zero before anything is measured, infinite
+        where nothing is known."""
+        parts = [(e.plausible, len(e.parameters)) for e in self.effects]
+        return np.concatenate([np.full(k, np.inf) if x is None else x for x, k in parts])
+
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
         if motion.sign_width != self.sign_width:
