@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import numbers
 from sdp_vs_penalty.cli.options import PROBLEM_HELP, Gravity, json_option
+from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
