@@ -6,6 +6,7 @@ And where the files of the package itself are.
 from __future__ import annotations
 
 import glob
+import io
 import itertools
 import json
 import os
@@ -13,7 +14,7 @@ import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from sdp_vs_penalty.errors import InputError, unreadable
 
@@ -56,8 +57,9 @@ def opened(path: str | Path) -> None:
         return
 
 
-def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write to a temporary file beside the target and rename: an interruption keeps the old file.
+@contextmanager
+def writing(path: str | Path) -> Iterator[BinaryIO]:
+    """A temporary file beside the target, to be renamed: an interruption keeps the old file.
 
     A writer that is killed leaves at most that one file, which the next writer of the target removes.
 
@@ -71,11 +73,14 @@ def write_bytes(path: str | Path, content: bytes) -> None:
             raise InputError("cannot be written (it is a folder)", "name a file", path)
         if there is not None and _inputs and (there.st_dev, there.st_ino) in _inputs:
             raise InputError("is also an input of this command", "name another file to write", path)
-        if there is not None and not stat.S_ISREG(there.st_mode):
-            with path.open("wb", buffering=0) as device:
-                device.write(content)
+        if there is None or stat.S_ISREG(there.st_mode):
+            with _replacing(Path(os.path.realpath(path))) as file:
+                yield file
             return
-        _replace(Path(os.path.realpath(path)), content)
+        content = io.BytesIO()  # which can be told where it is, as some formats need
+        yield content
+        with path.open("wb") as device:
+            device.write(content.getbuffer())
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -83,6 +88,12 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         raise InputError(
             f"cannot be written ({what})", "choose another place, or free this one", path
         ) from error
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write a file, whole or not at all; errors as of :func:`writing`."""
+    with writing(path) as file:
+        file.write(content)
 
 
 def _there(path: Path) -> os.stat_result | None:
@@ -93,27 +104,27 @@ def _there(path: Path) -> os.stat_result | None:
         return None
 
 
-def _replace(path: Path, content: bytes) -> None:
+@contextmanager
+def _replacing(path: Path) -> Iterator[BinaryIO]:
     """The new file whole under a name of its own, on the disk, and only then under the old name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path)
     umask = os.umask(0)
     os.umask(umask)
-    temporary = f"{_prefix(path)}{os.getpid()}.{next(_written)}{_PART}"
-    handle = os.open(path.parent / temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    temporary = path.parent / f"{_prefix(path)}{os.getpid()}.{next(_written)}{_PART}"
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         try:
-            left = memoryview(content)
-            while left:
-                left = left[os.write(handle, left) :]
+            with open(handle, "wb", closefd=False) as file:
+                yield file
             os.fchmod(handle, 0o666 & ~umask)
             os.fsync(handle)
         finally:
             os.close(handle)
-        os.replace(path.parent / temporary, path)
+        os.replace(temporary, path)
     except BaseException:
         with suppress(OSError):
-            os.unlink(path.parent / temporary)
+            os.unlink(temporary)
         raise
     _sync_folder(path.parent)
 

@@ -35,16 +35,12 @@ def spread(
 ) -> Iterator[Result]:
     """Results as they come, in any order; scheduler : a Dask scheduler's address, None: this machine.
 
-    threads : here, enough where the function only waits for other processes.
+    threads : here, enough where the function only waits for other processes. What a worker was doing
+    that died is done again by another one, a few times.
     Raises InputError where Dask is not installed or nobody answers at the address.
     """
     if scheduler is None:
-        from joblib import Parallel, delayed
-
-        backend = "threading" if threads else "loky"
-        parallel = Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", batch_size=1)
-        work: Callable[[Item], Result] = function if threads else Guarded(function, os.getpid())
-        yield from parallel(delayed(work)(item) for item in items)
+        yield from _here(function, list(items), jobs, threads)
         return
     with _connected(scheduler) as client:
         from distributed import as_completed
@@ -53,6 +49,65 @@ def spread(
         futures = client.map(function, list(items), pure=False, retries=_RETRIES)
         for _, result in as_completed(futures, with_results=True):
             yield result
+
+
+def _here(
+    function: Callable[[Item], Result], items: list[Item], jobs: int, threads: bool
+) -> Iterator[Result]:
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    work = Numbered(function if threads else Guarded(function, os.getpid()))
+    left = dict(enumerate(items))
+    for attempt in range(_RETRIES + 1):
+        backend = "threading" if threads else "loky"
+        parallel = Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", batch_size=1)
+        try:
+            for k, result in parallel(delayed(work)(item) for item in list(left.items())):
+                del left[k]
+                yield result
+            return
+        except TerminatedWorkerError:  # the whole pool ends with one worker
+            if attempt == _RETRIES:
+                raise
+
+
+@dataclass(frozen=True)
+class Numbered(Generic[Item, Result]):
+    """A function whose items come with a number, which its results keep."""
+
+    function: Callable[[Item], Result]
+
+    def __call__(self, item: tuple[int, Item]) -> tuple[int, Result]:
+        number, own = item
+        return number, self.function(own)
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Who does work that falls into parts: this process, several (``jobs``), or a Dask cluster.
+
+    scheduler : the cluster's address, tcp://HOST:PORT; progress : hears how many parts are done.
+    """
+
+    jobs: int = 1
+    scheduler: str | None = None
+    progress: Callable[[str], None] = lambda _: None
+
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """Results in the order of the items, however they come; errors as of :func:`spread`."""
+        todo = list(items)
+        if self.scheduler is None and min(self.jobs, len(todo)) < 2:
+            return [function(item) for item in todo]
+        found: dict[int, Result] = {}
+        for k, result in spread(Numbered(function), enumerate(todo), self.scheduler, self.jobs):
+            found[k] = result
+            self.progress(f"{len(found)} of {len(todo)} runs")
+        return [found[k] for k in range(len(todo))]
+
+
+#: This process alone.
+ALONE = Workers()
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -64,6 +66,31 @@ def test_every_page_is_in_the_index_and_the_index_in_the_readme() -> None:
     for path in [*PAGES, *DOCS.glob("*.ipynb")]:
         assert path.name == "README.md" or f"({path.name})" in index
     assert "(docs/README.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    if importlib.util.find_spec("mkdocs") is None:
+        pytest.skip("the site needs the extra [docs]")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "identify" in (tmp_path / "api" / "index.html").read_text(encoding="utf-8")
+
+
+def test_five_minutes_and_how_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every command of both pages, in order, on the same files."""
+    shutil.copy(DOCS / "my_arm.urdf", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    run_all(commands("five-minutes.md"), capsys)
+    rows = (Path("runs") / "run1.csv").read_text().splitlines()
+    names = {"t": "time", "q1": "pos_a", "q2": "pos_b", "tau1": "effort_a", "tau2": "effort_b"}
+    head = ",".join(names.get(word, word) for word in rows[0].split(","))
+    Path("theirs.csv").write_text("\n".join([head, *rows[1:]]) + "\n")
+    said = run_all(commands("how-to.md"), capsys)
+    assert "accepted" in said["verify"]
+    assert "mass" in Path("endeffector-config.json").read_text()
 
 
 def test_your_own_robot(

@@ -110,7 +110,7 @@ def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(
 ) -> None:
     asked: list[str] = []
 
-    def spread(function: Any, cases: Any, jobs: int) -> Iterator[tuple[str, dict[str, str]]]:
+    def spread(function: Any, cases: Any, *_: Any) -> Iterator[tuple[str, dict[str, str]]]:
         for case in cases:
             asked.append(case.key)
             yield case.key, {"of": case.key}

@@ -13,7 +13,7 @@ from small_runs import write_run
 
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import opened, protecting, write_text
+from sdp_vs_penalty.files import opened, protecting, write_text, writing
 from sdp_vs_penalty.problem.load import load_problem
 
 
@@ -140,7 +140,25 @@ def test_a_name_that_cannot_be_is_one_sentence(tmp_path: Path, name: str) -> Non
     assert list(tmp_path.iterdir()) == []
 
 
-STEPS = ("open", "write", "fchmod", "fsync", "close", "replace")
+STEPS = ("open", "fchmod", "fsync", "close", "replace")
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_fault_while_the_content_comes_keeps_the_old_file(
+    error: BaseException, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.csv"
+    write_text(path, "old")
+
+    def interrupted() -> None:
+        with writing(path) as file:
+            file.write(b"new" * 100_000)
+            raise error
+
+    with pytest.raises((InputError, KeyboardInterrupt)):
+        interrupted()
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["run.csv"]
 
 
 @pytest.mark.parametrize("step", STEPS)

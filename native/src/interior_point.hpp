@@ -8,7 +8,7 @@ struct Answer {
     std::vector<double> multipliers;  // (blocks, 4, 4)
     int iterations = 0;
     bool converged = false;
-    double gap = 0.0;  // its own, relative; nobody believes it
+    double gap = HUGE_VAL;  // its own, relative; nobody believes it
 };
 
 class InteriorPoint {
@@ -34,7 +34,7 @@ public:
     Answer solve(const double* start, double warmth, double tolerance, int most) {
         Answer best;
         best.theta.assign(start, start + p_);
-        begin(start, warmth);
+        if (!begin(start, warmth)) return best;
         double least = HUGE_VAL;
         for (int k = 0; k < most; k++) {
             residuals();
@@ -77,7 +77,8 @@ private:
     }
 
     // S = F(theta), lifted into the cone where theta is outside or on its boundary; S Z = mu 1.
-    void begin(const double* start, double warmth) {
+    // False for numbers that are not finite.
+    bool begin(const double* start, double warmth) {
         theta_.assign(start, start + p_);
         for (std::size_t b = 0; b < count(); b++) {
             double* S = &S_[16 * b];
@@ -86,6 +87,7 @@ private:
             for (int e = 0; e < 16; e++) largest = std::max(largest, std::fabs(S[e]));
             double lift = 1e-8 * largest;
             while (!small::cholesky(S, &LS_[16 * b], block(b).d)) {
+                if (!(lift < 1e3 * largest)) return false;
                 for (int i = 0; i < block(b).d; i++) S[5 * i] += lift;
                 lift *= 10.0;
             }
@@ -97,8 +99,9 @@ private:
         for (std::size_t b = 0; b < count(); b++) {
             const double size = std::max(mu, block(b).weight);
             for (int e = 0; e < 16; e++) Z_[16 * b + e] = size * SI_[16 * b + e];
-            small::cholesky(&Z_[16 * b], &LZ_[16 * b], block(b).d);
+            if (!small::cholesky(&Z_[16 * b], &LZ_[16 * b], block(b).d)) return false;
         }
+        return true;
     }
 
     // Value and gradient of the smooth part without its logarithms.

@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import (
     clock,
@@ -46,6 +48,8 @@ __all__ = ["Issue", "Report", "check"]
 _ROWS = 1000
 #: ... and those for events, which are short.
 _EVENT_ROWS = 2000
+#: Samples that are looked at as a whole, and those of each window of a longer run.
+_MOST, _WINDOW = 1 << 18, 1 << 16
 #: Band in which one-off events are looked for, in cut-offs of the states.
 _WIDER = 3.0
 
@@ -134,7 +138,31 @@ def check(
     if measurements.n != problem.robot.n:
         raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
-    return [_check_run(problem, run, settings, thorough) for run in measurements.runs()]
+    reports = [report for run in measurements.runs() for report in _unusable(run)]
+    windows = [window for run in measurements.runs() for window in _windows(run)]
+    return reports + [_check_run(problem, window, settings, thorough) for window in windows]
+
+
+def _windows(run: Measurements) -> list[Measurements]:
+    """A run, or of a long one the windows that are checked; their rows count from their first."""
+    if run.samples <= _MOST:
+        return [run]
+    starts = np.linspace(0, run.samples - _WINDOW, _MOST // _WINDOW).astype(int).tolist()
+    name = run.names[0]
+    return [run.rows(slice(k, k + _WINDOW), f"{name} from sample {k + 1} on") for k in starts]
+
+
+def _unusable(run: Measurements) -> list[Report]:
+    """A report where a long run has a broken clock or numbers that are not finite, anywhere."""
+    if run.samples <= _MOST:
+        return []
+    try:
+        check_usable(run.names[0], run)
+    except InputError as error:
+        sure, remedy = "certain: read from the file", error.remedy or "record again"
+        issue = Issue("unusable rows", "error", "the run", f"{error.what}.", sure, remedy)
+        return [Report(run.names[0], (issue,), run, run, None)]
+    return []
 
 
 def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:

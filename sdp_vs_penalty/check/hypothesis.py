@@ -40,7 +40,8 @@ BEYOND = 0.5
 #: Rows for hypotheses that need new columns each.
 _FEW_ROWS = 200
 #: A number that may be wrong (a gain, a clock's rate, a share of the weight) is believed where it gains
-#: less, too, if it lies so many standard deviations from what the file says, and gains this much.
+#: less, too, if it lies so many standard deviations from what the file says, and gains this much; twice
+#: as many where it is no grosser than an arm's own imperfections.
 SIGMAS, LEAST = 4.0, 0.15
 #: Parts of the run that are left out in turn, and steps to either side, as a share of the number.
 _PARTS, _STEP = 8, 0.3
@@ -120,7 +121,8 @@ class Hypothesis:
 
     def known_by_number(self, physics: Physics, gain: float) -> bool:
         """Whether its number is certainly not what the file says, however little it gains."""
-        return bool(self.number is not None and gain > LEAST and self.number.sigmas(physics) > SIGMAS)
+        sure = SIGMAS if self.gross else 2.0 * SIGMAS
+        return bool(self.number is not None and gain > LEAST and self.number.sigmas(physics) > sure)
 
     def needed_beyond(self, physics: Physics) -> bool:
         """Whether it gains about as much for an arm with what the model may lack, on either side."""

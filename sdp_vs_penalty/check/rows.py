@@ -14,7 +14,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.kernels import LowPass
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
-from sdp_vs_penalty.signals.runs import Stretch, stretches
+from sdp_vs_penalty.signals.runs import Stretch
 
 Array = NDArray[np.float64]
 
@@ -34,10 +34,7 @@ def physics_of(
     """
     filters = RunFilter(run, settings)
     margin = filters.state.half + filters.column.half
-    places = []
-    for part in stretches(run):
-        k = np.arange(margin, part.count - margin)
-        places.append((part, k[filters.movement.at(part.clock(k))]))
+    places = filters.moving(margin)
     count = sum(len(k) for _, k in places)
     if count == 0:
         raise no_rows(run, 2 * margin * filters.dt)

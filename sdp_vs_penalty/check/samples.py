@@ -12,7 +12,7 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.check.issue import Array, Issue, joints_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.runs import Movement, moving_joints
+from sdp_vs_penalty.signals.runs import movement, moving_joints
 
 #: A stuck channel stays for so long [s], and this many times longer than it is constant elsewhere.
 _STUCK_SECONDS, _STUCK_TIMES = 0.2, 3.0
@@ -102,7 +102,7 @@ def _doubled(run: Measurements, robot: Robot, standstill: float) -> Iterator[Iss
     if np.ptp(steps) > 1e-3 * float(np.median(steps)):
         return  # a recorder's own stamps: a logger a little faster than its source holds samples, too
     same = np.concatenate([[False], np.diff(_row_numbers(run)) == 0])
-    same &= Movement(run, standstill).moves
+    same &= movement(run, standstill).moves
     if same.mean() < 0.002 or same.mean() > 0.8:
         return
     at = np.flatnonzero(same)
@@ -147,7 +147,7 @@ def _interpolated(run: Measurements, robot: Robot, standstill: float) -> Iterato
     inside = np.concatenate([[False], straight, [False]])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
     parts = [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= _STRAIGHT]
-    parts = [(a, b) for a, b in parts if Movement(run, standstill).moves[a:b].mean() > 0.5]
+    parts = [(a, b) for a, b in parts if movement(run, standstill).moves[a:b].mean() > 0.5]
     if not parts:
         return
     gone = np.zeros(len(run.t), bool)
@@ -170,8 +170,8 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
         return
     found: dict[str, NDArray[np.intp]] = {}
     # Rows at rest are not used, and drives click when they start and stop.
-    movement = Movement(run, standstill)
-    moves = movement.at(run.t - 0.5) & movement.moves & movement.at(run.t + 0.5)
+    motion = movement(run, standstill)
+    moves = motion.at(run.t - 0.5) & motion.moves & motion.at(run.t + 0.5)
     for name, values in (("q", run.q), ("tau", run.tau)):
         for j in np.flatnonzero(moving_joints(run)).tolist():
             x = values[:, j]
@@ -252,7 +252,7 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
 
 def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
     """A channel that repeats its value bit by bit while the arm moves, and did not slow down before."""
-    moves = Movement(run, standstill).moves
+    moves = movement(run, standstill).moves
     idle = ~moving_joints(run)
     for name, values in (("q", run.q), ("tau", run.tau)):
         for j in range(run.n):

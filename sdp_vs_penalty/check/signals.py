@@ -18,7 +18,7 @@ from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
     low_passed,
 )
-from sdp_vs_penalty.signals.runs import Movement, highest_harmonic, moving_joints
+from sdp_vs_penalty.signals.runs import highest_harmonic, movement, moving_joints
 
 #: Noise of quantisation above this share of the signal is worth a warning.
 _COARSE = 0.05
@@ -117,7 +117,7 @@ def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
             None,
             {"joints": (np.flatnonzero(idle) + 1).tolist()},
         )
-    at_rest = 1.0 - float(Movement(run, settings.standstill).moves.mean())
+    at_rest = 1.0 - float(movement(run, settings.standstill).moves.mean())
     if at_rest > 0.01:
         seconds = at_rest * (run.t[-1] - run.t[0])
         most = at_rest > 0.5

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import expand_many
 from sdp_vs_penalty.cli.errors import explain
 from sdp_vs_penalty.cli.group import VerbGroup
 from sdp_vs_penalty.files import protecting
@@ -42,6 +41,27 @@ def _root(
     """Identify a robot's dynamics: the LMI-SDP and penalty-based retrieval, each with a certificate."""
     if context.invoked_subcommand is None:
         print(context.get_help())
+
+
+#: Options that take all words up to the next option: --data run1.csv run2.csv.
+_MANY = frozenset({"--data"})
+
+
+def expand_many(arguments: Sequence[str]) -> list[str]:
+    """Repeat an option of several values before each.
+
+    >>> expand_many(["--data", "a", "b", "--out", "c"])
+    ['--data', 'a', '--data', 'b', '--out', 'c']
+    """
+    out: list[str] = []
+    many = ""
+    for word in arguments:
+        if word.startswith("-") and word != "-":
+            many = word if word in _MANY else ""
+        elif many and out[-1] != many:
+            out.append(many)
+        out.append(word)
+    return out
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -19,7 +19,7 @@ Data = Annotated[
     typer.Option(
         "--data",
         metavar="RUN.csv ...",
-        help="Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag, or the Panda authors' folder.",
+        help="Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag; a folder or pattern of these.",
     ),
 ]
 Test = Annotated[
@@ -60,6 +60,11 @@ GainUncertainty = Annotated[
         metavar="0.01",
         help="Relative standard deviation of the torque channels' gains; widens the intervals.",
     ),
+]
+Jobs = Annotated[int, typer.Option(min=1, help="Number of processes.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler; default: this computer."),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="All tables.")]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sdp_vs_penalty.cli.arguments import time_windows
+from sdp_vs_penalty.data.texts import time_windows
 from sdp_vs_penalty.errors import InputError, other_robot
 
 if TYPE_CHECKING:

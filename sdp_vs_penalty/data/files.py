@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.formats import bag, csv, format_of, suffixes
+from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.formats.pipes import spooled
-from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate
+from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, Origin, concatenate
+from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.files import opened
 
@@ -26,20 +29,39 @@ def load_measurements(
 ) -> Measurements:
     """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the authors' Panda format.
 
-    paths : one file a run; joints : the number of joints expected; start, stop : the window of each run
-    to keep [s]; names : of the robot's joints, for formats that name theirs (ROS).
+    paths : one file a run, or folders and patterns of such (:func:`run_files`); joints : the number of
+    joints expected; start, stop : the window of each run to keep [s]; names : of the robot's joints, for
+    formats that name theirs (ROS).
     Raises InputError naming file, row and column for whatever cannot be used.
     """
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")
-    parts = []
-    for path in map(Path, paths):
-        part = read_run(path, joints, names)
+    runs = []
+    files = [file for path in paths for file in run_files(path)]
+    for path in files:
+        run = read_run(path, joints, names)
         word, first = getattr(format_of(path) or csv, "SAMPLE", ("sample", 1))
-        check_usable(path, part, word, first)
-        parts.append(part)
-    refuse_twice(paths, parts)
-    return windowed(parts[0] if len(parts) == 1 else concatenate(parts), [(start, stop)])
+        check_usable(path, run, word, first)
+        runs.append(run)
+    refuse_twice(files, runs)
+    return windowed(runs[0] if len(runs) == 1 else concatenate(runs), [(start, stop)])
+
+
+def run_files(path: str | Path) -> list[Path]:
+    """The files that a path stands for: itself, those that match a pattern like runs/*.csv, or for a
+    folder that is no run itself those in it whose suffix is a format's, in the order of their names.
+
+    Raises InputError for a pattern that matches nothing.
+    """
+    path = Path(path)
+    if path.is_dir() and format_of(path) is panda_folder and not panda_folder.is_log(path):
+        return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [path]
+    if any(c in str(path) for c in "*?[") and not path.exists():
+        found = sorted(map(Path, glob.glob(str(path))))
+        if not found:
+            raise InputError("no file matches this pattern", "check its name", path)
+        return found
+    return [path]
 
 
 def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Measurements:
@@ -49,22 +71,21 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
     """
     if list(windows) == [(0.0, np.inf)]:
         return whole
-    parts = []
+    made = []
     for run in whole.runs():
-        since = run.t - run.t[0]
         for start, stop in windows:
             end = "its end" if np.isinf(stop) else f"{stop:g} s"
-            if np.count_nonzero((since >= start) & (since < stop)) < 2:
+            part = run.window(start, stop)
+            if part.samples < 2:
+                lasts = f"the run lasts {run.t[-1] - run.t[0]:.4g} s"
                 raise InputError(
-                    f"no samples between {start:g} s and {end}: the run lasts {since[-1]:.4g} s",
+                    f"no samples between {start:g} s and {end}: {lasts}",
                     "choose a window inside it",
                     run.names[0],
                 )
-            part = run.window(start, stop)
             name = f"{run.names[0]}, {start:.4g} s to {end}"
-            parts.append(part if len(windows) == 1 else replace(part, names=(name,)))
-    made = parts[0] if len(parts) == 1 else concatenate(parts)
-    return made.window_of(whole)
+            made.append(part if len(windows) == 1 else part.named(name))
+    return (made[0] if len(made) == 1 else concatenate(made)).window_of(whole)
 
 
 def read_run(
@@ -87,19 +108,49 @@ def read_run(
         raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
     with spooled(path) as file:
         part: Measurements = home.read(file, Choice(names, topic, rename))
-    part = replace(part, names=(path.name,)) if file is not path else part
+    if file is not path:
+        part = replace(part, names=(path.name,))
+    elif rename is None:
+        state = path.stat()
+        again = _Again(str(path.resolve()), tuple(names or ()), topic, state.st_size, state.st_mtime_ns)
+        part.from_origins((Origin(again),))
     if joints is not None and part.n != joints:
         raise other_robot(part.n, joints, path)
     return part
 
 
-def refuse_twice(paths: Sequence[str | Path], parts: Sequence[Measurements]) -> None:
+@dataclass(frozen=True)
+class _Again:
+    """A file to be read by another process, as it was when it was read here: size [bytes], time [ns]."""
+
+    path: str
+    names: tuple[str, ...]
+    topic: str | None
+    size: int
+    changed: int
+
+    def __call__(self) -> Measurements:
+        return _read_again(self)
+
+
+@lru_cache(maxsize=4)
+def _read_again(file: _Again) -> Measurements:
+    """A worker goes over a file several times, and reads it once."""
+    path = Path(file.path)
+    run = read_run(path, None, file.names or None, file.topic)
+    state = path.stat()
+    if (state.st_size, state.st_mtime_ns) != (file.size, file.changed):
+        raise InputError("the file has changed since the work began", "run the command again", path)
+    return run
+
+
+def refuse_twice(paths: Sequence[str | Path], runs: Sequence[Measurements]) -> None:
     """The same samples again would count as a repetition without noise."""
-    if len(parts) < 2:  # nothing to compare with: no need to hash the samples
+    if len(runs) < 2:  # nothing to compare with: no need to hash the samples
         return
     first: dict[str, int] = {}
-    for k, (path, part) in enumerate(zip(paths, parts, strict=True)):
-        other = first.setdefault(part.data_hash, k)
+    for k, (path, run) in enumerate(zip(paths, runs, strict=True)):
+        other = first.setdefault(run.data_hash, k)
         if other != k:
             raise InputError(f"holds the same samples as {paths[other]}", "name each run once", path)
 
@@ -111,37 +162,51 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     """
     if len(m.t) < 2:
         raise InputError(f"the run has {show.count(len(m.t), 'sample')}", "record longer", path)
-    for name, values in {"t": m.t[:, None], **m.groups}.items():
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            row, joint = bad[0]
-            column = name if name == "t" else f"{name}{joint + 1}"
-            raise InputError(
-                f"{word} {row + first}, column {column} is not a finite number",
-                f"delete the {word} or fill it in",
-                path,
-            )
-    steps = np.diff(m.t)
-    if np.any(steps <= 0):
-        row = int(np.argmax(steps <= 0))
-        how = "repeats" if steps[row] == 0 else "runs backwards"
+
+    def where(row: int, column: str) -> str:
+        return f"{word} {row + first}, column {column}"
+
+    blocks = {"t": m.t[:, None], **m.groups}
+    for name, values in blocks.items():
+        for start, part in parts(values):
+            bad = np.argwhere(~np.isfinite(part))
+            if len(bad):
+                row, joint = bad[0]
+                raise InputError(
+                    f"{where(start + row, _column(name, joint))} is not a finite number",
+                    f"delete the {word} or fill it in",
+                    path,
+                )
+    late = [start + np.flatnonzero(np.diff(part) <= 0) for start, part in parts(m.t, overlap=1)]
+    stays = np.concatenate(late)
+    if len(stays):
+        row = int(stays[0])
+        how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
         raise InputError(
             (
-                f"{word} {row + 1 + first}, column t: time {how} ({m.t[row]:.6g} s to "
-                f"{m.t[row + 1]:.6g} s; {show.count(int(np.sum(steps <= 0)), f'such {word}')})"
+                f"{where(row + 1, 't')}: time {how} ({m.t[row]:.6g} s to "
+                f"{m.t[row + 1]:.6g} s; {show.count(len(stays), f'such {word}')})"
             ),
             "delete them, or cut the file there",
             path,
         )
-    for name, values in {"t": m.t[:, None], **m.groups}.items():
-        if values.size and np.abs(values).max() > LARGEST_VALUE[name]:
-            row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
-            column = name if name == "t" else f"{name}{joint + 1}"
+    for name, values in blocks.items():
+        largest = [np.abs(part).max(initial=0.0) for _, part in parts(values)]
+        worst = int(np.argmax(largest))
+        if largest[worst] > LARGEST_VALUE[name]:
+            begin = worst * PART
+            few = values[begin : begin + PART]
+            row, joint = np.unravel_index(int(np.argmax(np.abs(few))), few.shape)
+            place = where(begin + int(row), _column(name, int(joint)))
             raise InputError(
-                f"{word} {row + first}, column {column}: no robot measures {values[row, joint]:.3g}",
+                f"{place}: no robot measures {few[row, joint]:.3g}",
                 f"correct the {word} or delete it",
                 path,
             )
+
+
+def _column(group: str, joint: int) -> str:
+    return group if group == "t" else f"{group}{joint + 1}"
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

@@ -3,18 +3,40 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.store import PART, Growing, joined, parts, release
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.show import Shown, Summary
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Rows start to stop of the run that ``read`` returns: a few bytes that stand for many samples."""
+
+    read: Callable[[], Measurements]
+    start: int = 0
+    stop: int | None = None
+
+    def part(self, rows: slice, length: int) -> Origin:
+        """Of rows of these, of which there are ``length``."""
+        start, stop, _ = rows.indices(length)
+        return replace(self, start=self.start + start, stop=self.start + stop)
+
+    def again(self, name: str) -> Measurements:
+        """These rows, read again."""
+        whole = self.read()
+        return whole.rows(slice(self.start, self.stop), name)
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,6 +59,10 @@ class Measurements(Shown):
     names: tuple[str, ...] = ("run",)
     temperature: Array | None = None
     whole: Measurements | None = field(default=None, init=False, compare=False)
+    #: What has been worked out of these samples and is needed again.
+    derived: dict[str, Any] = field(default_factory=dict, init=False, compare=False)
+    #: One a run: how another process reads the same samples again; empty where none can.
+    origins: tuple[Origin, ...] = field(default=(), init=False, compare=False)
 
     @property
     def n(self) -> int:
@@ -64,24 +90,54 @@ class Measurements(Shown):
         blocks = {"q": self.q, "dq": self.dq, "tau": self.tau, "temp": self.temperature}
         return {name: block for name, block in blocks.items() if block is not None}
 
+    @property
+    def sent(self) -> Callable[[], Measurements]:
+        """For another process, what gives one run there: it reads its file again, where it has one."""
+        if len(self.origins) == 1 and self.run is None:
+            return partial(self.origins[0].again, self.names[0])
+        return partial(replace, self)
+
+    def named(self, name: str) -> Measurements:
+        """The same run by another name."""
+        return replace(self, names=(name,)).from_origins(self.origins)
+
+    def from_origins(self, origins: tuple[Origin, ...]) -> Measurements:
+        """The same, known to be what others can read there."""
+        object.__setattr__(self, "origins", origins)
+        return self
+
     def runs(self) -> list[Measurements]:
-        """The single runs, in order."""
+        """The single runs, in order; the same ones each time."""
         if self.run is None:
             return [self]
-        if np.all(np.diff(self.run) >= 0):  # one after the other: views, no copies
-            edges = np.searchsorted(self.run, np.arange(len(self.names) + 1))
+        if "runs" not in self.derived:
+            self.derived["runs"] = self._split(self.run)
+        return list(self.derived["runs"])
+
+    def _split(self, run: NDArray[np.int64]) -> list[Measurements]:
+        if all(np.all(np.diff(part) >= 0) for _, part in parts(run, overlap=1)):
+            # One after the other: views, no copies.
+            edges = np.searchsorted(run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
-            return [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
-        return [self.rows(self.run == k, name) for k, name in enumerate(self.names)]
+            found = [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
+            return [r.from_origins((o,)) for r, o in zip(found, self.origins, strict=False)] or found
+        return [self.rows(run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""
-        parts = [r.rows((r.t - r.t[0] >= start) & (r.t - r.t[0] < stop)) for r in self.runs()]
-        return concatenate(parts).window_of(self)
+        return concatenate([r._between(start, stop) for r in self.runs()]).window_of(self)
+
+    def _between(self, start: float, stop: float) -> Measurements:
+        """The samples of one run with start <= t - t[0] < stop."""
+        since = (part - self.t[0] for _, part in parts(self.t))
+        inside = np.concatenate([(s >= start) & (s < stop) for s in since])
+        first, last = int(inside.argmax()), len(inside) - int(inside[::-1].argmax())
+        # In a clock that advances they are one stretch: a view, no copy.
+        return self.rows(slice(first, last) if inside[first:last].all() else inside)
 
     def window_of(self, runs: Measurements) -> Measurements:
         """The same, known as windows of these runs."""
-        out = replace(self)
+        out = replace(self).from_origins(self.origins)
         object.__setattr__(out, "whole", runs.whole or runs)
         return out
 
@@ -91,7 +147,20 @@ class Measurements(Shown):
         """Some of the samples, as one run; name : of the run, the first one's by default."""
         dq, warm = (None if x is None else x[keep] for x in (self.dq, self.temperature))
         names = (name or self.names[0],)
-        return Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names, warm)
+        part = Measurements(self.t[keep], self.q[keep], self.tau[keep], dq, None, names, warm)
+        if len(self.origins) == 1 and self.run is None and isinstance(keep, slice):
+            part.from_origins((self.origins[0].part(keep, len(self.t)),))
+        return part
+
+    def parts(self) -> Iterator[Measurements]:
+        """Consecutive samples, few at a time, whichever run they are of; released when done with."""
+        for start in range(0, len(self.t), PART):
+            yield self.rows(slice(start, start + PART))
+            self.release()
+
+    def release(self) -> None:
+        """Let go of the memory of what has been read of a long recording (:mod:`~data.store`)."""
+        release(self.t, *self.groups.values())
 
     @property
     def data_hash(self) -> str:
@@ -100,7 +169,8 @@ class Measurements(Shown):
         for run in self.runs():
             for a in (run.t, run.q, run.tau):
                 digest.update(repr(a.shape).encode())
-                digest.update(np.ascontiguousarray(a, dtype="<f8").tobytes())
+                for _, part in parts(a):
+                    digest.update(np.ascontiguousarray(part, dtype="<f8").data)
         return digest.hexdigest()
 
 
@@ -125,9 +195,21 @@ class Runs:
 LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12, "temp": 1e4}
 
 
-def concatenate(parts: Sequence[Measurements]) -> Measurements:
+def gathered(pieces: Iterable[Measurements]) -> Measurements:
+    """One run from consecutive pieces of it, at least one; on the disk where there are many."""
+    whole: dict[str, Growing] = {}
+    for piece in pieces:
+        first = piece
+        for name, block in {"t": piece.t, **piece.groups}.items():
+            whole.setdefault(name, Growing()).append(block)
+    found = {name: block.array() for name, block in whole.items()}
+    dq, warm = found.get("dq"), found.get("temp")
+    return Measurements(found["t"], found["q"], found["tau"], dq, None, first.names, warm)
+
+
+def concatenate(several: Sequence[Measurements]) -> Measurements:
     """Several measurements of one robot as one, their runs kept apart."""
-    runs = [run for part in parts for run in part.runs()]
+    runs = [run for part in several for run in part.runs()]
     if len({run.n for run in runs}) > 1:
         raise InputError(
             "the runs have different numbers of joints: "
@@ -135,18 +217,20 @@ def concatenate(parts: Sequence[Measurements]) -> Measurements:
             "name runs of one robot",
         )
     everywhere = [g for g in ("dq", "temp") if all(g in r.groups for r in runs)]
-    more = {g: np.concatenate([r.groups[g] for r in runs]) for g in everywhere}
+    more = {g: joined(r.groups[g] for r in runs) for g in everywhere}
     together = Measurements(
-        np.concatenate([r.t for r in runs]),
-        np.concatenate([r.q for r in runs]),
-        np.concatenate([r.tau for r in runs]),
+        joined(r.t for r in runs),
+        joined(r.q for r in runs),
+        joined(r.tau for r in runs),
         more.get("dq"),
-        np.repeat(np.arange(len(runs)), [len(r.t) for r in runs]),
+        joined(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
         tuple(r.names[0] for r in runs),
         more.get("temp"),
     )
-    if all(part.whole is None for part in parts):
+    if all(len(r.origins) == 1 for r in runs):
+        together.from_origins(tuple(r.origins[0] for r in runs))
+    if all(part.whole is None for part in several):
         return together
-    wholes = {id(whole): whole for whole in (part.whole or part for part in parts)}
+    wholes = {id(whole): whole for whole in (part.whole or part for part in several)}
     first, *others = wholes.values()
     return together.window_of(concatenate([first, *others]) if others else first)

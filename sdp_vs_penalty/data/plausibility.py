@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Joint, Robot
 
@@ -49,11 +50,12 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                     f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees",
                     f"convert to radians{_MOTORS}",
                 )
+        run.release()
 
 
 def check_torque(run: Measurements) -> None:
     """InputError where no channel holds anything: zeros, or numbers whose squares are."""
-    if not np.any(np.abs(run.tau) > _NO_TORQUE):
+    if not any(np.any(np.abs(part) > _NO_TORQUE) for _, part in parts(run.tau)):
         raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
 
 
@@ -119,12 +121,13 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     """Position and velocity of revolute joints in the same unit of angle."""
     if run.dq is None:
         return
-    steps = np.diff(run.t)[:, None]
-    travelled, expected = np.diff(run.q, axis=0), 0.5 * (run.dq[1:] + run.dq[:-1]) * steps
-    energies, ways, shared = (
-        np.einsum("kj,kj->j", a, b)
-        for a, b in ((expected, expected), (travelled, travelled), (travelled, expected))
-    )
+    energies = ways = shared = np.zeros(run.n)
+    channels = (parts(x, overlap=1) for x in (run.t, run.q, run.dq))
+    for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
+        travelled, expected = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
+        energies = energies + np.einsum("kj,kj->j", expected, expected)
+        ways = ways + np.einsum("kj,kj->j", travelled, travelled)
+        shared = shared + np.einsum("kj,kj->j", travelled, expected)
     for j, joint in enumerate(robot.joints):
         energy, common, way = energies[j], shared[j], ways[j]
         if joint.kind != "revolute" or energy == 0.0 or way == 0.0:

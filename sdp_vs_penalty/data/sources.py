@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.files import check_usable, load_measurements, read_run, refuse_twice
+from sdp_vs_penalty.data.files import check_usable, load_measurements, read_run, refuse_twice, run_files
 from sdp_vs_penalty.data.formats.columns import from_columns
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError, given, other_robot
@@ -37,7 +37,8 @@ def as_measurements(
     usable : refuse a run with a broken clock or numbers that are not finite (the data check does not).
     Raises InputError naming what was given where it is no measurement, or cannot be used.
     """
-    parts = source if isinstance(source, list | tuple) else [source]
+    several = source if isinstance(source, list | tuple) else [source]
+    parts = [one for part in several for one in _files(part)]
     if not parts:
         raise InputError("no run is given", "pass at least one", what)
     runs = [_one(part, joints, names, what, k, usable) for k, part in enumerate(parts, start=1)]
@@ -47,6 +48,11 @@ def as_measurements(
         ]
         refuse_twice(labels, runs)
     return runs[0] if len(runs) == 1 else concatenate(runs)
+
+
+def _files(part: Any) -> list[Any]:
+    """A path as the files it stands for, anything else as it is."""
+    return list(run_files(part)) if isinstance(part, str | Path) else [part]
 
 
 def _one(

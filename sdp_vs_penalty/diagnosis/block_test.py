@@ -17,6 +17,10 @@ from sdp_vs_penalty.diagnosis.library import Key, Library
 Array = NDArray[np.float64]
 
 
+#: Columns of a group that random signs are tried on: the work grows with the fourth power of them.
+_MOST = 12
+
+
 @dataclass(frozen=True)
 class BlockSums:
     """Of partialled columns z (n M, k) and the residual r, block by block: scores z_b'r_b (G, B, k)
@@ -125,7 +129,7 @@ def flip_threshold(
     largest: dict[int, Array] = {}
     for batch in library.batches:
         allowed = np.array([library.groups[g].key in eligible for g in batch.groups])
-        if not allowed.any():
+        if not allowed.any() or batch.columns.shape[1] > _MOST:
             continue
         at, index, k = batch.joint, batch.columns[allowed].ravel(), batch.columns.shape[1]
         if at is None:

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
-from sdp_vs_penalty.diagnosis.scoring import Scores, cross_validate, evidence, score_library, solve_group
+from sdp_vs_penalty.diagnosis.scoring import (
+    Scores,
+    cross_validate,
+    effective,
+    evidence,
+    score_library,
+    solve_group,
+)
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.signals.noise import Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -172,14 +179,19 @@ class Candidates:
         # What is left is linear in the columns: they are combined before the model is partialled out.
         left = fit.residual[:, None] - fit.partialled(np.einsum("ngk,gk->ng", columns, beta))
         after = fit.weighting.level[:, None] ** 2 * fit.rows.joint_sums(left**2)
-        out[likely] = [evidence(fit.likelihood_gain(a), k) for a in after.T]
+        freedom = float(k)
+        if batch.known is not None:
+            z = fit.partialled(columns[:, 0])
+            freedom = effective(z.T @ z, batch.known)
+        out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
         return out
 
     @staticmethod
-    def _evidence(fit: WhiteFit, partialled: Array, beta: Array) -> float:
+    def _evidence(fit: WhiteFit, partialled: Array, beta: Array, known: Array | None) -> float:
         left = fit.residual - partialled @ beta
         gain = fit.likelihood_gain(fit.chi2_of(left))
-        return float(evidence(gain, len(beta)))
+        freedom = len(beta) if known is None else effective(partialled.T @ partialled, known)
+        return float(evidence(gain, freedom))
 
     def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:
         """The candidate with its shape constants moved to where they explain most.
@@ -255,7 +267,7 @@ class Candidates:
     def judged(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
         found = self.solve(fit, key, effect, columns)
         partialled = fit.partialled(fit.scaled(columns))
-        return replace(found, evidence=self._evidence(fit, partialled, found.beta))
+        return replace(found, evidence=self._evidence(fit, partialled, found.beta, effect.plausible))
 
     def block_gains(self, fit: WhiteFit, scaled: Library, candidate: Candidate) -> Array:
         """(B,) cross-validated gains, the shape chosen anew in each fold."""
@@ -271,7 +283,7 @@ class Candidates:
         # What follows the clock differs from run to run: it is judged between, not after, its data.
         by_time = candidate.effect.follows_clock
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
-        return cross_validate(fit, shapes, candidate.signed, fold)
+        return cross_validate(fit, shapes, candidate.signed, fold, candidate.effect.plausible)
 
 
 def highest(value_at: Callable[[float], float], low: float, high: float) -> None:
@@ -309,7 +321,7 @@ def _solved(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[
     """chi2 and coefficients of weighted columns beside the basis Q, from the residual that Q leaves."""
     C = Q.T @ columns
     gram, raw = columns.T @ columns - C.T @ C, np.sum(columns**2, axis=0)
-    chi2, beta, _ = solve_group(gram, raw, columns.T @ residual, _signed(effect))
+    chi2, beta, _ = solve_group(gram, raw, columns.T @ residual, _signed(effect), effect.plausible)
     return chi2, beta
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.data.store import Growing, parts
 from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.show import (
     fit_verdict,
@@ -26,8 +27,9 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.show import Shown, Summary
+from sdp_vs_penalty.signals.excerpt import excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.noise import noise_floor
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_torque
+from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
 from sdp_vs_penalty.signals.segments import segmented
 
 if TYPE_CHECKING:
@@ -62,7 +64,8 @@ class Comparison(Shown):
     new_motion_share: of the rows, those whose motion the model has not been trained on (see
     :mod:`~sdp_vs_penalty.signals.motion`), farther than new_motion_distance spreads from all that it
     has; None where its model.json does not record that; outside: by effect the share of the rows that
-    lie outside of its table (a measured curve), where it is held constant.
+    lie outside of its table (a measured curve), where it is held constant; judged_on: a sentence where
+    the recording is so long that the noise was measured in windows of it.
     """
 
     name: str
@@ -76,12 +79,17 @@ class Comparison(Shown):
     new_motion_share: float | None = None
     new_motion_distance: float | None = None
     outside: Mapping[str, float] = field(default_factory=dict)
+    judged_on: str | None = None
 
     @property
     def warning(self) -> str | None:
         """A sentence where these measurements repeat the motion that the model was trained on, and one
         where they leave what its measured curves are known for."""
-        said = [repeatability_warning(self.new_motion_share), outside_warning(self.outside)]
+        said = [
+            repeatability_warning(self.new_motion_share),
+            outside_warning(self.outside),
+            self.judged_on,
+        ]
         return " ".join(filter(None, said)) or None
 
     @property
@@ -132,6 +140,7 @@ class Comparison(Shown):
             "band_hz": self.band_hz,
             "new_motion_share": self.new_motion_share,
             "outside": dict(self.outside),
+            "judged_on": self.judged_on,
         }
 
 
@@ -210,24 +219,37 @@ def compare(
             raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
     given = (measurements.whole or measurements) if noise_from is None else as_measurements(noise_from)
-    last = list(models.values())[-1]
-    floor = noise_floor(with_estimate(segmented(given, settings), last))
+    last, shown = list(models.values())[-1], excerpt(given, settings)
+    floor = noise_floor(with_estimate(segmented(shown, settings), last))
+    said = excerpt_sentence(shown, given, "errors are those of all samples, noise and dependences of")
     judged = [_judged(name, model, measurements, settings, floor) for name, model in models.items()]
-    return Comparisons(judged)
+    return Comparisons(replace(one, judged_on=said) for one in judged)
 
 
 def _judged(
     name: str, model: Estimate, measurements: Measurements, settings: Preprocessing, floor: Array | None
 ) -> Comparison:
-    runs = [filtered_torque(run, model.model, settings) for run in measurements.runs()]
-    torque = np.concatenate([rows.torque for rows in runs])
-    error = np.concatenate([rows.torque - predicted(rows, model.theta) for rows in runs])
-    mse = np.mean(error**2, axis=0)
+    series = {name: Growing() for name in ("t", "q", "dq", "measured", "modelled")}
+    outside: dict[str, float] = {}  # rows
+    for run in measurements.runs():
+        for rows in filtered_rows(run, model.model, settings):
+            modelled, motion = predicted(rows, model.theta), rows.motion
+            found = (motion.t, motion.q, motion.dq, rows.torque, modelled)
+            for kept, x in zip(series.values(), found, strict=True):
+                kept.append(x)
+            for effect in model.model.effects:
+                beyond = effect.outside(replace(motion, torque=modelled)).sum()
+                first = effect.parameters[0].name
+                outside[first] = outside.get(first, 0.0) + float(beyond)
+    signals = Signals(**{name: x.array() for name, x in series.items()})
+    measured, count = signals.measured, len(signals.t)
+    pairs = zip(parts(measured), parts(signals.modelled), strict=True)
+    mse = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs) / count
+    mean = sum(a.sum(axis=0) for _, a in parts(measured)) / count
+    variance = sum(np.sum((a - mean) ** 2, axis=0) for _, a in parts(measured)) / count
     with np.errstate(divide="ignore", invalid="ignore"):
-        r2 = np.where(torque.var(axis=0) > 0.0, 1.0 - mse / torque.var(axis=0), np.nan)
-        relative = 100.0 * np.linalg.norm(error) / np.linalg.norm(torque)
-    t, q, dq = (np.concatenate([getattr(rows.motion, x) for rows in runs]) for x in ("t", "q", "dq"))
-    signals = Signals(t, q, dq, torque, torque - error)
+        r2 = np.where(variance > 0.0, 1.0 - mse / variance, np.nan)
+        relative = 100.0 * np.sqrt(np.sum(mse) / np.sum(variance + mean**2))
     band, record = settings.torque_cutoff, model.training_motion
     assert band is not None
     return Comparison(
@@ -239,24 +261,10 @@ def _judged(
         float(relative),
         band,
         signals,
-        None if record is None else record.new_share(q, dq),
+        None if record is None else record.new_share(signals.q, signals.dq),
         None if record is None else record.distance,
-        _outside(model, runs),
+        {name: rows / count for name, rows in outside.items() if rows > 0.0},
     )
-
-
-def _outside(model: Estimate, runs: Sequence[Rows]) -> dict[str, float]:
-    """By effect the share of the rows that lie outside of what it is known for."""
-    count = sum(len(rows.motion.t) for rows in runs)
-    found: dict[str, float] = {}
-    for rows in runs:
-        motion = replace(rows.motion, torque=predicted(rows, model.theta))
-        for effect in model.model.effects:
-            rest = float(effect.outside(motion).sum()) / max(count, 1)
-            if rest > 0.0:
-                name = effect.parameters[0].name
-                found[name] = found.get(name, 0.0) + rest
-    return found
 
 
 def predicted(rows: Rows, theta: Array) -> Array:

@@ -36,6 +36,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
@@ -67,7 +68,8 @@ def diagnose(
     signs that the tests compare with; progress : called with a short text of where the search stands;
     noise_from : the runs whose repetition shows the noise (default: those that the measurements are
     windows of, or the measurements); gain_uncertainty : relative
-    standard deviation of the torque channels' gains; default: the model's.
+    standard deviation of the torque channels' gains; default: the model's. In a long recording windows
+    are searched (:mod:`~sdp_vs_penalty.signals.excerpt`), and a remark says so.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
@@ -81,20 +83,24 @@ def diagnose(
             estimate.require_joints(m, what)
     settings = estimate.preprocessing.resolve(measurements)
     progress("filtering the runs")
+    recording, whole, given = measurements, None, measurements.whole
+    measurements = excerpt(recording, settings, MOST_SEARCHED)
+    looked = excerpt_sentence(measurements, recording, "effects were searched for in")
+    test = None if test is None else excerpt(test, settings, MOST_SEARCHED)
     rows = diagnosis_rows(measurements, estimate, settings)
-    whole, given = None, measurements.whole
     if noise_from is not None:
         given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
-    if given is not None:
+    if given is not None and not (looked and given is recording):
         estimate.require_joints(given, "runs for the noise")
-        whole = with_estimate(segmented(given, settings), estimate)
+        whole = with_estimate(segmented(excerpt(given, settings), settings), estimate)
     found = search(rows, estimate, frozen, seed, progress, whole)
     progress("held-out errors")
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     share = None if test is None else _new_motion(estimate, measurements, test, settings, frozen)
-    return conclude(found, measurements, test, settings, gain_errors, share)
+    done = conclude(found, measurements, test, settings, gain_errors, share)
+    return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
 def _new_motion(

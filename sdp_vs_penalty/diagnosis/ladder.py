@@ -237,6 +237,15 @@ def reexamined(state: SearchState, everything: bool = False) -> SearchState:
     return state.with_picks(picks)
 
 
+def reshaped(state: SearchState) -> SearchState:
+    """The same picks, the shape constants of each refined anew beside all others."""
+    for k, pick in enumerate(state.picks):
+        others = state.without(k)
+        own = others.stage.candidates.tuned(others.fit, _judged(others, pick.candidate))
+        state = state.with_picks((*state.picks[:k], replace(pick, candidate=own), *state.picks[k + 1 :]))
+    return state
+
+
 def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candidate, ...]]:
     """The best candidate in the place of an old one, given all other picks."""
     contenders = others.contenders(on=frozenset(joints_of(others.fit, old).tolist()))

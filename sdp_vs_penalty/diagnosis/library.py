@@ -47,12 +47,14 @@ class Group:
 @dataclass(frozen=True)
 class Batch:
     """Groups on one joint (None: on several) with equally many columns: ``groups`` (G,) their places
-    in the library, ``columns`` (G, k) those of their columns; signed alike."""
+    in the library, ``columns`` (G, k) those of their columns; signed alike; known (k,) : what
+    is known of their parameters beforehand."""
 
     joint: int | None
     signed: bool
     groups: NDArray[np.intp]
     columns: NDArray[np.intp]
+    known: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -150,12 +152,19 @@ def build_library(
 
 
 def _batches(groups: Sequence[Group]) -> tuple[Batch, ...]:
-    places: dict[tuple[int | None, int, bool], list[int]] = {}
+    places: dict[tuple[int | None, int, bool, str], list[int]] = {}
     for place, g in enumerate(groups):
-        places.setdefault((g.joint, g.k, g.signed), []).append(place)
+        alone = "" if g.effect.plausible is None else g.effect.name
+        places.setdefault((g.joint, g.k, g.signed, alone), []).append(place)
     return tuple(
-        Batch(joint, signed, np.array(p), np.array([np.r_[groups[g].columns] for g in p]))
-        for (joint, _, signed), p in places.items()
+        Batch(
+            joint,
+            signed,
+            np.array(p),
+            np.array([np.r_[groups[g].columns] for g in p]),
+            groups[p[0]].effect.plausible,
+        )
+        for (joint, _, signed, _), p in places.items()
     )
 
 

@@ -246,8 +246,11 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
     """The model with these constants, refitted beside the picks; None where none of them moves."""
     current = _values_of(now)
     steps = [np.log(s.after / current[s.effect, s.joint, s.shape]) for s in found]
-    if not np.any(np.abs(steps) > _MOVES):
-        return None
+    return refitted_beside(now, state, found) if np.any(np.abs(steps) > _MOVES) else None
+
+
+def refitted_beside(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate] = ()) -> Estimate:
+    """The model refitted beside the picks, with other constants."""
     stage = state.stage
     model = replace(now.model, effects=with_shapes(now.model.effects, found))
     gains = np.ones(stage.rows.n) if model.gains is None else np.array(model.gains)
@@ -258,7 +261,9 @@ def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -
             moved[indices] = True
     change = columns[:, :, moved] - stage.columns[:, :, moved]
     residual = stage.residual - (change @ now.theta[moved]).T
-    picks = [spread_columns(stage.rows, p.candidate.effect) for p in state.picks]
+    # What is known beforehand only would let the links run away: their columns are nearly its own.
+    effects = [p.candidate.effect for p in state.picks]
+    picks = [spread_columns(stage.rows, e) for e in effects if e.plausible is None]
     refitted = replace(stage, columns=columns, residual=residual)
     step = refitted.least_squares(np.concatenate([columns, *picks], axis=2), balanced=True)
     return replace(now, model=model, theta=now.theta + step[: len(now.theta)])

@@ -15,7 +15,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
-from sdp_vs_penalty.estimators.task import joint_weights, make_task
+from sdp_vs_penalty.estimators.task import joint_weights, make_task, with_plausible
 from sdp_vs_penalty.regression.regression import Regression
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ def task_beside(
     in their columns."""
     problem, weights = estimate.problem, np.ones(estimate.robot.n)
     for _ in range(2):
-        data = left.least_squares(weights)
+        data = with_plausible(left.least_squares(weights), own, left.oversampling)
         weights = joint_weights(left, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
     return Task(
         own,

@@ -27,7 +27,10 @@ class Scores:
 
 
 def score_library(fit: WhiteFit, library: Library) -> Scores:
-    """Score all groups of a library, white and scaled like the fit's rows."""
+    """Score all groups of a library, white and scaled like the fit's rows.
+
+    Coefficients that are known beforehand are held by that: as penalised least squares has them.
+    """
     n, M = fit.rows.n, len(fit.rows.block)
     residual = fit.residual.reshape(n, M)
     Q = fit.Q.reshape(n, M, -1)
@@ -38,7 +41,7 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
     for batch in library.batches:
         scored = joints[n if batch.joint is None else batch.joint]
         c = batch.columns
-        found = solve_groups(scored.grams(c), scored.raw[c], scored.right[c], batch.signed)
+        found = solve_groups(scored.grams(c), scored.raw[c], scored.right[c], batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
         for g, b in zip(batch.groups, found[1], strict=True):
             beta[g] = b
@@ -68,17 +71,22 @@ class _Scored:
         return np.asarray(z @ z.transpose(0, 2, 1) - o @ o.transpose(0, 2, 1))
 
 
-def solve_group(gram: Array, raw: Array, right: Array, signed: bool) -> tuple[float, Array, float]:
+def solve_group(
+    gram: Array, raw: Array, right: Array, signed: bool, known: Array | None = None
+) -> tuple[float, Array, float]:
     """chi2, coefficients and absorbed share from partialled gram (k, k), raw energies, z'r (k,)."""
-    chi2, beta, absorbed = solve_groups(gram[None], raw[None], right[None], signed)
+    chi2, beta, absorbed = solve_groups(gram[None], raw[None], right[None], signed, known)
     return float(chi2[0]), beta[0], float(absorbed[0])
 
 
-def solve_groups(gram: Array, raw: Array, right: Array, signed: bool) -> tuple[Array, Array, Array]:
+def solve_groups(
+    gram: Array, raw: Array, right: Array, signed: bool, known: Array | None = None
+) -> tuple[Array, Array, Array]:
     """chi2 (G,), coefficients (G, k), absorbed shares (G,) of G groups of k columns.
 
     From partialled grams (G, k, k), raw energies (G, k) and z'r (G, k); ``signed`` : a single
-    coefficient that may not be negative.
+    coefficient that may not be negative; known (k,) : coefficients' standard deviations about zero
+    beforehand, whose information is added to that of the rows.
     """
     energy = raw.sum(axis=1)
     alive = energy > 0.0
@@ -90,6 +98,8 @@ def solve_groups(gram: Array, raw: Array, right: Array, signed: bool) -> tuple[A
         used = alive & (left > ROUNDING * energy) & ~(signed & (pull < 0.0))
         beta = np.where(used, pull / np.where(used, left, 1.0), 0.0)
         return beta * pull, beta[:, None], absorbed
+    if known is not None:
+        gram = gram + np.diag(known**-2.0)
     scale = 1.0 / np.sqrt(np.maximum(raw, 1e-300))
     values, vectors = np.linalg.eigh(gram * scale[:, :, None] * scale[:, None, :])
     good = (values > ROUNDING) & alive[:, None]
@@ -99,7 +109,7 @@ def solve_groups(gram: Array, raw: Array, right: Array, signed: bool) -> tuple[A
     return np.sum(part * weighted, axis=1), beta, absorbed
 
 
-def evidence(chi2: Array | float, k: Array | int) -> Array:
+def evidence(chi2: Array | float, k: Array | float) -> Array:
     """Twice the log Bayes factor for k columns against none, chi2 their drop of the squared residual.
 
     Zellner's g-prior with g chosen by the data (local empirical Bayes, George and Foster 2000):
@@ -109,8 +119,20 @@ def evidence(chi2: Array | float, k: Array | int) -> Array:
     return k * (ratio - 1.0 - np.log(ratio))
 
 
+def effective(gram: Array, known: Array | None) -> float:
+    """How many of k coefficients the rows determine, rather than what is ``known`` of them: trace of
+    G (G + diag(1 / known^2))^-1, with their partialled gram G (k, k)."""
+    if known is None:
+        return float(len(gram))
+    return float(np.trace(np.linalg.solve(gram + np.diag(known**-2.0), gram)))
+
+
 def cross_validate(
-    fit: WhiteFit, shapes: Sequence[Array], signed: bool, folds: NDArray[np.intp]
+    fit: WhiteFit,
+    shapes: Sequence[Array],
+    signed: bool,
+    folds: NDArray[np.intp],
+    known: Array | None = None,
 ) -> Array:
     """(B,) gain of each block in squared white residual, from fits on the other folds.
 
@@ -126,7 +148,7 @@ def cross_validate(
             C = overlap - f.Q.T @ Z_out
             gram = square - Z_out.T @ Z_out - C.T @ f.inverse @ C
             pull = right - Z_out.T @ f.target - C.T @ f.theta
-            chi2, beta, _ = solve_group(gram, raw, pull, signed)
+            chi2, beta, _ = solve_group(gram, raw, pull, signed, known)
             if chi2 > best:
                 best = chi2
                 change = (Z_out - f.Q @ (f.inverse @ C)) @ beta

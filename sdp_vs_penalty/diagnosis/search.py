@@ -5,8 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sdp_vs_penalty.diagnosis.ladder import by_gain, search_through
-from sdp_vs_penalty.diagnosis.own_shapes import adopted, beside_the_best, moved, profiled, widened
+from sdp_vs_penalty.diagnosis.ladder import by_gain, next_pick, reshaped, search_through
+from sdp_vs_penalty.diagnosis.own_shapes import (
+    adopted,
+    beside_the_best,
+    moved,
+    profiled,
+    refitted_beside,
+    widened,
+)
 from sdp_vs_penalty.diagnosis.parsimony import merged
 from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet
@@ -58,6 +65,14 @@ def search(
         if other is not None:
             now, state = other, SearchState.start(staged(other))
     progress("searching for what is missing")
+    first = None if frozen else next_pick(state)
+    if first is not None and first.candidate.effect.needs_torque:
+        # What a late or smoothed torque does at reversals has been taken for the model's own constants,
+        # and its column is of a model that was identified without it.
+        state = state.with_picks([first])
+        for _ in range(_ADOPTIONS):
+            now = refitted_beside(now, state, profiled(estimate, now, state))
+            state = reshaped(state.on(staged(now)))
     state = search_through(state)
     for _ in range(0 if frozen else _ADOPTIONS):
         if not state.picks:

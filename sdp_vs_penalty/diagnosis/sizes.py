@@ -30,11 +30,16 @@ def coefficients(state: SearchState, k: int, errors: Array) -> tuple[Array, Arra
     """
     fit = state.without(k).fit
     fresh = fit.partialled(fit.scaled(state.picks[k].candidate.columns))
-    beta = np.asarray(np.linalg.lstsq(fresh, fit.residual, rcond=1e-9)[0], float)
+    target, known = fit.residual, state.picks[k].candidate.effect.plausible
+    if known is not None:  # observations, below the rows
+        fresh, target = np.vstack([fresh, np.diag(1.0 / known)]), np.append(target, 0.0 * known)
+    beta = np.asarray(np.linalg.lstsq(fresh, target, rcond=1e-9)[0], float)
     constants, errors = (_weighted(fit, rows) for rows in (_constants(state, k, beta), errors))
+    below = (0, len(target) - len(fit.residual)), (0, 0)
+    constants, errors = np.pad(constants, below), np.pad(errors, below)
     covariance = covariance_beside(fresh, constants)
     # Constants that stay on a grid are not where the loss is least: one more step shows by how much.
-    step = _response(fresh, constants, fit.residual[:, None]) - beta[:, None]
+    step = _response(fresh, constants, target[:, None]) - beta[:, None]
     through = np.hstack([_response(fresh, constants, errors), step])
     return beta, covariance + through @ through.T
 

@@ -25,6 +25,7 @@ from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.show import Shown, Summary, words
+from sdp_vs_penalty.signals.excerpt import excerpt
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
@@ -154,7 +155,8 @@ def where_it_fails(
 
     estimate : the model, or its model.json; measurements : whatever
     :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; preprocessing : filters other than the
-    model's; noise_from : as in :func:`~.comparison.compare`.
+    model's; noise_from : as in :func:`~.comparison.compare`. Of a long recording windows are judged
+    (:mod:`~sdp_vs_penalty.signals.excerpt`).
     Raises InputError where the measurements are not of this robot.
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
@@ -163,12 +165,16 @@ def where_it_fails(
     )
     estimate.require_joints(measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
+    given = measurements.whole if noise_from is None else noise_from
+    same = given is None or given is measurements
+    measurements = excerpt(measurements, settings)
     rows = diagnosis_rows(measurements, estimate, settings)
     residual = rows.residual
-    given = measurements.whole if noise_from is None else noise_from
-    repeated = rows if given is None else with_estimate(segmented(given, settings), estimate)
+    repeated = rows
+    if not same:
+        repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
     floors = noise_floor(repeated)
-    folds = phase_folds(rows, clocks_of(rows, None if given is None else repeated))
+    folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
     states = _states(rows)
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):

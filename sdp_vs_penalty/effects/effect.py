@@ -171,6 +171,12 @@ class Effect(ABC):
         """(k,) plausible parameters, strictly inside the constraints that are no mere bounds."""
         return np.zeros(len(self.parameters))
 
+    @property
+    def plausible(self) -> Array | None:
+        """(k,) standard deviations of the parameters about zero that are known before anything is
+        measured, and enter every fit as observations; None: nothing is known."""
+        return None
+
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) : its own."""
         return torque

@@ -15,6 +15,9 @@ from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
+#: Instants whose torque is worked out at a time: columns are many times as large as it.
+_PART = 1 << 13
+
 
 @dataclass(frozen=True)
 class JointColumns:
@@ -90,6 +93,13 @@ class Model:
         widths = {j: e.shape["v_s"] for e in self.effects if "v_s" in e.shape for j in e.joints}
         return tuple(widths.get(j, SIGN_WIDTH) for j in range(self.robot.n))
 
+    @cached_property
+    def plausible(self) -> Array:
+        """(p,) standard deviations of the parameters about zero before anything is measured, infinite
+        where nothing is known."""
+        parts = [(e.plausible, len(e.parameters)) for e in self.effects]
+        return np.concatenate([np.full(k, np.inf) if x is None else x for x, k in parts])
+
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
         if motion.sign_width != self.sign_width:
@@ -132,7 +142,10 @@ class Model:
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Modelled torque (N, n)."""
-        theta = np.asarray(theta, float)
+        theta, count = np.asarray(theta, float), len(motion.t)
+        if count > _PART and not any(effect.has_memory for effect in self.effects):
+            parts = (motion.part(slice(k, k + _PART)) for k in range(0, count, _PART))
+            return np.concatenate([self.torque(theta, part) for part in parts])
         return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
 
 

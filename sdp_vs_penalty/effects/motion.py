@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,12 @@ class Motion:
                 "these measurements hold no temperatures", "add columns temp1..tempn to the log"
             )
         return self.temperature
+
+    def part(self, which: slice) -> Motion:
+        """Consecutive ones of these instants."""
+        arrays = ("t", "q", "dq", "ddq", "torque", "temperature")
+        known: dict[str, Any] = {k: x[which] for k in arrays if (x := getattr(self, k)) is not None}
+        return replace(self, **known)
 
     def sign(self, joint: int, width: float | None = None) -> Array:
         """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""

@@ -21,6 +21,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.black_box import BlackBox
@@ -50,6 +51,7 @@ def build_estimate(
     measurements: Measurements | BlackBox,
     weighting: str,
     gain_errors: Array | None = None,
+    workers: Workers = ALONE,
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     theta, certificate = certify(task, fit)
@@ -57,7 +59,7 @@ def build_estimate(
     base = base_rows(problem, task.model)
     wide = with_sensitivities(task.model, theta)
     if wide is not task.model and isinstance(measurements, Measurements):
-        regression = compress(measurements, wide, preprocessing)
+        regression = compress(measurements, wide, preprocessing, workers=workers)
     uncertainty = of_regression(
         problem,
         task.model,

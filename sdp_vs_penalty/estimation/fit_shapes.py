@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     best_shapes,
     total,
 )
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
 
@@ -58,6 +59,7 @@ def estimate_shapes(
     settings: Preprocessing,
     weighting: str,
     chosen: Chosen | None = None,
+    workers: Workers = ALONE,
 ) -> list[ShapeEstimate]:
     """The open shape constants of a model, each at its best value if that explains significantly more
     than the one the model has, of motion left out as well, else at that; from the chosen rows."""
@@ -67,7 +69,7 @@ def estimate_shapes(
     ranges = [effect.shapes[key].on(effect.robot.joints[j].kind).grid for effect, j, key in wanted]
     ends = [(grid[0], grid[-1]) for grid in ranges]
     grids = [_with(effect.shape[key], g) for (effect, _, key), g in zip(wanted, ranges, strict=True)]
-    rows = _Rows(model, wanted, ends, measurements, settings, chosen)
+    rows = _Rows(model, wanted, ends, measurements, settings, chosen, workers)
     profile = rows.at(grids, weighting, FOLDS)
     found = best_shapes(profile.data, profile.base, profile.banks, profile.variance)
     found = confirmed(found, profile.folds, profile.base, profile.banks, profile.variance)
@@ -161,6 +163,7 @@ class _Rows:
     measurements: Measurements
     settings: Preprocessing
     chosen: Chosen | None
+    workers: Workers
 
     def at(self, values: Sequence[Sequence[float] | Array], weighting: str, folds: int = 1) -> _Profile:
         """From one pass over the measurements."""
@@ -196,26 +199,51 @@ class _Rows:
     def _products(self, model: Model, folds: int) -> tuple[list[list[_Products]], int, float]:
         """Products by joint of each fold that has rows, how many rows a joint has, and how often rows
         repeat each other."""
-        nothing = np.arange(0), np.zeros((0, 0))
-        found: dict[int, list[_Products]] = {}
         clocks = motion_clocks(tracks_of(self.measurements)) if folds > 1 else ()
-        split, count, samples = PhaseFolds(clocks, folds), 0, 0.0
-        for index, run in enumerate(self.measurements.runs()):
-            repeated = rows_per_sample(run, self.settings)
-            for rows in filtered_rows(run, model, self.settings):
-                t = rows.motion.t
-                mine = np.ones(len(t), bool) if self.chosen is None else self.chosen(index, t)
-                count += int(mine.sum())
-                samples += mine.sum() / repeated
-                fold = split.fold(index, t) if clocks else np.zeros(len(t), int)
-                for k in np.unique(fold[mine]).tolist():
-                    own = found.setdefault(k, [nothing] * model.robot.n)
-                    for j, block in enumerate(rows.columns):
-                        both = np.column_stack([block.columns, rows.torque[:, j]])[mine & (fold == k)]
-                        indices = np.append(block.indices, len(model.parameters))
-                        before = own[j][1]
-                        own[j] = indices, both.T @ both + (before if before.size else 0.0)
-        return [found[k] for k in sorted(found)], count, count / samples
+        split = PhaseFolds(clocks, folds)
+        one = partial(
+            _products_of_run, model=model, settings=self.settings, split=split, chosen=self.chosen
+        )
+        runs = self.workers.map(one, [(k, run.sent) for k, run in enumerate(self.measurements.runs())])
+        found: dict[int, list[_Products]] = {}
+        # In the order of the runs, whoever was first: the same sums to the last bit.
+        for own, _, _ in runs:
+            for k, products in own.items():
+                found[k] = list(map(_added, found[k], products)) if k in found else products
+        count = sum(rows for _, rows, _ in runs)
+        return [found[k] for k in sorted(found)], count, count / sum(samples for *_, samples in runs)
+
+
+def _products_of_run(
+    numbered: tuple[int, Callable[[], Measurements]],
+    model: Model,
+    settings: Preprocessing,
+    split: PhaseFolds,
+    chosen: Chosen | None,
+) -> tuple[dict[int, list[_Products]], int, float]:
+    """Of one run the products by joint of each fold that has rows, its rows a joint, and how many
+    independent ones they are."""
+    index, sent = numbered
+    run = sent()
+    found: dict[int, list[_Products]] = {}
+    count = 0
+    for rows in filtered_rows(run, model, settings):
+        t = rows.motion.t
+        mine = np.ones(len(t), bool) if chosen is None else chosen(index, t)
+        count += int(mine.sum())
+        fold = split.fold(index, t) if split.clocks else np.zeros(len(t), int)
+        for k in np.unique(fold[mine]).tolist():
+            own: list[_Products] = []
+            for j, block in enumerate(rows.columns):
+                both = np.column_stack([block.columns, rows.torque[:, j]])[mine & (fold == k)]
+                own.append((np.append(block.indices, len(model.parameters)), both.T @ both))
+            found[k] = list(map(_added, found[k], own)) if k in found else own
+    return found, count, count / rows_per_sample(run, settings)
+
+
+def _added(a: _Products, b: _Products) -> _Products:
+    """The products of both's rows."""
+    return a[0], a[1] + b[1]
 
 
 class _Bank(Effect):

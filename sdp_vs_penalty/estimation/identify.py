@@ -25,6 +25,7 @@ from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, as_black_box, compress_black_box
@@ -48,6 +49,7 @@ def identify(
     proof: str | Path | None = None,
     gain_uncertainty: float | Array = 0.0,
     known_loads: Sequence[tuple[Source, float]] = (),
+    workers: Workers = ALONE,
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
 
@@ -68,7 +70,8 @@ def identify(
         per cent), or a factor (n, e) of their covariance, which widens the intervals; known_loads :
         further runs, each with the mass [kg] that the last link carried in it, which determine the
         gains (:mod:`~sdp_vs_penalty.estimation.known_load`): the parameters are
-        then in true units, and the problem of the estimate keeps the gains.
+        then in true units, and the problem of the estimate keeps the gains; workers : who compresses the
+        runs (:class:`~sdp_vs_penalty.parallel.Workers`); the estimate is the same to the last bit.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
@@ -85,7 +88,7 @@ def identify(
     model = problem.model(effects)
     settings = (preprocessing or problem.preprocessing).resolve(measurements)
     progress("estimating shape constants")
-    shapes = estimate_shapes(model, measurements, settings, weighting)
+    shapes = estimate_shapes(model, measurements, settings, weighting, workers=workers)
     model = replace(model, effects=with_shapes(model.effects, shapes))
     errors = independent_gains(gain_uncertainty, problem.robot.n)
     details: dict[str, Any] = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
@@ -97,15 +100,17 @@ def identify(
         model, errors = replace(model, gains=problem.gains), found.factor
         details["gains"] = found.to_dict()
     if model.needs_reference:
-        model = with_reference(
-            problem, model, lambda part: compress(measurements, part, settings), weighting, progress
-        )
+
+        def compressed(part: Model) -> Regression:
+            return compress(measurements, part, settings, workers=workers)
+
+        model = with_reference(problem, model, compressed, weighting, progress)
     progress("compressing the measurements")
-    regression = compress(measurements, model, settings)
+    regression = compress(measurements, model, settings, workers=workers)
     task = make_task(problem, model, regression, weighting, seed, progress)
     fit = _fitted(task, estimator, proof)
     estimate = build_estimate(
-        problem, task, estimator, fit, regression, settings, measurements, weighting, errors
+        problem, task, estimator, fit, regression, settings, measurements, weighting, errors, workers
     )
     if refined:
         estimate = refine(estimate, measurements, estimator, regression, weighting, seed, progress)

@@ -29,10 +29,10 @@ from sdp_vs_penalty.estimation.intervals import (
 )
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95, Sandwich, sandwich, visible_directions
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
-from sdp_vs_penalty.estimators.task import joint_weights
+from sdp_vs_penalty.estimators.task import joint_weights, with_plausible
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
-from sdp_vs_penalty.regression.regression import Regression, nearest_least_squares
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 
 Array = NDArray[np.float64]
 
@@ -168,8 +168,10 @@ class _Evidence:
         return self._least_squares(self.weights)
 
     def _least_squares(self, weights: Array | None) -> Array:
-        data = self.narrow.least_squares(weights)
-        return nearest_least_squares(data, self.problem.nominal(self.model), self.bound)
+        return nearest_least_squares(self._narrow(weights), self.problem.nominal(self.model), self.bound)
+
+    def _narrow(self, weights: Array | None) -> LeastSquares:
+        return with_plausible(self.narrow.least_squares(weights), self.model, self.narrow.oversampling)
 
     @cached_property
     def known(self) -> Sandwich:
@@ -187,7 +189,7 @@ class _Evidence:
     def _sandwich(self, regression: Regression) -> Sandwich:
         """A shape constant has a standard normal prior."""
         constants = regression.p - self.p
-        scale = np.append(np.full(self.p, np.inf), np.ones(constants)) if constants else None
+        scale = np.append(self.model.plausible, np.ones(constants))
         return replace(sandwich(regression, self.weights, scale), taken_white=self.white)
 
     def padded(self, rows: Array) -> Array:
@@ -204,7 +206,7 @@ class _Evidence:
     @cached_property
     def narrow_solution(self) -> Array:
         """(p,) the smallest least-squares theta with the shape constants as they are."""
-        data = self.narrow.least_squares(self.weights)
+        data = self._narrow(self.weights)
         V = visible_directions(data)
         return np.asarray(V @ (V.T @ (data.R.T @ data.rho)))
 

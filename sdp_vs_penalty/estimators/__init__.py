@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from typing import Any, cast
 
-from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.registration import classes
+from sdp_vs_penalty.solvers import solver
 
 DEFAULT_METHOD = "lmi-sdp"
 
@@ -24,3 +27,14 @@ def make_estimator(method: str | Estimator) -> Estimator:
         return estimator_types()[method]()
     except KeyError:
         raise unknown("method", method, estimator_types()) from None
+
+
+def with_solver(method: str, solver_name: str | None) -> Estimator | str:
+    """The method, its solver exchanged where one is asked for. Raises InputError where it has none."""
+    if solver_name is None:
+        return method
+    estimator: Any = make_estimator(method)
+    if not hasattr(estimator, "solver"):
+        raise InputError(f"--solver {solver_name}: method {method} solves no SDP", "leave --solver out")
+    solver(solver_name)
+    return cast(Estimator, replace(estimator, solver=solver_name))

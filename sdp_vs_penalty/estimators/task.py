@@ -10,7 +10,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import Regression
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 
 #: Farthest that a guessed mass is rescaled, up or down.
 _WRONG_BY = 100.0
@@ -28,7 +28,7 @@ def make_task(
     nominal, bound = problem.nominal(model), problem.parameter_bound(model)
     plain = Task(
         model,
-        regression.least_squares(),
+        with_plausible(regression.least_squares(), model, regression.oversampling),
         problem.constraints(model),
         bound,
         nominal,
@@ -43,8 +43,17 @@ def make_task(
         raise unknown("weighting", weighting, ("noise", "none"))
     if weighting == "noise":
         data = regression.least_squares(joint_weights(regression, plain.ols))
-        plain = replace(plain, data=data)
+        plain = replace(plain, data=with_plausible(data, model, regression.oversampling))
     return replace(plain, prior=scaled_prior(plain, problem.guessed_links))
+
+
+def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> LeastSquares:
+    """The data with what the model's effects know of their parameters beforehand, each an observation
+    as good as an independent row whose noise is what least squares leave."""
+    if not np.isfinite(model.plausible).any():
+        return data
+    variance = data.residual_norm**2 / max(data.rows - data.R.shape[1], 1)
+    return data.with_prior(model.plausible, oversampling * variance)
 
 
 def scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:

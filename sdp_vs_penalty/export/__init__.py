@@ -11,8 +11,10 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.export.c_header import make_c_header
 from sdp_vs_penalty.export.content import Content, require_plausible
 from sdp_vs_penalty.export.friction_table import make_friction_table
+from sdp_vs_penalty.export.load import FRANKA, make_franka, make_set_payload
 from sdp_vs_penalty.export.mjcf import make_mjcf
 from sdp_vs_penalty.export.numpy_function import make_function
+from sdp_vs_penalty.export.sdf import make_sdf
 from sdp_vs_penalty.export.sidecar import make_sidecar
 from sdp_vs_penalty.export.urdf import edit_urdf, make_urdf
 from sdp_vs_penalty.files import write_bytes
@@ -25,6 +27,8 @@ FORMATS = {
     ".py": "NumPy function",
     ".h": "C header",
     ".csv": "friction table",
+    ".sdf": "SDFormat",
+    ".script": "UR's payload",
 }
 
 _PARTLY: dict[str, Callable[[Estimate], tuple[bytes, tuple[str, ...]]]] = {
@@ -40,14 +44,17 @@ def export(
     urdf: str | Path | None = None,
     *,
     force: bool = False,
+    flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[str, ...]:
     """Write a model in the format of the suffix: .urdf, .xml (MJCF), .json, .py (NumPy function), .h (C
     header with links, viscous and Coulomb friction, offset and rotor inertia), .csv (friction by
-    velocity).
+    velocity), .sdf; a name that ends in .drake.urdf (with rotor inertias, which Drake reads); of a
+    payload, endeffector-config.json (Franka) or .script (UR's set_target_payload).
 
     estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
         other byte is kept; for ``out`` with the suffix .urdf only.
+    flange : where the flange lies in the last joint's frame [m], for a payload.
     force : a link whose mass lies farther out than its body reaches is exported all the same.
     Returns the effects that the format has no place for (they are in the .json and the .py).
     Raises InputError for another suffix, an inconsistent or implausible inertial, or a URDF of another
@@ -61,6 +68,9 @@ def export(
         raise InputError("unknown suffix", f"choose one of {known}", out)
     if urdf is not None and suffix != ".urdf":
         raise InputError("an edited URDF must end in .urdf", "rename it, or leave the URDF out", out)
+    if out.name.endswith(FRANKA) or suffix == ".script":
+        write_bytes(out, (make_set_payload if suffix == ".script" else make_franka)(estimate, flange))
+        return ()
     if suffix in _WHOLE:
         write_bytes(out, _WHOLE[suffix](estimate))
         return ()
@@ -71,11 +81,12 @@ def export(
     content = Content.of(estimate)
     if not force:
         require_plausible(estimate)
-    if suffix == ".xml":
-        write_bytes(out, make_mjcf(estimate.robot, content))
-        return content.left_out(armature=True)
-    made = (
-        make_urdf(estimate.robot, content) if urdf is None else edit_urdf(urdf, estimate.robot, content)
-    )
-    write_bytes(out, made)
-    return content.left_out(armature=False)
+    if suffix in (".xml", ".sdf"):
+        write_bytes(out, (make_mjcf if suffix == ".xml" else make_sdf)(estimate.robot, content))
+        return content.left_out(armature=suffix == ".xml")
+    drake = urdf is None and out.name.lower().endswith(".drake.urdf")
+    if urdf is None:
+        write_bytes(out, make_urdf(estimate.robot, content, drake))
+    else:
+        write_bytes(out, edit_urdf(urdf, estimate.robot, content))
+    return content.left_out(armature=drake)

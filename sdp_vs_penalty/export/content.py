@@ -33,6 +33,8 @@ class Content:
     friction: Array
     armature: Array
     others: tuple[str, ...]
+    #: Of the torque channels, measured over true; () where the model has none.
+    gains: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, estimate: Estimate) -> Content:
@@ -70,7 +72,7 @@ class Content:
                 )
             values[place][parameter.joint - 1] += value
         others = tuple(e.brief for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
-        return cls(links, others=others, **values)
+        return cls(links, others=others, gains=model.gains or (), **values)
 
     def left_out(self, *, armature: bool) -> tuple[str, ...]:
         """Effects that are lost in a file with, or without, a place for the armature."""

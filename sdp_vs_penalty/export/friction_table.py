@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,20 +17,44 @@ Array = NDArray[np.float64]
 _POINTS, _FASTEST = 30, 2.0
 
 
+@dataclass(frozen=True)
+class FrictionCurve:
+    """velocity (k,) [rad/s, m/s] of a joint (from 0), torque (k,) [N m, N] of all effects that follow it
+    alone, and its standard deviation (k,) by the parameters' intervals."""
+
+    joint: int
+    velocity: Array
+    torque: Array
+    std: Array
+
+
 def make_friction_table(estimate: Estimate) -> tuple[bytes, tuple[str, ...]]:
     """CSV with joint, velocity, torque, std: what all effects that follow the velocity alone make.
 
-    torque [N m, N] is to be added to what the links need at this velocity [rad/s, m/s]; std comes from
-    the parameters' intervals. Velocities lie closest where dry friction turns round.
+    torque [N m, N] is to be added to what the links need at this velocity [rad/s, m/s].
     Returns the text and the written form of the effects that such a table cannot hold.
     Raises InputError for a model without any that it can.
     """
-    model, robot = estimate.model, estimate.robot
-    own = list(zip(model.effects, model.indices, strict=True))
-    held = [(e, k) for e, k in own if _by_velocity(e)]
-    if not held:
+    curves = friction_curves(estimate)
+    if not curves:
         raise InputError("the model has no friction that follows the velocity alone", "add one")
     lines = ["joint,velocity,torque,std"]
+    for c in curves:
+        for row in zip(c.velocity, c.torque, c.std, strict=True):
+            lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
+    left = (e.text for e in estimate.model.effects if not _by_velocity(e) and e.name != "rigid_body")
+    return ("\n".join(lines) + "\n").encode(), tuple(left)
+
+
+def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
+    """One a joint; none without an effect that follows the velocity alone.
+
+    Velocities lie closest where dry friction turns round.
+    """
+    model, robot = estimate.model, estimate.robot
+    own = zip(model.effects, model.indices, strict=True)
+    held = [(e, k) for e, k in own if _by_velocity(e)]
+    curves = []
     for j, joint in enumerate(robot.joints):
         fastest = joint.velocity if 0.0 < joint.velocity < np.inf else _FASTEST
         up = np.geomspace(min(model.sign_width[j], fastest) / 4.0, fastest, _POINTS)
@@ -46,10 +72,8 @@ def make_friction_table(estimate: Estimate) -> tuple[bytes, tuple[str, ...]]:
                 at = indices[block.parameters]
                 torque += block.columns @ estimate.theta[at]
                 spread += block.columns @ estimate.uncertainty.factor[at]
-        for row in zip(speed, torque, np.linalg.norm(spread, axis=1), strict=True):
-            lines.append(f"{j + 1}," + ",".join(f"{x:.9g}" for x in row))
-    left = tuple(e.text for e, _ in own if not _by_velocity(e) and e.name != "rigid_body")
-    return ("\n".join(lines) + "\n").encode(), left
+        curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))
+    return curves if held else []
 
 
 def _by_velocity(effect: Effect) -> bool:

@@ -68,6 +68,8 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             element.set("frictionloss", number(content.friction[k]))
             element.set("armature", number(content.armature[k]))
             motor = etree.SubElement(actuators, "motor", name=joint.name, joint=joint.name)
+            if content.gains:  # a command is in the units that the channel measures
+                motor.set("gear", number(1.0 / content.gains[k]))
             if np.isfinite(joint.effort) and joint.effort > 0.0:
                 motor.set("ctrlrange", numbers(np.array([-joint.effort, joint.effort])))
         else:

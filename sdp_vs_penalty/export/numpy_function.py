@@ -22,6 +22,7 @@ from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export import plain_robot
+from sdp_vs_penalty.export.compact import is_plain, torque_lines
 from sdp_vs_penalty.export.content import number
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -92,9 +93,45 @@ def torque(q, dq, ddq, t=None, temperature=None):
     return MODEL.torque(THETA, motion).reshape(q.shape)
 '''
 
+_PLAIN = '''\
+"""Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
+
+    tau = torque(q, dq, ddq)        # (n,) or (N, n): rad or m, /s, /s^2 -> N m or N
+
+Joints in order: {joints}.
+Effects: {effects}.
+Needs NumPy; nothing of sdp-vs-penalty. One sample takes microseconds: it is computed without arrays.
+"""
+
+import math
+
+import numpy as np
+
+#: Parameter values, in the order of NAMES; the function below has them written in.
+THETA = np.array({theta})
+NAMES = {names}
+NEEDS_TIME = []
+
+
+def torque(q, dq, ddq, t=None, temperature=None):
+    """Modelled joint torques, of the shape of q."""
+    if np.ndim(q) == 1:
+        states = (x.tolist() if hasattr(x, "tolist") else x for x in (q, dq, ddq))
+        return np.array(_torque(*states, math.sin, math.cos, math.tanh))
+    states = (np.asarray(x, float).T for x in (q, dq, ddq))
+    made = _torque(*states, np.sin, np.cos, np.tanh)
+    return np.stack([np.broadcast_to(x, len(q)) for x in made], axis=-1)
+
+
+def _torque(q, dq, ddq, sin, cos, tanh):
+{lines}
+    return [{taus}]
+'''
+
 
 def make_function(estimate: Estimate) -> bytes:
-    """Source of a module with ``torque(q, dq, ddq, t=None)``, equal to ``estimate.torque``.
+    """Source of a module with ``torque(q, dq, ddq, t=None)``, equal to ``estimate.torque``: expressions
+    (compact.py) where they hold the whole model, else its own classes.
 
     Raises InputError for an effect that needs more than NumPy.
     """
@@ -103,6 +140,8 @@ def make_function(estimate: Estimate) -> bytes:
         raise InputError(
             "the function has no place for joints that follow others", "write .json or .urdf instead"
         )
+    if is_plain(estimate):
+        return _plain_function(estimate)
     bundle = _Bundle()
     for thing in vars(plain_robot).values():
         if getattr(thing, "__module__", None) == plain_robot.__name__:
@@ -139,6 +178,25 @@ def make_function(estimate: Estimate) -> bytes:
         names=[p.name for p in model.parameters],
         reference="" if reference is None else f", {_array(reference)}",
         needs_time=timed,
+    )
+    return text.encode()
+
+
+def _plain_function(estimate: Estimate) -> bytes:
+    model, robot = estimate.model, estimate.robot
+    lines = torque_lines(estimate)
+    for name, states in (("q", "q"), ("v", "dq"), ("a", "ddq")):
+        lines.insert(0, f"{', '.join(f'{name}{i + 1}' for i in range(robot.n))}, = {states}")
+    text = _PLAIN.format(
+        robot=_quoted(robot.name),
+        method=_quoted(estimate.method),
+        version=_quoted(str(estimate.provenance.get("versions", {}).get(_PACKAGE, ""))),
+        joints=_quoted(", ".join(j.name for j in robot.joints)),
+        effects=_quoted(", ".join(e.brief for e in model.effects)),
+        taus=", ".join(f"tau{i + 1}" for i in range(robot.n)),
+        lines=textwrap.indent("\n".join(lines), "    "),
+        theta="[" + ", ".join(map(number, estimate.theta)) + "]",
+        names=[p.name for p in model.parameters],
     )
     return text.encode()
 

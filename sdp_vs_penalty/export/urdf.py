@@ -25,9 +25,15 @@ _NO_LIMIT = 1e6
 _SAME_AXIS = 1e-4
 
 
-def make_urdf(robot: Robot, content: Content) -> bytes:
-    """A URDF of a model's kinematics, inertials, damping and friction; link frames on the joints."""
-    root = etree.Element("robot", name=robot.name)
+_DRAKE = "http://drake.mit.edu"
+
+
+def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
+    """A URDF of a model's kinematics, inertials, damping and friction; link frames on the joints.
+
+    drake : with a transmission a joint that carries the rotor's inertia in Drake's own tags.
+    """
+    root = etree.Element("robot", name=robot.name, nsmap={"drake": _DRAKE} if drake else None)
     etree.SubElement(root, "link", name="base_link")
     link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
     for i in range(len(robot.tree)):
@@ -38,6 +44,14 @@ def make_urdf(robot: Robot, content: Content) -> bytes:
         etree.SubElement(element, "mass", value=number(body.mass))
         etree.SubElement(element, "inertia", **body.urdf_attributes)
         _joint(root, robot, i, content)
+    for name, armature in zip(robot.joint_names, content.armature, strict=True) if drake else ():
+        transmission = etree.SubElement(root, "transmission", name=f"{name}_transmission")
+        etree.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
+        etree.SubElement(transmission, "joint", name=name)
+        actuator = etree.SubElement(transmission, "actuator", name=f"{name}_motor")
+        # At the joint already: the gear's ratio squared is in it.
+        etree.SubElement(actuator, f"{{{_DRAKE}}}rotor_inertia", value=number(armature))
+        etree.SubElement(actuator, f"{{{_DRAKE}}}gear_ratio", value="1")
     etree.indent(root)
     return bytes(etree.tostring(root, xml_declaration=True, encoding="utf-8")) + b"\n"
 

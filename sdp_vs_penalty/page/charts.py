@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sdp_vs_penalty.report.plots import Curves, ladder_figure, styled, torque_figure
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.report.plots import (
+    SIGNALS,
+    Curves,
+    band_figure,
+    friction_figure,
+    ladder_figure,
+    residual_figure,
+    styled,
+    torque_figure,
+)
 
 
 def torque_chart(
@@ -45,12 +55,47 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
 
 
 def ladder_chart(
-    names: Sequence[str], rmse: Sequence[Sequence[float]], units: Sequence[str]
+    names: Sequence[str],
+    rmse: Sequence[Sequence[float]],
+    units: Sequence[str],
+    floor: Sequence[float | None],
 ) -> dict[str, Any]:
-    """The error of every joint from model to model."""
-    plot = ladder_figure([f"{k}" for k in range(1, len(names) + 1)], rmse, units)
+    """The error of every joint from model to model, over its noise where that is known of all."""
+    numbers, known = [f"{k}" for k in range(1, len(names) + 1)], [f for f in floor if f]
+    if len(known) == len(units):
+        over = [[e / f for e, f in zip(errors, known, strict=True)] for errors in rmse]
+        plot = ladder_figure(numbers, over, ["noise floors"] * len(units))
+        plot.update_yaxes(title_text="RMS error / noise floor").add_hline(1.0, line_dash="dot")
+    else:
+        plot = ladder_figure(numbers, rmse, units)
+    plot.update_traces(line_shape="hvh")
     plot.update_xaxes(title_text="model", type="category")
     return _ready(styled(plot, 360))
+
+
+def friction_chart(curve: Mapping[str, Any], joint: int, unit: str) -> dict[str, Any]:
+    """Friction of a joint (from 0) over its velocity; curve : velocity, torque, half."""
+    return _ready(styled(friction_figure(**curve, joint=joint, unit=unit), 300))
+
+
+def missing_chart(curve: Curve, units: Sequence[str]) -> dict[str, Any]:
+    """A measured curve of one variable with its band."""
+    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
+    plot.update_xaxes(title_text=curve.of[0])
+    plot.update_yaxes(title_text=f"joint {curve.joint} [{units[curve.joint - 1]}]")
+    return _ready(styled(plot, 260))
+
+
+def residual_chart(
+    read: Mapping[str, Any], joint: int, signal: str, unit: str, floor: float | None
+) -> dict[str, Any]:
+    """What is left of one joint's torque against one of SIGNALS."""
+    x = read[signal] if signal == "t" else read[signal][:, joint]
+    left, dq = read["torque"][:, joint] - read["modelled"][:, joint], read["dq"][:, joint]
+    plot = residual_figure(x, left, dq, floor)
+    plot.update_xaxes(title_text=SIGNALS[signal])
+    plot.update_yaxes(title_text=f"error of joint {joint + 1} [{unit}]")
+    return _ready(styled(plot, 320))
 
 
 def merged(first: Curves, last: Curves) -> Curves:

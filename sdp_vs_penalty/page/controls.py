@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
+
+from sdp_vs_penalty.page.options import Field
 
 Handler = Callable[..., Any]
 
@@ -60,6 +63,16 @@ def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
         field.on("change", take, js_handler="(e) => emit(e.target.value)")
 
 
+def text_field(
+    label: str, value: str, do: Callable[[str], Any], key: str, example: str = "", wide: bool = False
+) -> None:
+    """A labelled line of text."""
+    with tag("label", style="field wide-field" if wide else "field"):
+        tag("span", label)
+        field = tag("input", type="text", value=value, placeholder=example, data_key=key)
+        field.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
+
+
 def check(label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = "") -> None:
     """A labelled checkbox."""
     with tag("label", style="check", title=hint):
@@ -67,6 +80,23 @@ def check(label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str =
         box = tag("input", type="checkbox", data_key=key, **extra)
         box.on("change", lambda e: do(bool(e.args)), js_handler="(e) => emit(e.target.checked)")
         tag("span", label)
+
+
+def draw_form(fields: Sequence[Field], values: dict[str, str]) -> None:
+    """Every field with what is written in it; ``values`` follows, without the empty ones."""
+
+    def put(name: str, text: str) -> None:
+        if text.strip():
+            values[name] = text.strip()
+        else:
+            values.pop(name, None)
+
+    for f in fields:
+        key, told = f"option-{f.name}", partial(put, f.name)
+        if f.kind is bool:
+            check(f.help, f.name in values, lambda on, told=told: told("yes" if on else ""), key)  # type: ignore[misc]
+        else:
+            text_field(f.help, values.get(f.name, ""), told, key, f.example)
 
 
 def drop(text: str, hint: str, kind: str, accept: Sequence[str], several: bool) -> None:
@@ -94,8 +124,17 @@ def details(title: str, key: str) -> Any:
     return made
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[str]], caption: str, style: str = "") -> None:
-    """A table with its first column as row headings; wide ones scroll inside their frame."""
+def table(
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    caption: str,
+    style: str = "",
+    mark: int | None = None,
+) -> None:
+    """A table with its first column as row headings; wide ones scroll inside their frame.
+
+    mark : a column of words, each the class of its row.
+    """
     frame = tag("div", style="wide", tabindex="0", role="region", aria_label=caption)
     with frame, tag("table", style=style):
         tag("caption", caption, "unseen")
@@ -104,7 +143,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], caption: str, 
                 tag("th", heading, scope="col")
         with tag("tbody"):
             for row in rows:
-                with tag("tr"):
+                with tag("tr", style="" if mark is None else row[mark]):
                     tag("th", row[0], scope="row")
                     for cell in row[1:]:
                         tag("td", cell)

@@ -7,39 +7,46 @@ a job that is killed has changed nothing.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check import check
-from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
+from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
-from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
+from sdp_vs_penalty.data.texts import time_windows
 from sdp_vs_penalty.diagnosis import add, diagnose
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.excitation import save_trajectory
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimators import estimator_types
+from sdp_vs_penalty.estimation.known_load import parsed_known_load
+from sdp_vs_penalty.estimation.separation import separate as separation
+from sdp_vs_penalty.estimators import estimator_types, with_solver
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.page.archive import pack, unpack
+from sdp_vs_penalty.page.options import number
+from sdp_vs_penalty.page.run_jobs import (
+    Answer,
+    Progress,
+    Request,
+    keep,
+    look_again,
+    mend,
+    problem_of,
+    read,
+    real,
+    real_files,
+    runs_of,
+    simulate,
+)
 from sdp_vs_penalty.page.summary import summary, violation
 from sdp_vs_penalty.problem.load import load_problem, problem_names
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.report import make_report
-from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, makers
-from sdp_vs_penalty.simulation.hide import RUN_FILES
+from sdp_vs_penalty.simulation.hidden_runs import makers
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
-
-#: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
-#: between, so that no filter sees both.
-SPLIT, _PAUSE = 0.7, 0.5
-Request = Mapping[str, Any]
-Answer = dict[str, Any]
-Progress = Callable[[str], None]
 
 
 def catalogue(request: Request, progress: Progress) -> Answer:
@@ -62,21 +69,8 @@ def catalogue(request: Request, progress: Progress) -> Answer:
         "hideable": [name for name in makers() if not effect_types()[name].frozen_only],
         "whole_robot": [name for name, kind in effect_types().items() if kind.whole_robot],
         "levels": list(LEVELS),
-        "real": {d.problem: d.title for d in DATASETS.values() if _real_files(d.name)},
+        "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},
     }
-
-
-def _real_files(name: str) -> list[Path]:
-    """Runs of a data set that `fetch` has left in the cache, or in the folder that is named."""
-    for root in (real_data_folder(), cache_folder()):
-        if root is None:
-            continue
-        runs = sorted((root / name / "runs").glob("*.csv"))
-        if runs:
-            return runs
-        if (root / name / "exciting_traj_time.txt").is_file():
-            return [root / name]
-    return []
 
 
 def robot(request: Request, progress: Progress) -> Answer:
@@ -92,88 +86,43 @@ def robot(request: Request, progress: Progress) -> Answer:
         "units": [unit.replace("*", " ") for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "torque_side": problem.torque_side,
+        "own_gravity": list(problem.robot.gravity),
     }
-
-
-def read(request: Request, progress: Progress) -> Answer:
-    """files : {path, name} of each; those that can be used become runs, the others a sentence each."""
-    problem = _problem(request)
-    hashes = {run["hash"]: run["name"] for run in request["runs"]}
-    runs, refused = [], []
-    for file in request["files"]:
-        progress(f"reading {file['name']}")
-        path = Path(file["path"])
-        try:
-            part = load_measurements(path, joints=problem.robot.n, names=problem.robot.joint_names)
-            twin = hashes.get(part.data_hash)
-            if twin is not None:
-                raise InputError(f"holds the same samples as {twin}", "name each run once", path)
-            progress(f"checking {file['name']}")
-            run = _keep(problem, part, Path(request["folder"]), file["name"])
-            run["given"] = file.get("given", file["name"])
-        except InputError as error:
-            refused.append(str(error).replace(str(path), file["name"]))
-            continue
-        hashes[run["hash"]] = run["name"]
-        runs.append(run)
-    return {"runs": runs, "refused": refused}
-
-
-def real(request: Request, progress: Progress) -> Answer:
-    """The real runs of a robot that are on this computer."""
-    (name,) = [d.name for d in DATASETS.values() if d.problem == request["robot"]["source"]]
-    files = [{"path": str(p), "name": p.stem, "given": str(p)} for p in _real_files(name)]
-    return read({**request, "files": files}, progress)
-
-
-def simulate(request: Request, progress: Progress) -> Answer:
-    """Three runs and one for testing, with an effect hidden in them; the truth is not shown."""
-    problem = _problem(request)
-    level: str | float = request["level"]
-    progress("simulating four runs of 20 s")
-    joints = [j - 1 for j in request["joints"]]
-    hidden = [] if request["effect"] == "none" else [(request["effect"], joints)]
-    made = hidden_runs(problem, hidden, level, int(request["seed"]), must_show=True)
-    runs = []
-    for name, part in zip(RUN_FILES, made.runs, strict=True):
-        progress(f"checking {name}")
-        run = _keep(problem, part, Path(request["folder"]), name)
-        runs.append({**run, "use": "test" if name == RUN_FILES[-1] else "train"})
-    return {"runs": runs, "refused": [], "effects": made.truth["model_effects"]}
-
-
-def mend(request: Request, progress: Progress) -> Answer:
-    """What `check --fix` does to one of the runs: its repaired copy, and beside it what was changed."""
-    problem, folder = _problem(request), Path(request["folder"])
-    (given,) = (run for run in request["runs"] if run["file"] == request["file"])
-    part = replace(load_measurements(folder / given["file"]), names=(given["name"],))
-    progress(f"repairing {given['name']}")
-    (report,) = check(problem, part, thorough=False)
-    made = _keep(problem, report.fixed, folder, f"{Path(given['name']).stem}_fixed.csv")
-    changes = report.changes(given["name"])
-    write_text(folder / Path(made["file"]).with_suffix(".txt"), changes)
-    return {"run": {**made, "use": given["use"]}, "changes": changes.splitlines()}
 
 
 def fit(request: Request, progress: Progress) -> Answer:
     """Identify a model and look where it fails."""
-    problem, runs = _problem(request), _runs(request)
+    problem, runs, options = problem_of(request), runs_of(request), request["options"]
     begin = time.perf_counter()
     estimate = identify(
         problem,
-        runs.train,
-        request["method"],
+        windowed(runs.train, time_windows(options.get("window"))),
+        with_solver(request["method"], options.get("solver")),
         effects=request["effects"],
         seed=int(request["seed"]),
         progress=progress,
+        gain_uncertainty=number(options, "gain_uncertainty", 0.0),
+        known_loads=_known_loads(request, options.get("known_load")),
     )
     seconds = time.perf_counter() - begin
     return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
 
 
+def _known_loads(request: Request, text: str | None) -> list[tuple[str, float]]:
+    """Runs with a load, by their shown names: "load.csv:2.8", several separated by commas."""
+    files = {run["name"]: run["file"] for run in request["runs"]}
+    loads = []
+    for word in text.split(",") if text else []:
+        run, mass = parsed_known_load(word)
+        if str(run) not in files:
+            raise InputError(f"{run}: not a run of this page", f"choose one of {', '.join(files)}")
+        loads.append((str(Path(request["folder"]) / files[str(run)]), mass))
+    return loads
+
+
 def open_model(request: Request, progress: Progress) -> Answer:
     """A model.json that somebody brings, judged on these runs."""
-    runs = _runs(request)
+    runs = runs_of(request)
     estimate = load_estimate(request["model"])
     if estimate.robot.n != runs.train.n:
         raise other_robot(runs.train.n, estimate.robot.n, request["model"], "model")
@@ -182,7 +131,7 @@ def open_model(request: Request, progress: Progress) -> Answer:
 
 def extend(request: Request, progress: Progress) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    runs = _runs(request)
+    runs = runs_of(request)
     begin = time.perf_counter()
     estimate = add(
         load_estimate(request["model"]),
@@ -198,7 +147,7 @@ def extend(request: Request, progress: Progress) -> Answer:
 
 def find(request: Request, progress: Progress) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
-    runs = _runs(request)
+    runs = runs_of(request)
     begin = time.perf_counter()
     result = diagnose(
         load_estimate(request["model"]),
@@ -209,14 +158,40 @@ def find(request: Request, progress: Progress) -> Answer:
         progress=progress,
         noise_from=runs.whole,
     )
-    return {"diagnosis": result.to_dict(), "seconds": time.perf_counter() - begin}
+    robot = load_estimate(request["model"]).robot
+    return {
+        "diagnosis": result.to_dict(),
+        "curves": [curve.effect(robot).text for curve in result.curves],
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def separate(request: Request, progress: Progress) -> Answer:
+    """The run that would tell two effects apart: what `sdp-vs-penalty excite --separate` does."""
+    options = request["options"]
+    found = separation(
+        load_estimate(request["model"]),
+        request["effects"],
+        duration=number(options, "duration", 20.0),
+        level=number(options, "level", 1.0),
+        iterations=int(number(options, "iterations", 200)),
+        seed=int(request["seed"]),
+        progress=progress,
+    )
+    save_trajectory(found.trajectory, Path(request["out"]))
+    said = (
+        f"To tell {request['effects']} apart: right in {100 * found.right:.0f} % of runs like "
+        f"trajectory.csv, {100 * found.default_right:.0f} % on the default excitation.",
+        "Collisions are not checked: look at the motion before it is run.",
+    )
+    return {"said": said}
 
 
 def methods(request: Request, progress: Progress) -> Answer:
     """The same effects by other methods, judged alike."""
     from sdp_vs_penalty.diagnosis.comparison import compare
 
-    runs, current = _runs(request), load_estimate(request["model"])
+    runs, current = runs_of(request), load_estimate(request["model"])
     rows = []
     for name in request["methods"]:
         begin = time.perf_counter()
@@ -260,101 +235,72 @@ def take(request: Request, progress: Progress) -> Answer:
     return {"left_out": list(export(load_estimate(request["model"]), out, urdf))}
 
 
+def save_session(request: Request, progress: Progress) -> Answer:
+    """Everything of a session in one file."""
+    folder, state, robot = Path(request["folder"]), request["state"], request["robot"]
+    members: dict[str, bytes] = {}
+    own = robot["source"] if robot["file"] else None
+    if own is not None:
+        members["robot.urdf"] = Path(own).read_bytes()
+    for k, run in enumerate(request["runs"]):
+        progress(f"writing {run['name']}")
+        text = folder / f"saved-{k}.csv"
+        save(load_measurements(folder / run["file"]), text)
+        members[f"runs/{k}.csv"] = text.read_bytes()
+        text.unlink()
+    for k, file in enumerate(request["models"]):
+        members[f"models/{k}.json"] = Path(file).read_bytes()
+    known = {"source": "robot.urdf" if own else robot["source"], "gravity": robot["gravity"]}
+    runs = [{key: run[key] for key in ("name", "given", "use")} for run in request["runs"]]
+    named = {"robot": {**known, "file": robot["file"]}, "runs": runs}
+    pack({**state, **named}, members, Path(request["out"]))
+    return {}
+
+
+def open_session(request: Request, progress: Progress) -> Answer:
+    """What was saved: the robot, the runs checked and the models judged anew."""
+    into = Path(request["into"])
+    into.mkdir(mode=0o700)
+    state = unpack(Path(request["path"]), into)
+    given = state["robot"]
+    source = str(into / "robot.urdf") if given["source"] == "robot.urdf" else given["source"]
+    asked = {**request, "robot": {"source": source, "gravity": given["gravity"]}}
+    told = {**robot({**asked, "source": source}, progress), **asked["robot"], "file": given["file"]}
+    problem, runs = problem_of(asked), []
+    for k, run in enumerate(state["runs"]):
+        progress(f"checking {run['name']}")
+        part = load_measurements(into / "runs" / f"{k}.csv", joints=problem.robot.n)
+        kept = keep(problem, part, Path(request["folder"]), run["name"])
+        runs.append({**kept, "use": run["use"], "given": run["given"]})
+    ladder = []
+    for k, rung in enumerate(state["ladder"]):
+        model = str(into / "models" / f"{k}.json")
+        details = {**asked, "runs": runs, "model": model, "out": str(into / f"model-{k}.json")}
+        ladder.append({**open_model(details, progress), **rung, "added": tuple(rung["added"])})
+    return {"robot": told, "runs": runs, "ladder": ladder, "state": state}
+
+
 def report(request: Request, progress: Progress) -> Answer:
     """The self-contained report about the ladder of models."""
-    runs = _runs(request)
+    runs = runs_of(request)
     made = make_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},
         runs.judge,
         commands=request["commands"],
         noise_from=runs.whole,
+        diagnosis=None if request["findings"] is None else Diagnosis.from_dict(request["findings"]),
         progress=progress,
     )
     write_text(request["out"], made)
     return {}
 
 
-def _problem(request: Request) -> Problem:
-    return load_problem(request["robot"]["source"], request["robot"].get("gravity"))
-
-
-def _runs(request: Request) -> Runs:
-    """The runs of a request for what each is used for, under their shown names.
-
-    A run of use "split" gives part of its motion to the first, the rest to the others.
-    """
-    chosen = request["runs"]
-    if not chosen:
-        raise InputError("No run to identify from", "add measurements first")
-    loaded = load_measurements(*(Path(request["folder"]) / run["file"] for run in chosen))
-    train, test = [], []
-    for run, part in zip(chosen, loaded.runs(), strict=True):
-        if run["use"] == "split":
-            if run["split"] is None:
-                raise InputError(
-                    "the motion repeats too fast to be split into one part to identify from and one "
-                    "to test on",
-                    "use the run for identification only, or record another one",
-                    run["name"],
-                )
-            named = replace(part, names=(run["name"],))
-            train.append(windowed(named, [(a, b) for a, b in run["split"]["train"]]))
-            test.append(windowed(named, [(a, b) for a, b in run["split"]["test"]]))
-        else:
-            (test if run["use"] == "test" else train).append(replace(part, names=(run["name"],)))
-    if not train:
-        raise InputError("No run to identify from", "use at least one for it")
-    return Runs(concatenate(train), concatenate(test) if test else None, loaded)
-
-
-def _keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[str, Any]:
-    """Write a run into the session's folder; what the page shows of it.
-
-    given : how the command line names it; split : the windows of the use "split", by phase where the
-    motion repeats, None where it does so too fast.
-    """
-    part = replace(concatenate([part]), names=(name,))
-    (found,) = check(problem, part, thorough=False)
-    file = f"run-{part.data_hash[:16]}.npz"
-    save(part, folder / file)
-    seconds = float(part.t[-1] - part.t[0])
-    return {
-        "file": file,
-        "name": name,
-        "given": name,
-        "use": "train",
-        "hash": part.data_hash,
-        "samples": part.samples,
-        "seconds": seconds,
-        "split": _split(problem, part),
-        "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
-        "findings": [
-            {word: getattr(f, word) for word in ("severity", "kind", "what", "remedy", "mends")}
-            for f in found.problems
-        ],
-    }
-
-
-def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, float]]] | None:
-    """Windows to identify from and to test on, rounded so that a command can name them."""
-    try:
-        settings = problem.preprocessing.resolve(part)
-        shortest = 1.5 * filter_reach(part, settings)
-    except InputError:  # no motion: the check says so
-        return None
-    (clock,) = motion_clocks(tracks_of(part))
-    windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, _PAUSE, shortest)
-    if windows is None:
-        return None
-    train, test = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
-    return {"train": train, "test": test}
-
-
 #: By the name in a request.
 JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
     job.__name__: job
     for job in (
-        *(catalogue, robot, read, real, simulate, mend, fit, open_model),
+        *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
+        *(save_session, open_session),
         *(extend, find, methods, take, report),
     )
 }

@@ -28,8 +28,9 @@ from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.steps.take_away import FILES
-from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.steps import STEPS
+from sdp_vs_penalty.page.steps.take_away import FILES, MADE
+from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.workshop import Workshop
 
@@ -42,8 +43,8 @@ _HERE = Path(__file__).parent
 class Page:
     """One server: its sessions, its workers, what there is to choose from."""
 
-    def __init__(self, folder: Path | None) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path | None, forms: Forms) -> None:
+        self.folder, self.forms = folder, forms
         self.workshop = Workshop()
         self.sessions = Sessions(self.workshop)
         self._catalogue: asyncio.Task[dict[str, Any]] | None = None
@@ -95,11 +96,18 @@ class Address:
         return self.certificate is not None
 
 
-def serve(folder: Path | None, port: int | None, browser: bool, at: Address | None = None) -> None:
+def serve(
+    folder: Path | None,
+    port: int | None,
+    browser: bool,
+    at: Address | None = None,
+    forms: Forms | None = None,
+) -> None:
     """Serve the page until it is interrupted, to whoever has the printed address.
 
     folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
-    is free where that is taken; at : None for 127.0.0.1. Raises InputError for a folder that is none, a
+    is free where that is taken; at : None for 127.0.0.1; forms : by what they are for, options of the
+    command line that the page offers. Raises InputError for a folder that is none, a
     port that is taken, or files that TLS cannot use.
     """
     at = at or Address()
@@ -107,7 +115,7 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address | No
         raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
     listener = _listen(at.host, port)
     chosen = listener.getsockname()[1]
-    page = Page(folder)
+    page = Page(folder, forms or {})
     atexit.register(page.close)
     key = secrets.token_urlsafe(24)
     name = f"[{at.host}]" if ":" in at.host else at.host
@@ -199,7 +207,7 @@ def make_app(page: Page) -> FastAPI:
     @app.get("/s/{token}/take/{name}")
     async def _take(token: str, name: str) -> Response:
         session = page.sessions.get(token)
-        if session is None or name not in FILES or not (session.folder / name).is_file():
+        if session is None or name not in (*FILES, *MADE) or not (session.folder / name).is_file():
             return _gone()
         return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
 
@@ -226,9 +234,11 @@ def make_app(page: Page) -> FastAPI:
 async def _build(page: Page, session: Session) -> None:
     client = ui.context.client
     limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
-    ui.add_head_html(f"<style>{(_HERE / 'look.css').read_text()}</style>")
+    shown = ", ".join(f"[data-at={s.anchor}] [data-step={s.anchor}]" for s in STEPS)
+    look = f"{(_HERE / 'look.css').read_text()}\n:is({shown}) {{ display: block; }}"
+    ui.add_head_html(f"<style>{look}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
-    bench = Workbench(View(session, await page.catalogue(), page.folder, client))
+    bench = Workbench(View(session, await page.catalogue(), page.folder, client, page.forms))
     bench.build()
 
     def leave() -> None:
@@ -262,6 +272,8 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
         session.choose_robot(str(path), name)
     elif kind == "model":
         session.open_model(str(path), name)
+    elif kind == "session":
+        session.open_session(str(path), name)
     else:
         while name in session.arrived:
             name = f"{Path(name).stem} again{Path(name).suffix}"

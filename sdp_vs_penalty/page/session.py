@@ -2,40 +2,63 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page import uploads
-from sdp_vs_penalty.page.state import METHOD, Notice, State, Working
+from sdp_vs_penalty.page import archive, uploads
+from sdp_vs_penalty.page.doing import Doing
+from sdp_vs_penalty.page.state import METHOD, Notice
 from sdp_vs_penalty.page.summary import Rung
-from sdp_vs_penalty.page.workshop import Cancelled
 
+#: What belongs to a robot, and is put aside with it.
+_OF_A_ROBOT = (
+    "robot", "runs", "effects", "method", "ladder", "findings", "found_for", "found_in", "methods",
+    "made_by", "models", "curve_texts",
+)  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
 #: Seconds of a run that is long enough to be split into one to identify from and one to test on.
 _LONG = 10.0
 
 
 @dataclass
-class Session(State):
+class Session(Doing):
     """What can be done to the state. Every verb starts its work in the background and returns."""
-
-    _count: int = 0
 
     def choose_robot(self, source: str, urdf: str | None = None) -> None:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
 
         async def do() -> None:
             answer = await self._job("robot", source=source)
+            self._remember()
             self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
             self.runs, self.effects, self.method = [], list(answer["effects"]), METHOD
             self.forget_models()
 
         self._start("Reading the robot", do(), {source: urdf or source})
+
+    def _remember(self) -> None:
+        """Before the robot changes: what is dropped, said and kept, so that it can be brought back."""
+        self.dropped = {name: getattr(self, name) for name in _OF_A_ROBOT}
+        if self.robot is not None and self.runs:
+            what = [show.count(len(self.runs), "run")]
+            what += [show.count(len(self.ladder), "model")] if self.ladder else []
+            said = f"{self.robot['name']}: {show.words(what)} put aside with the robot."
+            self.notice = Notice((said,), error=False, undo=True)
+
+    def bring_back(self) -> None:
+        """The robot before this one, with its runs and models."""
+        if self.busy or not self.dropped:
+            return
+        for name, value in self.dropped.items():
+            setattr(self, name, value)
+        self.dropped = {}
+        self.say()
 
     def read_arrived(self) -> None:
         """Read the files that were dropped; after the job that is being done, if there is one."""
@@ -51,7 +74,7 @@ class Session(State):
 
         async def do() -> None:
             try:
-                await self._take_runs("read", files=listed)
+                await self._take_runs("read", files=listed, options=self.reading)
             finally:
                 uploads.forget(self.folder, [*given, *([] if log is None else [log])])
 
@@ -87,6 +110,22 @@ class Session(State):
         self.forget_models()
         self.changed()
 
+    def mount(self, gravity: str) -> None:
+        """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again, models dropped."""
+
+        async def do() -> None:
+            if self.robot is None:
+                raise InputError("No robot is chosen", "choose it first")
+            turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
+            answer = await self._job("look_again", robot=turned)
+            self.robot, self.runs = turned, answer["runs"]
+            had_models = bool(self.ladder)
+            self.forget_models()
+            if had_models:
+                self.notice = Notice(("Gravity has changed: identify again.",), error=False)
+
+        self._start("Turning the robot", do())
+
     def mend(self, file: str) -> None:
         """Put the repaired copy of a run in its place, and say what was changed."""
 
@@ -106,16 +145,16 @@ class Session(State):
         async def do() -> None:
             if not self.effects:
                 raise InputError("No effect is chosen", "choose at least rigid_body")
-            if self.meaningless and not self.anyway:
-                raise InputError(
-                    self.meaningless[0],
-                    'repair it with `sdp-vs-penalty check RUN --fix`, or tick "Identify anyway"',
-                )
+            self._refuse_meaningless()
             answer = await self._job(
-                "fit", effects=",".join(self.effects), method=self.method, out=self._next_file()
+                "fit",
+                effects=",".join(self.effects),
+                method=self.method,
+                options=self.options,
+                out=self._next_file(),
             )
             self.forget_models()
-            self.ladder = [Rung(**{**answer, "label": "identified"})]
+            self._take_ladder([Rung(**{**answer, "label": "identified"})])
 
         self._start(f"Identifying by {self.method}", do())
 
@@ -125,7 +164,7 @@ class Session(State):
         async def do() -> None:
             answer = await self._job("open_model", model=path, out=self._next_file())
             self.forget_models()
-            self.ladder = [Rung(**{**answer, "label": name, "opened": name})]
+            self._take_ladder([Rung(**{**answer, "label": name, "opened": name})])
 
         self._start(f"Opening {name}", do(), {path: name})
 
@@ -133,30 +172,42 @@ class Session(State):
         """What the current model misses."""
 
         async def do() -> None:
+            self._refuse_meaningless()
             answer = await self._job("find", model=self._current(), frozen=self.frozen)
             self.findings = Diagnosis.from_dict(answer["diagnosis"])
+            self.curve_texts = answer["curves"]
             self.found_for, self.found_in = len(self.ladder), answer["seconds"]
 
         self._start("Looking for what is missing", do())
 
     def add(self, texts: list[str]) -> None:
-        """Add effects to the current model."""
+        """Add effects to the current model, a rung of the ladder each."""
 
         async def do() -> None:
-            frozen = self.findings is not None and self.findings.frozen
-            answer = await self._job(
-                "extend",
-                model=self._current(),
-                effect=",".join(texts),
-                frozen=frozen,
-                out=self._next_file(),
-            )
-            label = " ".join(f"+ {text.partition('@')[0]}" for text in texts)
-            new = {"label": label, "added": tuple(texts), "frozen": frozen}
-            self.ladder.append(Rung(**{**answer, **new}))
+            frozen = self.frozen or (self.findings is not None and self.findings.frozen)
+            model, rungs = self._current(), []
+            for text in texts:
+                details = {"effect": text, "frozen": frozen, "out": self._next_file()}
+                answer = await self._job("extend", model=model, **details)
+                new = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
+                rungs.append(Rung(**{**answer, **new}))
+                model = rungs[-1].file
+            self._take_ladder([*self.ladder, *rungs])
             self.methods = None
 
         self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
+
+    def separate(self, effects: str, options: Mapping[str, str], ready: Callable[[str], None]) -> None:
+        """The run that would tell two effects apart; ``ready`` hears the name of its trajectory."""
+
+        async def do() -> None:
+            out = str(self.folder / "trajectory.csv")
+            details = {"effects": effects, "options": dict(options), "out": out}
+            answer = await self._job("separate", model=self._current(), **details)
+            self.notice = Notice(tuple(answer["said"]), error=False)
+            ready("trajectory.csv")
+
+        self._start("Designing the run that would tell", do())
 
     def undo(self) -> None:
         """One model back."""
@@ -192,7 +243,9 @@ class Session(State):
                     for k, m in enumerate(self.ladder, start=1)
                 ]
                 self._current()
-                await self._job("report", models=models, commands=self.commands(), out=str(out))
+                found = None if self.findings is None else self.findings.to_dict()
+                details = {"commands": self.commands(), "findings": found, "out": str(out)}
+                await self._job("report", models=models, **details)
             else:
                 urdf = self.robot["source"] if self.robot and self.robot["file"] else None
                 answer = await self._job("take", model=self._current(), out=str(out), urdf=urdf)
@@ -208,68 +261,42 @@ class Session(State):
 
         self._start(f"Making {name}", do())
 
-    def cancel(self) -> None:
-        """End the job that is being done, at once; nothing that was there before changes."""
-        if self.working is not None:
-            self.working.work.cancel()
+    def save(self, ready: Callable[[str], None]) -> None:
+        """Everything as one file; ``ready`` hears its name."""
 
-    # How it is done
+        async def do() -> None:
+            state = {name: getattr(self, name) for name in archive.KEPT}
+            state["ladder"] = [archive.rung_state(rung) for rung in self.ladder]
+            state["findings"] = None if self.findings is None else self.findings.to_dict()
+            models, out = [rung.file for rung in self.ladder], str(self.folder / "session.zip")
+            await self._job("save_session", state=state, models=models, out=out)
+            ready("session.zip")
 
-    @property
-    def busy(self) -> bool:
-        """Whether a job is being done."""
-        return self.task is not None and not self.task.done()
+        self._start("Saving the session", do())
 
-    def _start(
-        self, title: str, doing: Coroutine[Any, Any, None], names: Mapping[str, str] | None = None
-    ) -> None:
-        """Begin a job unless one is being done; names : what to call the paths that it reads."""
-        if self.busy:
-            doing.close()
-            return
-        self.names |= names or {}
-        self.notice = None
-        self.working = Working(title, self.workshop.worker())
-        self.task = asyncio.get_running_loop().create_task(self._watch(doing))
-        self.changed()
+    def open_session(self, path: str, name: str) -> None:
+        """Go on where a saved session ended, instead of this one."""
 
-    async def _watch(self, doing: Coroutine[Any, Any, None]) -> None:
-        work = self.working.work if self.working is not None else None
-        try:
-            await doing
-        except Cancelled:
-            self.notice = Notice(("Cancelled: nothing was changed.",), error=False)
-        except InputError as error:
-            self.notice = Notice((self.without_paths(str(error)),))
-        except Exception as error:
-            self.notice = Notice(
-                (
-                    f"Internal error ({type(error).__name__}): nothing was changed; try again, and "
-                    "report it.",
-                )
-            )
-        finally:
-            if work is not None:
-                work.kill()
-            self.working, self.task = None, None
-            self.changed()
-            self.read_arrived()
+        async def do() -> None:
+            self._count += 1
+            into = str(self.folder / f"session-{self._count}")
+            answer = await self._job("open_session", path=path, into=into)
+            self._remember()
+            self.forget_models()
+            self.robot, self.runs, self.made_by = answer["robot"], answer["runs"], None
+            self._take_ladder([Rung(**rung) for rung in answer["ladder"]])
+            found = answer["state"]["findings"]
+            self.findings = None if found is None else Diagnosis.from_dict(found)
+            for name in archive.KEPT:
+                setattr(self, name, answer["state"][name])
 
-    async def _job(self, job: str, **details: Any) -> dict[str, Any]:
-        assert self.working is not None
-        request = {
-            "job": job,
-            "folder": str(self.folder),
-            "robot": self.robot,
-            "runs": self.runs,
-            "seed": self.seed,
-            **details,
-        }
-        return await self.workshop.run(self.working.work, request, self._progress)
+        self._start(f"Opening {name}", do(), {path: name})
 
-    def _progress(self, text: str) -> None:
-        if self.working is not None:
-            self.working.status = text
+    def take_up(self, model: Rung) -> None:
+        """Go on from a model of this session that was left."""
+        if not self.busy:
+            self.findings, self.methods = None, None
+            self._take_ladder([model])
             self.changed()
 
     async def _take_runs(self, job: str, **details: Any) -> None:
@@ -297,12 +324,3 @@ class Session(State):
             self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
         elif had_models:
             self.notice = Notice((_OTHER_RUNS,), error=False)
-
-    def _current(self) -> str:
-        if self.model is None:
-            raise InputError("No model yet", "identify one first")
-        return self.model.file
-
-    def _next_file(self) -> str:
-        self._count += 1
-        return str(self.folder / f"model-{self._count}.json")

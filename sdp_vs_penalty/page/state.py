@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.page.options import Field, words
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Work, Workshop
 from sdp_vs_penalty.report.plots import Curves
@@ -32,10 +33,12 @@ class Working:
 
 @dataclass(frozen=True)
 class Notice:
-    """One or more sentences for the person: an error, or something worth knowing."""
+    """One or more sentences for the person: an error, or something worth knowing; undo : whether the
+    change of robot that it tells of can be taken back."""
 
     texts: tuple[str, ...]
     error: bool = True
+    undo: bool = False
 
 
 class Watcher(Protocol):
@@ -67,10 +70,17 @@ class State:
     method: str = METHOD
     seed: int = 0
     frozen: bool = False
+    #: What is written in the fields that are the command line's options, and these fields.
+    options: dict[str, str] = field(default_factory=dict)
+    asked: tuple[Field, ...] = ()
+    reading: dict[str, str] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
     ladder: list[Rung] = field(default_factory=list)
+    #: All models of this robot, those that have left the ladder too.
+    models: list[Rung] = field(default_factory=list)
     findings: Diagnosis | None = None
+    curve_texts: list[str] = field(default_factory=list)
     found_for: int = 0
     found_in: float = 0.0
     methods: list[dict[str, Any]] | None = None
@@ -86,7 +96,9 @@ class State:
     refusals: int = 0
     #: Shown names by path.
     names: dict[str, str] = field(default_factory=dict)
-    _curves: dict[str, list[Curves]] = field(default_factory=dict)
+    #: The robot before this one and what belonged to it.
+    dropped: dict[str, Any] = field(default_factory=dict)
+    _read: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def model(self) -> Rung | None:
@@ -98,7 +110,7 @@ class State:
         return [
             f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}"
             for run in self.runs
-            if run["use"] != "test"
+            if run["use"] in ("train", "split")
             for f in run["findings"]
             if f["severity"] == "error"
         ]
@@ -108,16 +120,22 @@ class State:
         """Texts of the findings that are part of the current model."""
         return {text for model in self.ladder[self.found_for :] for text in model.added}
 
-    def curves(self, model: Rung) -> list[Curves]:
-        """Measured and modelled torque of every run, once read kept."""
-        path = model.curves
-        if path not in self._curves:
-            with np.load(path, allow_pickle=False) as file:
-                self._curves[path] = [
-                    Curves(file[f"t{k}"], file[f"torque{k}"], {model.label: file[f"modelled{k}"]})
-                    for k in range(len(model.runs))
-                ]
-        return self._curves[path]
+    def recording(self, model: Rung, run: str) -> dict[str, Any]:
+        """t, torque, modelled, q, dq, ddq, tf and poses of a run (summary.py), once read kept."""
+        if model.curves not in self._read:
+            with np.load(model.curves, allow_pickle=False) as file:
+                self._read[model.curves] = {name: file[name] for name in file.files}
+        arrays, k = self._read[model.curves], str(model.runs.index(run))
+        return {
+            name.removesuffix(k): x
+            for name, x in arrays.items()
+            if name.rstrip("0123456789") + k == name
+        }
+
+    def curves(self, model: Rung, run: str) -> Curves:
+        """Measured and modelled torque of a run."""
+        read = self.recording(model, run)
+        return Curves(read["t"], read["torque"], {model.label: read["modelled"]})
 
     def changed(self) -> None:
         for watcher in list(self.watchers):
@@ -132,7 +150,7 @@ class State:
         if self.robot is None or not self.ladder:
             return []
         robot = self.robot["file"] or self.robot["source"]
-        data = ["--data", *(r["given"] for r in self.runs if r["use"] != "test")]
+        data = ["--data", *(r["given"] for r in self.runs if r["use"] in ("train", "split"))]
         if len(self.runs) == 1 and self.runs[0]["use"] == "split":
             windows = self.runs[0]["split"]["train"]
             data += ["--window", ",".join(f"{a!r}:{b!r}" for a, b in windows)]
@@ -142,12 +160,19 @@ class State:
         if not first.opened:
             how = ["--method", first.method, "--effects", ",".join(first.effects), *seed]
             how += ["--no-check"] if self.meaningless else []
+            how += self.options_as_words()
             out.append(["identify", robot, *data, *how, "--out", names[0]])
         for k, model in enumerate(self.ladder[1:], start=2):
             names.append(f"model{k}.json")
             how = [*seed, *(["--frozen"] if model.frozen else [])]
             out.append(["add", names[-2], ",".join(model.added), *data, *how, "--out", names[-1]])
         return [shlex.join(["sdp-vs-penalty", *words]) for words in out]
+
+    def options_as_words(self) -> list[str]:
+        """The options that are chosen, as on the command line."""
+        gravity = self.robot and self.robot["gravity"]
+        turned = ["--gravity", ",".join(f"{g:g}" for g in gravity)] if gravity else []
+        return turned + words(self.asked, self.options)
 
     def without_paths(self, text: str) -> str:
         """A sentence with shown names instead of where the files are."""
@@ -157,4 +182,4 @@ class State:
 
     def forget_models(self) -> None:
         self.ladder, self.findings, self.methods = [], None, None
-        self._curves.clear()
+        self._read.clear()

@@ -1,10 +1,10 @@
-"""What a step of the page is."""
+"""What a step of the page is, and the sentence that it ends in."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.session import Session
@@ -12,10 +12,22 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Verdict:
+    """What a step has come to: good, usable with care, or not to be used; and why, in a sentence."""
+
+    level: Literal["good", "usable", "bad"]
+    text: str
+
+
+def no_verdict(session: Session) -> Verdict | None:
+    return None
+
+
+@dataclass(frozen=True)
 class Step:
     """anchor, title : where and what; ready : whether it can be taken yet, else ``before`` says what
     comes first; depends : everything that its content is made of, so that it is redrawn only when that
-    changes; draw : fills it.
+    changes; draw : fills it; verdict : the sentence that it ends in, None while nothing can be judged.
     """
 
     anchor: str
@@ -24,3 +36,4 @@ class Step:
     ready: Callable[[Session], bool]
     depends: Callable[[Session], Any]
     draw: Callable[[View], None]
+    verdict: Callable[[Session], Verdict | None] = no_verdict

@@ -15,10 +15,22 @@ from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.shape_profiles import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
+from sdp_vs_penalty.export.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.report.parameters import (
+    half_axes,
+    joint_poses,
+    link_rows,
+    plausibility,
+    standard_rows,
+)
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
+
+#: Instants of a run at which the arm is placed in 3D; between them the page interpolates.
+_FRAMES = 160
 
 
 @dataclass(frozen=True)
@@ -27,7 +39,7 @@ class Rung:
 
     file, curves : its model.json and the .npz of its torques; runs : names of those, training runs
     first; judged_on : the runs behind comparison and failures (as `compare --json` writes them);
-    violation : see :func:`violation`; label, added : what it is called and the effects added to the
+    violation, about : see the functions; label, added : what it is called and the effects added to the
     rung below, with the others held where frozen; opened : the file that a person brought, if any.
     """
 
@@ -41,6 +53,7 @@ class Rung:
     comparison: dict[str, Any]
     failures: list[dict[str, Any]]
     violation: dict[str, float]
+    about: dict[str, Any]
     gap: float | None
     thickness: float | None
     on_bounds: list[str]
@@ -61,10 +74,43 @@ def violation(estimate: Estimate) -> dict[str, float]:
     }
 
 
+def about(estimate: Estimate) -> dict[str, Any]:
+    """The parameters as the page shows them: rows, links, words and friction as in the report, and the
+    arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
+    robot = estimate.robot
+    bodies = []
+    for k, link in enumerate(estimate.links if len(estimate.model.rigid_indices) else []):
+        if (body := half_axes(link)) is not None:
+            frame = robot.tree[robot.link_joints[k]].link_frame
+            half, axes, com = body
+            place = frame @ np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
+            bodies.append({"link": k, "joint": robot.link_joints[k], "half": half, "place": place})
+    friction = [
+        {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
+        for c in friction_curves(estimate)
+    ]
+    return {
+        "rows": standard_rows(estimate),
+        "links": link_rows(estimate),
+        "words": plausibility(estimate),
+        "friction": _plain(friction),
+        "bodies": _plain(bodies),
+        "joints": [
+            {"parent": j.parent, "at": [float(x) for x in j.placement[:3, 3]]} for j in robot.tree
+        ],
+    }
+
+
+def _plain(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Arrays as lists."""
+    return [{k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in r.items()} for r in rows]
+
+
 def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress) -> Rung:
     """Save a model at ``out`` and its curves beside it; judge it.
 
-    Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz.
+    Curves : t0, torque0, modelled0, t1, ... of every run, training runs first, as .npz; also its
+    motion q0, dq0, ddq0, and tf0 (F,), poses0 (F, joints, 4, 4) of some instants for the 3D view.
     """
     train, test, judge = given.train, given.test, given.judge
     progress("comparing measured with modelled")
@@ -77,6 +123,11 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         arrays[f"t{k}"] = rows.motion.t
         arrays[f"torque{k}"] = rows.torque.astype(np.float32)
         arrays[f"modelled{k}"] = predicted(rows, estimate.theta).astype(np.float32)
+        for name in ("q", "dq", "ddq"):
+            arrays[f"{name}{k}"] = getattr(rows.motion, name).astype(np.float32)
+        keep = np.unique(np.linspace(0, len(rows.motion.t) - 1, _FRAMES).astype(int))
+        arrays[f"tf{k}"] = rows.motion.t[keep]
+        arrays[f"poses{k}"] = joint_poses(estimate.robot, rows.motion.q[keep]).astype(np.float32)
     progress("looking where it fails")
     try:
         found = where_it_fails(estimate, judge, noise_from=given.whole)
@@ -100,6 +151,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         comparison=comparison.to_dict(),
         failures=failures,
         violation=violation(estimate),
+        about=about(estimate),
         gap=certificate.gap,
         thickness=certificate.smallest_thickness,
         on_bounds=estimate.details.get("on_bounds") or [],

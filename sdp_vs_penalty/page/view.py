@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,11 @@ from typing import Any
 from nicegui import ui
 from nicegui.client import Client
 
+from sdp_vs_penalty.page.options import Field
 from sdp_vs_penalty.page.session import Session
+
+#: Options of the command line by the step that offers them.
+Forms = Mapping[str, tuple[Field, ...]]
 
 
 @dataclass
@@ -27,7 +31,8 @@ class Hiding:
 class View:
     """The view state of one tab.
 
-    joint, run : of the torque chart; methods : ticked for comparison; hiding : what the form for
+    joint, run, span : what every step shows (span : seconds of the run, None for all of it); followers :
+    by step, what to call when they change; methods : ticked for comparison; hiding : what the form for
     simulated runs holds.
     """
 
@@ -35,10 +40,24 @@ class View:
     catalogue: Mapping[str, Any]
     folder: Path | None
     client: Client
+    forms: Forms
     joint: int | None = None
     run: str = ""
+    span: tuple[float, float] | None = None
+    signal: str = "dq"
+    followers: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
+    separating: dict[str, str] = field(default_factory=dict)
     hiding: Hiding = field(default_factory=Hiding)
+
+    def look(self, **at: Any) -> None:
+        """Look at another joint, run, span or signal, in every step at once."""
+        if at.get("run", self.run) != self.run:
+            self.span = None
+        for name, value in at.items():
+            setattr(self, name, value)
+        for follow in list(self.followers.values()):
+            follow()
 
     def download(self, name: str) -> None:
         """Hand a file of the session to the browser."""

@@ -20,10 +20,22 @@ const workbench = {
     if (kind === "runs") await fetch(`${base}/sent`, { method: "POST" });
   },
   show(step) {
+    document.body.dataset.at = step; // look.css shows that stage, and on a phone all of them
+    localStorage.setItem(location.pathname, step);
+    for (const link of document.querySelectorAll("nav.steps a")) {
+      if (link.dataset.to === step) {
+        link.setAttribute("aria-current", "step");
+        link.scrollIntoView({ block: "nearest", inline: "center" });
+      } else link.removeAttribute("aria-current");
+    }
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    document
-      .querySelector(`[data-step="${step}"]`)
-      ?.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
+    if (matchMedia("(max-width: 640px)").matches)
+      document
+        .querySelector(`[data-step="${step}"]`)
+        ?.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
+    else scrollTo(0, 0);
+    document.querySelector(`[data-step="${step}"] h2`)?.focus({ preventScroll: true });
+    dispatchEvent(new Event("resize")); // charts drawn out of sight learn how wide they are
   },
   key: null,
 };
@@ -47,7 +59,6 @@ document.addEventListener("click", (event) => {
   if (!link) return;
   event.preventDefault();
   workbench.show(link.dataset.to);
-  document.querySelector(`[data-step="${link.dataset.to}"] h2`)?.focus({ preventScroll: true });
 });
 
 document.addEventListener("focusin", (event) => {
@@ -57,10 +68,118 @@ document.addEventListener("pointerdown", (event) => {
   if (!event.target.closest("[data-key]")) workbench.key = null;
 });
 addEventListener("DOMContentLoaded", () => {
+  document.body.dataset.at = localStorage.getItem(location.pathname) ?? "robot";
+  const arrive = new MutationObserver(() => {
+    if (!document.querySelector("nav.steps a")) return;
+    arrive.disconnect();
+    document
+      .querySelector(`nav.steps a[data-to="${document.body.dataset.at}"]`)
+      ?.setAttribute("aria-current", "step");
+  });
+  arrive.observe(document.body, { childList: true, subtree: true });
   // The plotting script is large: fetched while the person still reads.
   setTimeout(() => import("nicegui-plotly").catch(() => {}), 1000);
   new MutationObserver(() => {
     if (document.activeElement !== document.body || workbench.key === null) return;
     document.querySelector(`[data-key="${CSS.escape(workbench.key)}"]`)?.focus({ preventScroll: true });
   }).observe(document.body, { childList: true, subtree: true });
+});
+
+// The arm in 3D and the time cursor in the charts: drawn once, moved here frame by frame.
+const arm = {
+  load(moves) {
+    this.moves = moves;
+    this.at(0);
+    this.settle();
+  },
+  settle() {
+    // A scene draws all the time: let it draw only what has changed and can be seen.
+    const scene = getElement(this.moves.scene);
+    if (!scene?.renderer) return setTimeout(() => this.settle(), 200);
+    if (!scene.thrifty) {
+      const draw = scene.renderer.render.bind(scene.renderer);
+      let last = "";
+      scene.thrifty = true;
+      scene.renderer.setClearColor(0, 0); // the page's own colour, light or dark
+      scene.renderer.render = (world, camera) => {
+        const there = [...scene.objects.values()].filter((o) => o.mesh?.parent).length;
+        const state = `${camera.matrixWorld.elements} ${this.drawn} ${there} ${scene.renderer.domElement.width}`;
+        if (scene.$el.offsetParent === null || state === last) return;
+        last = state;
+        draw(world, camera);
+      };
+    }
+    for (const later of [300, 1500]) setTimeout(() => this.at(this.time), later); // objects arrive one by one
+  },
+  at(time) {
+    const { t, poses, errors, groups, links, scene: id } = this.moves ?? {};
+    if (!t) return;
+    const end = t[t.length - 1];
+    this.time = Math.min(Math.max(time, 0), end);
+    let k = t.findIndex((x) => x > this.time);
+    if (k < 1) k = k < 0 ? t.length - 1 : 1;
+    const share = (this.time - t[k - 1]) / (t[k] - t[k - 1] || 1);
+    const objects = getElement(id)?.objects;
+    for (const [i, group] of groups.entries()) {
+      const mesh = objects?.get(group)?.mesh;
+      if (!mesh) continue;
+      const [a, b] = [poses[k - 1][i], poses[k][i]];
+      mesh.position.set(...[0, 1, 2].map((c) => a[c] + share * (b[c] - a[c])));
+      const other = mesh.quaternion.clone().set(...b.slice(3));
+      mesh.quaternion.set(...a.slice(3)).slerp(other, share);
+    }
+    for (const object of objects?.values() ?? []) {
+      const link = /^link-(\d+)$/.exec(object.mesh?.name ?? "");
+      if (!link) continue;
+      const error = errors[k][Math.min(+link[1], errors[k].length - 1)];
+      object.mesh.material.color.setRGB(0.0 + 0.84 * error, 0.45 - 0.18 * error, 0.7 - 0.7 * error);
+    }
+    this.drawn = (this.drawn ?? 0) + 1;
+    const slider = document.querySelector("[data-time]");
+    if (slider) slider.value = (1000 * this.time) / end;
+    const clock = document.querySelector("[data-clock]");
+    if (clock) clock.textContent = `${this.time.toFixed(1)} s`;
+    this.cursor();
+  },
+  cursor() {
+    for (const chart of document.querySelectorAll(".chart.timed")) {
+      const plot = chart.classList.contains("js-plotly-plot") ? chart : chart.querySelector(".js-plotly-plot");
+      const axis = plot?._fullLayout?.xaxis2 ?? plot?._fullLayout?.xaxis;
+      if (!axis?.l2p) continue;
+      let line = chart.querySelector(".cursor");
+      if (!line) {
+        line = document.createElement("div");
+        line.className = "cursor";
+        chart.append(line);
+      }
+      const x = axis.l2p(this.time);
+      line.hidden = x < 0 || x > axis._length;
+      line.style.left = `${axis._offset + x}px`;
+    }
+  },
+  play() {
+    this.playing = !this.playing;
+    const button = document.querySelector("[data-play]");
+    if (button) button.textContent = this.playing ? "Pause" : "Play";
+    let before = performance.now();
+    const next = (now) => {
+      if (!this.playing || !this.moves) return;
+      const end = this.moves.t[this.moves.t.length - 1];
+      this.at(this.time >= end ? 0 : this.time + (now - before) / 1000);
+      before = now;
+      requestAnimationFrame(next);
+    };
+    if (this.playing) requestAnimationFrame(next);
+  },
+};
+document.addEventListener("input", (event) => {
+  if (event.target.dataset?.time === undefined || !arm.moves) return;
+  arm.at((event.target.value / 1000) * arm.moves.t[arm.moves.t.length - 1]);
+});
+document.addEventListener("click", (event) => {
+  const asked = event.target.closest?.("[data-copy]");
+  if (!asked) return;
+  const rows = [...document.querySelectorAll(`${asked.dataset.copy} tr`)];
+  const text = rows.map((row) => [...row.cells].map((cell) => cell.innerText.trim()).join("\t")).join("\n");
+  navigator.clipboard?.writeText(text).then(() => (asked.textContent = "Copied"));
 });

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, tag
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.steps import STEPS
 from sdp_vs_penalty.page.view import View
 
+_LEVELS = {"good": "Good", "usable": "Usable with care", "bad": "Do not use"}
 _THEMES = {None: "Colours: auto", False: "Colours: light", True: "Colours: dark"}
 
 
@@ -25,6 +27,8 @@ class Workbench:
         self._bodies: dict[str, Any] = {}
         self._sections: dict[str, Any] = {}
         self._links: dict[str, Any] = {}
+        self._levels: dict[str, Any] = {}
+        self._ends: dict[str, Any] = {}
         self._seen = self._marks()
         self._met = False
         view.client.on_connect(self._meet)
@@ -32,21 +36,14 @@ class Workbench:
     def build(self) -> None:
         """Everything once; afterwards :meth:`redraw` keeps it up to date."""
         self._header()
-        with tag("main", style="page", tabindex="-1") as self._main:
-            tag("h1", "Identify your robot, see what the model is missing, add it")
-            tag(
-                "p",
-                "Work down the page. Everything is computed on this computer, and no data leave it.",
-                "lead",
-            )
-            for k, step in enumerate(STEPS, start=1):
-                with tag("section", style="step", data_step=step.anchor) as section:
-                    self._sections[step.anchor] = section
-                    with tag("div", style="title"):
-                        tag("span", str(k), "number", aria_hidden="true")
-                        heading = tag("h2", step.title, tabindex="-1")
-                        section.props["aria-labelledby"] = heading.html_id
-                    self._bodies[step.anchor] = tag("div", style="body")
+        with tag("div", style="frame"):
+            self._rail()
+            with tag("main", style="page", tabindex="-1") as self._main:
+                with tag("div", style="intro"):
+                    tag("h1", "Identify your robot, see what the model is missing, add it")
+                    tag("p", "Everything is computed on this computer, and no data leave it.", "lead")
+                for k, step in enumerate(STEPS, start=1):
+                    self._stage(k, step)
         self._skip.props["href"] = f"#{self._main.html_id}"
         self._dock()
         self.session.watchers.append(self)
@@ -78,25 +75,37 @@ class Workbench:
 
     def _header(self) -> None:
         self._skip = tag("a", "Skip to content", "skip")
-        with tag("header", style="top"):
-            with tag("div", style="inner"):
-                tag("span", "sdp-vs-penalty", "brand")
-                tag("span", "workbench", "soft")
-                tag("span", style="gap")
-                dark = ui.dark_mode(None)
+        with tag("header", style="top"), tag("div", style="inner"):
+            tag("span", "sdp-vs-penalty", "brand")
+            tag("span", "workbench", "soft")
+            tag("span", style="gap")
+            dark = ui.dark_mode(None)
 
-                def turn() -> None:
-                    dark.value = {None: True, True: False, False: None}[dark.value]
-                    theme.text = _THEMES[dark.value]
+            def turn() -> None:
+                dark.value = {None: True, True: False, False: None}[dark.value]
+                theme.text = _THEMES[dark.value]
 
-                theme = button(_THEMES[None], turn, "theme", "quiet")
-                tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
-            with tag("nav", style="steps", aria_label="Steps"):
-                for k, step in enumerate(STEPS, start=1):
-                    link = tag(
-                        "a", f"{k} {step.title}", href="#", data_key=f"nav-{k}", data_to=step.anchor
-                    )
-                    self._links[step.anchor] = link
+            theme = button(_THEMES[None], turn, "theme", "quiet")
+            tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
+
+    def _rail(self) -> None:
+        with tag("nav", style="steps", aria_label="Steps"):
+            for k, step in enumerate(STEPS, start=1):
+                with tag("a", href="#", data_key=f"nav-{k}", data_to=step.anchor) as link:
+                    tag("span", str(k), "number", aria_hidden="true")
+                    tag("span", step.title)
+                    self._levels[step.anchor] = tag("span", style="unseen")
+                self._links[step.anchor] = link
+
+    def _stage(self, k: int, step: Step) -> None:
+        with tag("section", style="step", data_step=step.anchor) as section:
+            self._sections[step.anchor] = section
+            with tag("div", style="title"):
+                tag("span", str(k), "number", aria_hidden="true")
+                heading = tag("h2", step.title, tabindex="-1")
+                section.props["aria-labelledby"] = heading.html_id
+            self._bodies[step.anchor] = tag("div", style="body")
+            self._ends[step.anchor] = tag("div", style="end")
 
     def _dock(self) -> None:
         with tag("div", style="dock", aria_label="Status", role="region"):
@@ -117,18 +126,43 @@ class Workbench:
     def _redraw_step(self, step: Step) -> None:
         session, body = self.session, self._bodies[step.anchor]
         ready = step.ready(session)
+        self._redraw_end(step, step.verdict(session) if ready else None, ready)
         state = json.dumps(step.depends(session) if ready else None, default=str)
         if self._drawn.get(step.anchor) == state:
             return
         self._drawn[step.anchor] = state
         for place in (self._links[step.anchor], self._sections[step.anchor]):
             place.classes(add="" if ready else "later", remove="later" if ready else "")
+        self.view.followers.pop(step.anchor, None)
         body.clear()
         with body:
             if ready:
                 step.draw(self.view)
             else:
                 tag("p", step.before, "soft")
+
+    def _redraw_end(self, step: Step, verdict: Verdict | None, ready: bool) -> None:
+        """The sentence that a step ends in, and the way to the next one."""
+        following = dict(itertools.pairwise(STEPS)).get(step)
+        on = ready and following is not None and following.ready(self.session)
+        state = json.dumps([None if verdict is None else (verdict.level, verdict.text), on])
+        if self._drawn.get(f"end-{step.anchor}") == state:
+            return
+        self._drawn[f"end-{step.anchor}"] = state
+        level = "" if verdict is None else verdict.level
+        self._links[step.anchor].classes(add=level, remove=" ".join({*_LEVELS} - {level}))
+        self._levels[step.anchor].text = _LEVELS.get(level, "")
+        end = self._ends[step.anchor]
+        end.clear()
+        with end:
+            if verdict is not None:
+                with tag("p", style=f"verdict {level}"):
+                    tag("strong", f"{_LEVELS[level]}. ")
+                    tag("span", verdict.text)
+            if on and following is not None:
+                style = "action primary" if verdict is not None and level != "bad" else "action"
+                at = {"data_to": following.anchor, "data_key": f"next-{step.anchor}"}
+                tag("a", f"Next: {following.title}", style, href="#", **at)
 
     def _redraw_dock(self) -> None:
         session, working = self.session, self.session.working
@@ -158,6 +192,8 @@ class Workbench:
                     with tag("div", style="texts"):
                         for text in notice.texts:
                             tag("p", text)
+                    if notice.undo:
+                        button("Undo", session.bring_back, "bring-back")
                     button("Close", lambda: session.say(), "close-notice", "quiet")
 
     def _marks(self) -> tuple[int, bool, bool]:

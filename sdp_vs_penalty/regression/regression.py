@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.linalg
@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.signals.phases import PhaseFolds
 from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
@@ -249,32 +250,41 @@ def compress(
     model: Model,
     settings: Preprocessing,
     blocks_per_run: int = 20,
-    progress: Callable[[str], None] | None = None,
+    workers: Workers = ALONE,
 ) -> Regression:
     """Filter the runs and reduce them to factors; memory does not grow with their length.
 
-    blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5 s each).
+    blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5 s each);
+    workers : who does it, a run each; the factors come back and are merged in the order of the runs.
     """
     settings = settings.resolve(measurements)
     blocks: list[TimeBlock] = []
     factors: list[Factor] = []
     samples = 0.0
-    for index, run in enumerate(measurements.runs()):
-        if progress is not None:
-            progress(run.names[0])
-        start, stop = float(run.t[0]), float(run.t[-1])
-        count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
-        edges = np.linspace(start, stop, count + 1)
-        growing = _Growing()
-        repeated = rows_per_sample(run, settings)
-        for rows in filtered_rows(run, model, settings):
-            samples += len(rows.torque) / repeated
-            owner = np.searchsorted(edges, rows.motion.t, side="right") - 1
-            growing.take(rows, np.clip(owner, 0, count - 1))
-        for b, found in growing.blocks():
-            factors += [replace(factor, block=len(blocks)) for factor in found]
-            blocks.append(TimeBlock(index, float(edges[b]), float(edges[b + 1])))
+    one = partial(_compress_run, model=model, settings=settings, blocks_per_run=blocks_per_run)
+    for index, (found, count) in enumerate(workers.map(one, [run.sent for run in measurements.runs()])):
+        samples += count
+        for start, stop, own in found:
+            factors += [replace(factor, block=len(blocks)) for factor in own]
+            blocks.append(TimeBlock(index, start, stop))
     return _regression(model, blocks, factors, samples)
+
+
+def _compress_run(
+    sent: Callable[[], Measurements], model: Model, settings: Preprocessing, blocks_per_run: int
+) -> tuple[list[tuple[float, float, list[Factor]]], float]:
+    """One run's blocks, from where to where [s] with their factors, and its independent samples."""
+    run = sent()
+    start, stop = float(run.t[0]), float(run.t[-1])
+    count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
+    edges = np.linspace(start, stop, count + 1)
+    growing, rows_in_all = _Growing(), 0
+    for rows in filtered_rows(run, model, settings):
+        rows_in_all += len(rows.torque)
+        owner = np.searchsorted(edges, rows.motion.t, side="right") - 1
+        growing.take(rows, np.clip(owner, 0, count - 1))
+    found = [(float(edges[b]), float(edges[b + 1]), own) for b, own in growing.blocks()]
+    return found, rows_in_all / rows_per_sample(run, settings)
 
 
 def compress_cells(

@@ -9,7 +9,6 @@ from sdp_vs_penalty.check import check
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -27,10 +26,12 @@ _SECTIONS = (
     sections.torques,
     sections.failures,
     explorer.explorer,
+    explorer.findings,
     explorer.curves,
     sections.ladder,
     parameters.parameters,
     parameters.arm,
+    parameters.friction,
     evidence.certificate,
     evidence.data_check,
     evidence.provenance,
@@ -54,7 +55,7 @@ def report(
         :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; out : the .html file to write.
     commands : how it was made, for its last section; noise_from : as in
     :func:`~sdp_vs_penalty.diagnosis.comparison.compare`; findings : a diagnosis, or its findings.json,
-    whose curves are drawn; progress : called with a short text.
+    whose findings and curves are shown; progress : called with a short text.
     Raises InputError where models and measurements do not belong together, or plotly is missing.
     """
     check_name(Path(out))
@@ -65,9 +66,8 @@ def report(
     if noise_from is not None:
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
     said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
-    curves = () if said is None else said.curves
     made = make_report(
-        named, runs, commands=commands, noise_from=whole, curves=curves, progress=progress
+        named, runs, commands=commands, noise_from=whole, diagnosis=said, progress=progress
     )
     write_text(out, made)
 
@@ -84,7 +84,7 @@ def make_report(
     *,
     commands: Sequence[str] = (),
     noise_from: Measurements | None = None,
-    curves: Sequence[Curve] = (),
+    diagnosis: Diagnosis | None = None,
     progress: Progress = no_progress,
 ) -> str:
     """The HTML of a report: models by name, in the order in which effects were added.
@@ -113,7 +113,7 @@ def make_report(
         failures,
         check(last.problem, measurements),
         commands,
-        curves,
+        diagnosis,
     )
     progress("drawing")
     made = [make(material) for make in _SECTIONS]

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable, variable_unit
-from sdp_vs_penalty.report.plots import COLOURS, MEASURED
-from sdp_vs_penalty.report.section import Material, Section, figure, text
+from sdp_vs_penalty.report.plots import COLOURS, MEASURED, SIGNALS, band_figure, noise_band, scatter_rows
+from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 
 Array = NDArray[np.float64]
 
-#: Points of a scatter, lags of a correlation, and the signals that an error is drawn against.
+#: Points of a curve's rows, lags of a correlation.
 _POINTS, _LAGS = 700, 40
-_SIGNALS = ("t", "q", "dq", "ddq", "torque")
 
 
 def explorer(material: Material) -> Section:
@@ -51,14 +50,11 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
                 for r in runs
             ]
         )
-        for name in _SIGNALS
+        for name in SIGNALS
     }
-    keep = np.unique(np.linspace(0, len(signals["t"]) - 1, _POINTS).astype(int))
-    turn = np.sign(signals["dq"][1:]) != np.sign(signals["dq"][:-1])
-    xs: dict[str, list[Array]] = {name: [] for name in _SIGNALS}
+    xs: dict[str, list[Array]] = {name: [] for name in SIGNALS}
     for j in range(n):
-        # A row before each reversal is shown whatever else is left out.
-        turns = np.flatnonzero(turn[:, j])[:200]
+        keep, turns = scatter_rows(signals["dq"][:, j])
         for m, (name, estimate) in enumerate(material.models.items()):
             left = np.concatenate([r.torque - predicted(r, estimate.theta) for r in material.rows[name]])
             for rows, symbol in ((keep, "circle"), (turns, "circle-open")):
@@ -73,21 +69,21 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
                         visible=j == 0,
                     )
                 )
-                for signal in _SIGNALS:
+                for signal in SIGNALS:
                     xs[signal].append(signals[signal][rows, j])
     traces = len(plot.data) // n
     floor = material.comparisons[-1].noise_floor
     shows: list[dict[str, Any]] = []
     for j in range(n):
-        bands = [] if floor is None else _bands(1.96 * floor[j])
+        bands = [] if floor is None else noise_band(1.96 * floor[j])
         visible = [k // traces == j for k in range(len(plot.data))]
         axis = {"yaxis.title.text": f"error of joint {j + 1} [{units[j]}]", "shapes": bands}
         shows.append(
             {"label": f"joint {j + 1}", "method": "update", "args": [{"visible": visible}, axis]}
         )
     moves = [
-        {"label": s, "method": "update", "args": [{"x": xs[s]}, {"xaxis.title.text": s}]}
-        for s in ("q", *(s for s in _SIGNALS if s != "q"))
+        {"label": said, "method": "update", "args": [{"x": xs[s]}, {"xaxis.title.text": said}]}
+        for s, said in SIGNALS.items()
     ]
     plot.update_layout(
         shapes=shows[0]["args"][1]["shapes"],
@@ -97,21 +93,8 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
         ],
     )
     plot.update_yaxes(title_text=f"error of joint 1 [{units[0]}]")
-    plot.update_xaxes(title_text="q")
+    plot.update_xaxes(title_text=SIGNALS["q"])
     return plot
-
-
-def _bands(half: float) -> list[dict[str, Any]]:
-    place = {
-        "type": "rect",
-        "xref": "paper",
-        "x0": 0,
-        "x1": 1,
-        "y0": -half,
-        "y1": half,
-        "layer": "below",
-    }
-    return [{**place, "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}]
 
 
 def correlation(a: Array, b: Array, lags: int = _LAGS) -> Array:
@@ -150,7 +133,7 @@ def _correlations(material: Material, n: int) -> Any:
         for j in range(n)
     ]
     plot.update_layout(
-        shapes=_bands(1.96 / np.sqrt(max(len(t), 1))),
+        shapes=noise_band(1.96 / np.sqrt(max(len(t), 1))),
         updatemenus=[{"buttons": buttons, "x": 0.0, "y": 1.2, "xanchor": "left"}],
     )
     plot.update_xaxes(title_text="lag [s]")
@@ -158,14 +141,42 @@ def _correlations(material: Material, n: int) -> Any:
     return plot
 
 
+def findings(material: Material) -> Section:
+    """What a diagnosis says is missing: verdict, and a row a finding."""
+    found = material.diagnosis
+    if found is None:
+        note = "No diagnosis was given. Name one with --findings findings.json."
+        return Section("findings", "What is missing", text(note))
+    rows = []
+    for f in found.effects:
+        joint = f.joints[0] - 1 if f.joints else 0
+        fall = (f.held_out_rmse_before[joint], f.held_out_rmse_after[joint])
+        rows.append(
+            (
+                f.effect,
+                ", ".join(map(str, f.joints)) or "all",
+                f.confidence,
+                f"{number(f.size)} ± {number(f.std, 2)} {f.unit}",
+                ", ".join(f.indistinguishable_from) or "-",
+                *(number(x, 3) for x in fall),
+                number(found.noise_floor[joint], 3),
+            )
+        )
+    heads = ("effect", "joint", "", "size", "not told from", "held-out RMSE", "with it", "noise floor")
+    body = text(found.headline)
+    body += table(heads, rows, numbers_from=5) if rows else ""
+    body += "".join(text(remark) for remark in found.remarks)
+    return Section("findings", "What is missing", body)
+
+
 def curves(material: Material) -> Section:
     """What a diagnosis measured without a name: each curve with its band and where the data lie."""
-    if not material.curves:
-        note = "No measured curves were given. Name a diagnosis with --findings findings.json."
+    if material.diagnosis is None or not material.diagnosis.curves:
+        note = "No measured curves. Name a diagnosis that has some with --findings findings.json."
         return Section("curves", "Missing torque without a name", text(note))
     body = ""
     units = material.last.robot.torque_units
-    for curve in material.curves:
+    for curve in material.diagnosis.curves:
         said = curve.sentence(units)
         draw = _line if len(curve.of) == 1 else _surface
         body += figure(draw(curve, material), f"{said[0].upper()}{said[1:]}", 360)
@@ -192,14 +203,9 @@ def _titles(curve: Curve, material: Material) -> list[str]:
 
 
 def _line(curve: Curve, material: Material) -> Any:
-    from plotly.graph_objects import Figure, Histogram, Scatter
+    from plotly.graph_objects import Histogram
 
-    plot, x = Figure(), curve.x
-    bound = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
-    plot.add_trace(Scatter(x=x, y=curve.upper, **bound))
-    fill = {"fill": "tonexty", "fillcolor": "rgba(0,114,178,0.25)"}
-    plot.add_trace(Scatter(x=x, y=curve.lower, **fill, **bound))
-    plot.add_trace(Scatter(x=x, y=curve.torque, name="missing torque", line={"color": COLOURS[0]}))
+    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
     (values,) = _values(curve, material)
     shade = {"color": MEASURED}
     plot.add_trace(Histogram(x=values, yaxis="y2", opacity=0.3, marker=shade, name="rows", nbinsx=60))

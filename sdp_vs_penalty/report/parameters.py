@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import show
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.intervals import Interval, counts
-from sdp_vs_penalty.report.plots import COLOURS, MEASURED
+from sdp_vs_penalty.estimation.sandwich import NORMAL_95
+from sdp_vs_penalty.export.friction_table import friction_curves
+from sdp_vs_penalty.report.plots import COLOURS, MEASURED, friction_figure
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
@@ -32,24 +36,110 @@ def parameters(material: Material) -> Section:
         f"{standard['not seen']}. Parameters that are not from the data have values of the "
         "prior (the nominal robot) or of the bounds, not measured ones."
     )
-    heads = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
     last = material.last
     base_said = {b["name"]: (b["source"], b["nominal"]) for b in last.details.get("base_parameters", [])}
-    said = {
-        p.name: (source, nominal)
-        for p, source, nominal in zip(last.model.parameters, last.sources, last.nominal, strict=True)
-    }
-    body += table(
-        heads, [_row(i, *base_said.get(i.name, ("", np.nan))) for i in known.base], numbers_from=3
-    )
-    inner = table(heads, [_row(i, *said[i.name]) for i in known.standard], numbers_from=3)
+    rows = [_row(i, *base_said.get(i.name, ("", np.nan))) for i in known.base]
+    body += table(HEADS, [cells(row) for row in rows], numbers_from=3)
+    inner = table(HEADS, [cells(row) for row in standard_rows(last)], numbers_from=3)
     body += f"<details><summary>Standard parameters</summary>{inner}</details>"
     return Section("parameters", "Parameters", body)
 
 
-def _row(i: Interval, source: str, nominal: float) -> tuple[str, ...]:
-    known = "" if np.isnan(nominal) else number(nominal)
-    return i.name, i.verdict, source, number(i.value), number(i.low), number(i.high), known, i.unit
+#: What :func:`cells` writes of a parameter.
+HEADS = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
+Row = dict[str, Any]
+#: Smaller values (kg, m, N m ...) are rounding.
+_ROUNDING = 1e-9
+
+
+def standard_rows(estimate: Estimate) -> list[Row]:
+    """Every parameter of a model: name, verdict, source, value, the ends of its 95 % interval, nominal
+    value (None where there is none), unit; plain JSON."""
+    return [
+        _row(i, source, nominal)
+        for i, source, nominal in zip(
+            estimate.uncertainty.standard, estimate.sources, estimate.nominal, strict=True
+        )
+    ]
+
+
+def _row(i: Interval, source: str, nominal: float) -> Row:
+    figures = {"value": i.value, "low": i.low, "high": i.high, "nominal": nominal}
+    known = {name: float(x) if np.isfinite(x) else None for name, x in figures.items()}
+    return {"name": i.name, "verdict": i.verdict, "source": source, **known, "unit": i.unit}
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """A parameter as text, in the order of HEADS."""
+    figures = (number(_seen(row[name])) for name in ("value", "low", "high", "nominal"))
+    unit = row["unit"].replace("*", " ").replace("^2", "²")
+    return row["name"], row["verdict"], row["source"], *figures, unit
+
+
+def _seen(value: float | None) -> float | None:
+    """Zero for what rounding alone keeps from it."""
+    return 0.0 if value is not None and abs(value) < _ROUNDING else value
+
+
+LINK_HEADS = (
+    "link", "mass [kg]", "nominal", "from", "centre of mass [m]", "gyration [m]", "nominal",
+    "thickness [mm]",
+)  # fmt: skip
+
+
+def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
+    """Mass, centre of mass and radius of gyration of each link beside the nominal ones, as text."""
+    at = estimate.model.rigid_indices
+    if not len(at):
+        return []
+    links, nominal = estimate.links, estimate.nominal[at].reshape(-1, 10)
+    robot, thick = estimate.robot, inertia.thickness(links)
+    gyration = inertia.gyration(links), inertia.gyration(nominal)
+    rows = []
+    for i, link in enumerate(links):
+        com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
+        rows.append(
+            (
+                f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
+                number(link[0]),
+                number(nominal[i, 0]),
+                estimate.sources[at[10 * i]],
+                ", ".join(number(_seen(c), 3) for c in com),
+                *(number(g[i], 3) for g in gyration),
+                number(1e3 * thick[i], 3),
+            )
+        )
+    return rows
+
+
+def plausibility(estimate: Estimate) -> list[str]:
+    """Whether the links can exist, and what is known of them, a sentence each."""
+    links = estimate.links
+    if not len(links):
+        return ["The model has no rigid_body effect, so there are no links to judge."]
+    thick, sources = inertia.thickness(links), estimate.sources
+    none = [i + 1 for i in range(len(links)) if not (links[i, 0] > 0.0 and thick[i] > 0.0)]
+    said = []
+    if none:
+        word = "Links" if len(none) > 1 else "Link"
+        said.append(f"{word} {show.words(none)} cannot exist: no body has such an inertia.")
+    else:
+        thinnest = int(np.argmin(thick))
+        said.append(
+            f"Every link can exist as a body; the thinnest is link {thinnest + 1} with "
+            f"{1e3 * thick[thinnest]:.3g} mm."
+        )
+    if (share := estimate.certificate.body_share) is not None:
+        fit = "within" if share <= 1.0 else "beyond"
+        said.append(f"Radii of gyration reach {100.0 * share:.0f} % of the links' bodies: {fit} them.")
+    open_ones = sum(source != "data" for source in sources)
+    if open_ones:
+        rest = next(source for source in sources if source != "data")
+        said.append(
+            f"{open_ones} of {len(sources)} standard parameters are from the {rest}, not from the data: "
+            "do not read them one by one."
+        )
+    return said
 
 
 def arm(material: Material) -> Section:
@@ -58,16 +148,35 @@ def arm(material: Material) -> Section:
     if not len(estimate.model.rigid_indices):
         return Section("arm", "Links", text("This model has no rigid_body effect."))
     robot, links = estimate.robot, estimate.links
-    plot = _picture(robot, links, joint_poses(robot, material.measurements.q.mean(axis=0)))
+    (poses,) = joint_poses(robot, material.measurements.q.mean(axis=0, keepdims=True))
+    plot = _picture(robot, links, poses)
     caption = (
         "Uniform ellipsoids with the identified masses and inertias, in the runs' mean pose. An "
         "ellipsoid that leaves the picture belongs to a link that these data hardly determine. Zero "
         "thickness (a rod or a sheet) is unphysical."
     )
-    return Section("arm", "Links on the arm", figure(plot, caption, 520) + _margins(robot, links))
+    return Section(
+        "arm",
+        "Links on the arm",
+        text(" ".join(plausibility(estimate)))
+        + table(LINK_HEADS, link_rows(estimate))
+        + figure(plot, caption, 520),
+    )
 
 
-def _picture(robot: Robot, links: Array, poses: list[Array]) -> Any:
+def friction(material: Material) -> Section:
+    """Friction by velocity with its band, a figure a joint."""
+    curves, units = friction_curves(material.last), material.last.robot.torque_units
+    body = text("Torque of all effects that follow the velocity alone; shaded: 95 % intervals.")
+    for c in curves:
+        plot = friction_figure(c.velocity, c.torque, NORMAL_95 * c.std, c.joint, units[c.joint])
+        body += figure(plot, f"Joint {c.joint + 1}", 260)
+    if not curves:
+        body = text("The model has no friction that follows the velocity alone.")
+    return Section("friction", "Friction", body)
+
+
+def _picture(robot: Robot, links: Array, poses: Array) -> Any:
     """The skeleton and an ellipsoid a link."""
     from plotly.graph_objects import Figure, Mesh3d, Scatter3d
 
@@ -121,39 +230,20 @@ def _picture(robot: Robot, links: Array, poses: list[Array]) -> Any:
     return plot
 
 
-def _margins(robot: Robot, links: Array) -> str:
-    """Mass, centre of mass and what is left until no body is possible, a row a link."""
-    rows = []
-    thick, triangle = inertia.thickness(links), inertia.triangle_margin(links)
-    margins = inertia.consistency_margin(links)
-    for i, link in enumerate(links):
-        com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
-        rows.append(
-            (
-                f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
-                number(link[0]),
-                ", ".join(number(c, 3) for c in com),
-                number(triangle[i], 3),
-                number(margins[i], 3),
-                f"{1e3 * thick[i]:.1f}",
-            )
-        )
-    heads = (
-        "link",
-        "mass [kg]",
-        "centre of mass [m]",
-        "triangle [kg m2]",
-        "pseudo-inertia",
-        "thickness [mm]",
-    )
-    return table(heads, rows)
-
-
 def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
-    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in the link frame.
+    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in the link frame;
+    None for a link without mass or thickness."""
+    if (body := half_axes(link)) is None:
+        return None
+    half, axes, com = body
+    u, v = np.meshgrid(np.linspace(0.0, np.pi, fineness), np.linspace(0.0, 2.0 * np.pi, 2 * fineness))
+    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(3, -1)
+    return np.asarray(axes @ (half[:, None] * ball) + com[:, None], float)
 
-    Its half axes are sqrt(5 eigenvalues of Sigma_c / m). None for a link without mass or thickness.
-    """
+
+def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
+    """Half axes (3,) [m] of that ellipsoid, sqrt(5 eigenvalues of Sigma_c / m), their directions (3, 3)
+    as columns, right-handed, and its centre (3,)."""
     mass = link[0]
     if mass <= 0.0:
         return None
@@ -162,22 +252,22 @@ def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
     values, axes = np.linalg.eigh(spread)
     if values[0] <= 0.0:
         return None
-    u, v = np.meshgrid(np.linspace(0.0, np.pi, fineness), np.linspace(0.0, 2.0 * np.pi, 2 * fineness))
-    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(3, -1)
-    return np.asarray(axes @ (np.sqrt(5.0 * values)[:, None] * ball) + com[:, None], float)
+    return np.sqrt(5.0 * values), axes * np.sign(np.linalg.det(axes)), com
 
 
-def joint_poses(robot: Robot, q: Array) -> list[Array]:
-    """(4, 4) pose of each joint frame, moved by its joint, in the base; q (n,)."""
-    out: list[Array] = []
-    for joint, value in zip(robot.tree, robot.tree_state(q)[0][0], strict=True):
-        move = np.eye(4)
+def joint_poses(robot: Robot, q: Array) -> Array:
+    """(N, joints, 4, 4) pose of each joint frame, moved by its joint, in the base; q (N, n)."""
+    state = robot.tree_state(q)[0]
+    out = np.empty((*state.shape, 4, 4))
+    for i, joint in enumerate(robot.tree):
+        move, value = np.tile(np.eye(4), (len(state), 1, 1)), state[:, i, None]
         if joint.kind == "prismatic":
-            move[:3, 3] = value * joint.axis
+            move[:, :3, 3] = value * joint.axis
         else:
             x, y, z = joint.axis
             k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            move[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
-        parent = np.eye(4) if joint.parent < 0 else out[joint.parent]
-        out.append(parent @ joint.placement @ move)
+            value = value[:, None]
+            move[:, :3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
+        parent = np.eye(4) if joint.parent < 0 else out[:, joint.parent]
+        out[:, i] = parent @ joint.placement @ move
     return out

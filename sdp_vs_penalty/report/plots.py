@@ -129,6 +129,72 @@ def ladder_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequen
     return plot
 
 
+#: Signals that an error is drawn against, and their names.
+SIGNALS = {
+    "q": "position",
+    "dq": "velocity",
+    "ddq": "acceleration",
+    "torque": "measured torque",
+    "t": "time [s]",
+}
+#: Points of a scatter, and reversals that it rings at most.
+_SCATTER, _TURNS = 1500, 200
+
+
+def scatter_rows(dq: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows that a scatter shows of a joint's velocity (N,): evenly spaced ones, and those before a
+    reversal, which are shown whatever else is left out."""
+    keep = np.unique(np.linspace(0, len(dq) - 1, _SCATTER).astype(int))
+    turns = np.flatnonzero(np.sign(dq[1:]) != np.sign(dq[:-1]))[:_TURNS]
+    return keep, turns
+
+
+def noise_band(half: float) -> list[dict[str, Any]]:
+    """A grey band (plotly shapes) from -half to half."""
+    place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": -half, "y1": half}
+    look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
+    return [{**place, **look}]
+
+
+def residual_figure(x: Array, left: Array, dq: Array, floor: float | None) -> Any:
+    """What is left of a joint's torque (N,) against a signal x (N,), its reversals (of dq) ringed; the
+    band is 1.96 noise floors wide to either side."""
+    from plotly.graph_objects import Figure, Scatter
+
+    keep, turns = scatter_rows(dq)
+    plot = Figure()
+    for rows, name, marker in (
+        (keep, "error", {"size": 3, "color": COLOURS[0]}),
+        (turns, "reversals", {"size": 8, "symbol": "circle-open", "color": COLOURS[1]}),
+    ):
+        plot.add_trace(Scatter(x=x[rows], y=left[rows], mode="markers", name=name, marker=marker))
+    if floor is not None:
+        plot.update_layout(shapes=noise_band(1.96 * floor))
+    return plot
+
+
+def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
+    """A curve (k,) with a band from low to high (k,)."""
+    from plotly.graph_objects import Figure, Scatter
+
+    edge: dict[str, Any] = {"mode": "lines", "line": {"width": 0}, "showlegend": False}
+    band = {**edge, "hoverinfo": "skip"}
+    fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
+    plot = Figure([Scatter(x=x, y=high, **band), Scatter(x=x, y=low, **fill, **band)])
+    return plot.add_trace(Scatter(x=x, y=y, line={"color": COLOURS[0]}, showlegend=False))
+
+
+def friction_figure(
+    velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
+) -> Any:
+    """Friction torque (k,) of a joint (from 0) over its velocity (k,), and half its 95 % band (k,)."""
+    plot = band_figure(velocity, torque, np.subtract(torque, half), np.add(torque, half))
+    speed = "m/s" if unit == "N" else "rad/s"
+    plot.update_xaxes(title_text=f"velocity [{speed}]")
+    plot.update_yaxes(title_text=f"joint {joint + 1} [{unit}]")
+    return plot
+
+
 def styled(plot: Any, height: int) -> Any:
     """The plot in colours that suit a light and a dark page alike."""
     plot.update_layout(

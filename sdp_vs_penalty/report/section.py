@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check import Report
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.report.plots import styled
@@ -28,7 +28,7 @@ class Material:
 
     models : by name, in the order in which effects were added; the last one is looked at closely.
     rows : of each model the filtered rows of each run; commands : that made this report;
-    curves : what a diagnosis measured that has no name.
+    diagnosis : of one of the models, where there is one.
     """
 
     models: Mapping[str, Estimate]
@@ -38,7 +38,7 @@ class Material:
     failures: Sequence[JointFailure]
     checks: Sequence[Report]
     commands: Sequence[str]
-    curves: Sequence[Curve] = ()
+    diagnosis: Diagnosis | None = None
 
     @property
     def last(self) -> Estimate:

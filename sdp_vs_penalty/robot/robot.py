@@ -252,6 +252,39 @@ class Robot:
         by_ddq = upper + np.swapaxes(np.triu(by_ddq, 1), 1, 2)
         return self._reduced(by_q), self._reduced(by_dq), self._reduced(by_ddq)
 
+    def placement_derivatives(
+        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+    ) -> Array:
+        """(N, n, joints of the tree, 6) derivatives of the joint torques by where each joint is placed:
+        its displacement [m] and its rotation [rad], along and about the axes of its own frame.
+
+        Six virtual joints that rest stand before each, and it is by their positions that Pinocchio
+        derives (Carpentier, Mansard, RSS 2018).
+        """
+        links, model = self._with_inertias(theta), pin.Model()
+        model.gravity = self._model.gravity
+        places: list[int] = []  # of the tree's joints in the longer one
+        for i, one in enumerate(self.tree):
+            parent = 0 if one.parent == -1 else places[one.parent]
+            pose = links.jointPlacements[i + 1]
+            for k in range(6):
+                kind = pin.JointModelPrismaticUnaligned if k < 3 else pin.JointModelRevoluteUnaligned
+                parent = model.addJoint(parent, kind(np.eye(3)[k % 3]), pose, f"{one.name} {k}")
+                pose = pin.SE3.Identity()
+            places.append(model.addJoint(parent, links.joints[i + 1], pose, one.name))
+            model.inertias[places[-1]] = links.inertias[i + 1]
+        own, data = np.array(places) - 1, model.createData()
+        virtual = (own[:, None] - 6 + np.arange(6)).ravel()
+        states = np.zeros((3, len(np.atleast_2d(q)), model.nv))
+        states[:, :, own] = np.array(self.tree_state(q, dq, ddq))
+        out = np.empty((states.shape[1], len(own), len(virtual)))
+        for k, row in enumerate(np.swapaxes(states, 0, 1)):
+            pin.computeRNEADerivatives(model, data, *row)
+            out[k] = data.dtau_dq[np.ix_(own, virtual)]
+        if self.mechanism is not None:
+            out = np.einsum("ln,klc->knc", self.mechanism.matrix, out)
+        return out.reshape(len(out), self.n, len(own), 6)
+
     def _reduced(self, by_tree: Array) -> Array:
         """(N, n, n) B^T D B of a matrix (N, L, L) between joints of the tree."""
         if self.mechanism is None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import stretches
 
@@ -67,7 +68,8 @@ class MotionRecord:
 
     def new_share(self, q: Array, dq: Array) -> float:
         """Share of the rows q, dq (M, n) that are new."""
-        return float(np.mean(self.is_new(q, dq)))
+        pairs = zip(parts(q), parts(dq), strict=True)
+        return float(np.mean(np.concatenate([self.is_new(a, b) for (_, a), (_, b) in pairs])))
 
     def new_share_of(self, measurements: Measurements, settings: Preprocessing) -> float | None:
         """The same of runs' filtered rows; ``settings`` must be resolved. None where none are left."""

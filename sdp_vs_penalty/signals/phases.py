@@ -20,12 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Track, repeat_lag, repeat_period
-from sdp_vs_penalty.signals.runs import sample_rate
+from sdp_vs_penalty.signals.runs import interpolated, sample_rate
 
 Array = NDArray[np.float64]
 
-#: Positions are compared at this rate [Hz] at most: they hold little above.
-_RATE = 100.0
+#: Positions are compared at this rate [Hz] at most: they hold little above. Those of a run that would
+#: have more instants, at the second one.
+_RATE, _MOST, _COARSE = 100.0, 1 << 17, 25.0
 #: Two runs of one motion have the same period to this share of it.
 _SAME_PERIOD = 0.01
 
@@ -53,9 +54,10 @@ def tracks_of(measurements: Measurements) -> list[Track]:
     """The positions of each run, at 100 Hz at most."""
     out = []
     for run in measurements.runs():
-        rate = min(sample_rate(run), _RATE)
-        t = run.t[0] + np.arange(int((run.t[-1] - run.t[0]) * rate) + 1) / rate
-        out.append((t, np.column_stack([np.interp(t, run.t, q) for q in run.q.T])))
+        span = float(run.t[-1] - run.t[0])
+        rate = min(sample_rate(run), _RATE if span * _RATE < _MOST else _COARSE)
+        t = run.t[0] + np.arange(int(span * rate) + 1) / rate
+        out.append((t, interpolated(t, run.t, run.q)))
     return out
 
 

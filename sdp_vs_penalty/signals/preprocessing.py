@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +34,7 @@ from sdp_vs_penalty.signals.runs import (
     Movement,
     Stretch,
     highest_harmonic,
+    movement,
     moving_joints,
     no_motion,
     sample_rate,
@@ -52,6 +52,8 @@ _COLUMN_RATE = 30.0
 _LONGER = 1.5
 #: Raw samples worked on at a time: bounds the memory for the columns whatever a run's length.
 _CHUNK = 4096
+#: Samples of a stretch of which a few are chosen.
+_MOST_SAMPLES = 1 << 19
 
 
 @dataclass(frozen=True)
@@ -118,10 +120,19 @@ class RunFilter:
         self.coarse = self.column.sampled(self.stride)
         self.standstill = settings.standstill
 
-    @cached_property
+    @property
     def movement(self) -> Movement:
         """Which instants count: those at which the robot moves."""
-        return Movement(self.run, self.standstill)
+        return movement(self.run, self.standstill)
+
+    def moving(self, margin: int) -> list[tuple[Stretch, NDArray[np.int64]]]:
+        """Of each stretch the samples, ``margin`` off its ends, in which the robot moves; every few of a
+        long one."""
+        out = []
+        for part in stretches(self.run):
+            k = np.arange(margin, part.count - margin, max(1, part.count // _MOST_SAMPLES))
+            out.append((part, k[self.movement.at(part.clock(k))]))
+        return out
 
     def step(self, rate: float) -> int:
         """One row in so many samples of the log, for ``rate`` rows per period of the cut-off."""
@@ -135,7 +146,7 @@ class RunFilter:
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
-            warm = np.column_stack([np.interp(clock, part.t, x) for x in warm.T])
+            warm = part.resampled(warm, first, last + 1)[:: self.stride]
         return Motion(clock, q, dq, ddq, within=Sampling(self.stride, self.dt), temperature=warm)
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
@@ -226,12 +237,9 @@ def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[M
     judge data, not to identify from. Stand-still is dropped. Raises InputError for short runs.
     """
     filters = RunFilter(run, settings)
-    kernel, moving = filters.state, filters.movement
+    kernel = filters.state
     width = 2 * kernel.half + 1
-    places = []
-    for part in stretches(run):
-        k = np.arange(kernel.half, part.count - kernel.half)
-        places.append((part, k[moving.at(part.clock(k))]))
+    places = filters.moving(kernel.half)
     count = sum(len(k) for _, k in places)
     if count == 0:
         raise no_rows(run, (width - 1) * filters.dt)

@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import PART, parts, release
 from sdp_vs_penalty.errors import InputError
 
 Array = NDArray[np.float64]
 
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle one's noise.
 _LARGEST_NOISE = 0.01
-#: Samples judged at a time, so that long runs cost no more memory than short ones.
-_PART = 1 << 14
-
 
 #: A step this long is no sampling but a pause [s]; and the grid has at most so many points a sample.
 _PAUSE, _FINEST = 0.05, 10.0
+#: Time steps of which a median is taken, in stretches that are spread over a longer run.
+_MOST_STEPS = 1 << 20
+#: Samples of one spectrum; a longer stretch has the mean of the spectra of so many samples each.
+_SPECTRUM = 1 << 18
 
 
 def sample_rate(run: Measurements) -> float:
@@ -30,11 +32,21 @@ def sample_rate(run: Measurements) -> float:
     Stamps that come in bursts have a median step of nothing: the grid on which a run is resampled never
     has more than ten points a sample, pauses apart.
     """
-    steps = np.diff(run.t)
+    steps = _steps(run.t)
     middle = float(np.median(steps))
     longest = max(_PAUSE, 20.0 * middle)
     mean = float(np.mean(np.minimum(steps, longest)))
     return 1.0 / max(middle, mean / _FINEST)
+
+
+def _steps(t: Array) -> Array:
+    """Time steps [s], of a long run those of stretches that are spread over it."""
+    if len(t) <= _MOST_STEPS:
+        return np.diff(t)
+    starts = np.linspace(0, len(t) - PART, _MOST_STEPS // PART).astype(int)
+    out = np.concatenate([np.diff(t[k : k + PART]) for k in starts])
+    release(t)
+    return out
 
 
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:
@@ -43,12 +55,18 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     From row to row a noisy position changes as much as it ever does (the ratio is 0.7 for white
     noise, up to 1.5 for the idle joints of a real arm), a smooth motion far less (over 100).
     """
-    spread = np.array([q.std() for q in run.q.T])
-    step = np.array([np.sqrt(np.mean(np.diff(q) ** 2)) for q in run.q.T])
+    total = square = steps = np.zeros(run.n)
+    low, high = np.full(run.n, np.inf), np.full(run.n, -np.inf)
+    for _, q in parts(run.q, overlap=1):
+        away = q[:PART] - run.q[0]
+        total, square = total + away.sum(axis=0), square + np.sum(away**2, axis=0)
+        steps = steps + np.sum(np.diff(q, axis=0) ** 2, axis=0)
+        low, high = np.minimum(low, q.min(axis=0)), np.maximum(high, q.max(axis=0))
+    count = len(run.q)
+    spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))
+    step = np.sqrt(steps / max(count - 1, 1))
     # A constant has the standard deviation of its rounding, and no motion.
-    return np.asarray(
-        ((spread > 4.0 * step) | (spread > _LARGEST_NOISE)) & (np.ptp(run.q, axis=0) > 0.0)
-    )
+    return np.asarray(((spread > 4.0 * step) | (spread > _LARGEST_NOISE)) & (high > low))
 
 
 class Movement:
@@ -61,15 +79,30 @@ class Movement:
     def __init__(self, run: Measurements, share: float) -> None:
         self.t = run.t
         self.moves = np.zeros(len(run.t), bool)
-        parts = [slice(k, k + _PART) for k in range(0, len(run.t), _PART)]
-        for j in np.flatnonzero(moving_joints(run)).tolist():
-            largest = max(_travel(run, j, part).max() for part in parts)
-            for part in parts:
-                self.moves[part] |= _travel(run, j, part) > share * largest
+        joints = np.flatnonzero(moving_joints(run)).tolist()
+        pieces = [slice(k, k + PART) for k in range(0, len(run.t), PART)]
+        largest = np.zeros((2, len(joints)))  # of the pieces so far, and of the one at hand
+        for piece in pieces:
+            largest[1] = [_travel(run, j, piece).max() for j in joints]
+            largest[0] = largest.max(axis=0)
+            run.release()
+        for piece in pieces:
+            for j, farthest in zip(joints, largest[0], strict=True):
+                self.moves[piece] |= _travel(run, j, piece) > share * farthest
+            run.release()
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         """The same at instants t [s]."""
         return self.moves[np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)]
+
+
+def movement(run: Measurements, share: float) -> Movement:
+    """The movement of a run, worked out once."""
+    key = f"movement {share!r}"
+    if key not in run.derived:
+        run.derived[key] = Movement(run, share)
+    found: Movement = run.derived[key]
+    return found
 
 
 def _travel(run: Measurements, j: int, part: slice) -> Array:
@@ -100,18 +133,29 @@ class Stretch:
 
     def resampled(self, values: Array, start: int, stop: int) -> Array:
         """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
-        grid = self.clock(np.arange(start, stop))
+        return interpolated(self.clock(np.arange(start, stop)), self.t, values)
+
+
+def interpolated(at: Array, t: Array, values: Array) -> Array:
+    """(len(at), n) values (N, n), known at instants t, at other ones in order, piece by piece."""
+    out = np.empty((len(at), values.shape[1]))
+    for start in range(0, len(at), PART):
+        few = at[start : start + PART]
         # Of a long run only what lies around: interpolation copies what it is given.
-        first = max(int(np.searchsorted(self.t, grid[0], "right")) - 1, 0)
-        around = slice(first, int(np.searchsorted(self.t, grid[-1])) + 1)
-        known = self.t[around]
-        return np.column_stack([np.interp(grid, known, x) for x in values[around].T])
+        first = max(int(np.searchsorted(t, few[0], "right")) - 1, 0)
+        around = slice(first, int(np.searchsorted(t, few[-1])) + 1)
+        for j, known in enumerate(values[around].T):
+            out[start : start + PART, j] = np.interp(few, t[around], known)
+        release(t, values)
+    return out
 
 
 def stretches(run: Measurements) -> Iterator[Stretch]:
     """The uninterrupted parts of a run: a time step above 20 usual ones (at least 50 ms) is a gap."""
     dt = 1.0 / sample_rate(run)
-    breaks = np.flatnonzero(np.diff(run.t) > max(20.0 * dt, 0.05)) + 1
+    pause = max(20.0 * dt, 0.05)
+    found = [k + np.flatnonzero(np.diff(t) > pause) for k, t in parts(run.t, overlap=1)]
+    breaks = np.concatenate(found) + 1
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
         if stop - start >= 2:
             part = run.rows(slice(start, stop))
@@ -129,13 +173,12 @@ def highest_harmonic(run: Measurements) -> float:
         count = part.count
         if count < 16:
             continue
-        for j in np.flatnonzero(moving):
-            q = part.resampled(part.q[:, j : j + 1], 0, count)[:, 0]
-            if np.ptp(q) == 0.0:
-                continue
-            amplitude = np.abs(fft.rfft(np.hanning(count) * (q - q.mean())))
+        for j in np.flatnonzero(moving).tolist():
+            length = min(count, _SPECTRUM)
+            amplitude = _amplitude(part, j, length)
             present = np.flatnonzero(amplitude > 0.01 * amplitude.max())
-            highest = max(highest, int(present[-1]) / (count * part.dt))
+            if len(present):
+                highest = max(highest, int(present[-1]) / (length * part.dt))
     if highest == 0.0:
         if not moving.any():
             raise no_motion(run)
@@ -145,6 +188,17 @@ def highest_harmonic(run: Measurements) -> float:
             run.names[0],
         )
     return highest
+
+
+def _amplitude(part: Stretch, j: int, length: int) -> Array:
+    """Amplitudes of a joint's position, at multiples of 1 / (length dt): the root of the sum of squares
+    over pieces of that many samples (Welch 1967)."""
+    starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
+    power = np.zeros(length // 2 + 1)
+    for start in starts:
+        q = part.resampled(part.q[:, j : j + 1], start, start + length)[:, 0]
+        power += np.abs(fft.rfft(np.hanning(length) * (q - q.mean()))) ** 2 if np.ptp(q) else 0.0
+    return np.sqrt(power)
 
 
 def no_motion(run: Measurements) -> InputError:

@@ -217,6 +217,7 @@ def test_compare_writes_the_stated_json(run: Run, runs: list[Path], model: Path,
         assert set(entry) == {
             *("model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz"),
             "new_motion_share",
+            "judged_on",
             "outside",
         }
         assert len(entry["rmse"]) == len(entry["r2"]) == 2

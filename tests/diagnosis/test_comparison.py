@@ -16,7 +16,16 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
 
-FIELDS = {"model", "rmse", "mse", "r2", "noise_floor", "relative_error_percent", "band_hz"} | {
+FIELDS = {
+    "judged_on",
+    "model",
+    "rmse",
+    "mse",
+    "r2",
+    "noise_floor",
+    "relative_error_percent",
+    "band_hz",
+} | {
     "new_motion_share",
     "outside",
 }

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import timeit
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -353,6 +354,59 @@ def test_numpy_function_holds_every_effect(effect: str, tmp_path: Path) -> None:
     made = imported(out).torque(motion.q, motion.dq, motion.ddq, t, motion.temperature)
     expected = estimate.torque(motion)
     assert np.abs(made - expected).max() <= PARITY * max(1.0, np.abs(expected).max())
+
+
+def test_the_function_of_a_plain_model_is_short_and_quick(tmp_path: Path) -> None:
+    estimate = estimate_of(load_problem("panda").robot, f"{FULL},torque_offset", 3)
+    export(estimate, tmp_path / "model.py")
+    assert len((tmp_path / "model.py").read_text().splitlines()) <= 150
+    torque = imported(tmp_path / "model.py").torque
+    state = np.random.default_rng(0).normal(size=(3, 7))
+    seconds = min(timeit.repeat(lambda: torque(*state), number=50, repeat=5)) / 50
+    assert seconds < 300e-6  # 40 microseconds where nothing else runs
+
+
+def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
+    """Mass, centre from the flange, inertia about the centre: the body's own, whoever writes it."""
+    robot = load_problem("panda").robot
+    mass, com, tensor = 1.3, np.array([0.01, -0.02, 0.15]), np.diag([0.004, 0.005, 0.003])
+    moments = tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    estimate = estimate_of(robot, "rigid_body,payload", 3)
+    theta = estimate.theta.copy()
+    theta[-10:] = inertia.standard_from_barycentric([mass, *com, *moments])
+    estimate = replace(estimate, theta=theta)
+    export(estimate, tmp_path / "endeffector-config.json", flange=(0.0, 0.0, 0.107))
+    told = json.loads((tmp_path / "endeffector-config.json").read_text())
+    assert told["mass"] == pytest.approx(mass)
+    assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.107]).tolist())
+    assert told["inertia"] == pytest.approx(tensor.ravel().tolist(), abs=1e-12)
+    export(estimate, tmp_path / "load.script")
+    line = (tmp_path / "load.script").read_text().splitlines()[0]
+    figures = [float(x) for x in re.findall(r"-?[0-9.]+(?:e-?[0-9]+)?", line)]
+    assert figures == pytest.approx([mass, *com, *np.diag(tensor), 0.0, 0.0, 0.0], abs=1e-12)
+    with pytest.raises(InputError, match="no payload"):
+        export(estimate_of(robot, FULL, 3), tmp_path / "load.script")
+
+
+def test_sdf_and_drakes_urdf_hold_links_and_rotors(tmp_path: Path) -> None:
+    estimate = estimate_of(load_problem("panda").robot, FULL, 3)
+    assert export(estimate, tmp_path / "robot.sdf") == ("rotor_inertia",)
+    root = ElementTree.parse(tmp_path / "robot.sdf").getroot()
+    masses = [float(str(mass.text)) for mass in root.iter("mass")]
+    assert masses == pytest.approx(estimate.links[:, 0].tolist())
+    assert [j.get("name") for j in root.iter("joint")][1:] == list(estimate.robot.joint_names)
+    assert export(estimate, tmp_path / "robot.drake.urdf") == ()
+    rotors = ElementTree.parse(tmp_path / "robot.drake.urdf").iter("{http://drake.mit.edu}rotor_inertia")
+    own = [
+        x
+        for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)
+        if p.effect == "rotor_inertia"
+    ]
+    assert [float(str(r.get("value"))) for r in rotors] == pytest.approx(own)
+    robot, links = load_urdf(tmp_path / "robot.drake.urdf", (0.0, 0.0, -9.81))
+    q, dq, ddq = states(robot)
+    wanted = estimate.robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
+    np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), q, dq, ddq), wanted, atol=PARITY)
 
 
 def test_numpy_function_loads_without_being_registered(tmp_path: Path) -> None:

@@ -149,7 +149,8 @@ def open_page(context: BrowserContext, server: Server, path: str = "new") -> Pag
 
     page.faults = faults  # type: ignore[attr-defined]
     page.goto(f"{server.address}{path}?key={server.key}")
-    page.wait_for_selector(key("robot-two_link"))
+    # A tab of a session that is there already shows the step that was shown last.
+    page.wait_for_selector(key("robot-two_link"), state="attached")
     return page
 
 
@@ -172,12 +173,25 @@ def busy(server: Server) -> list[Any]:
     raise AssertionError("nothing computes")
 
 
-def choose(page: Page, robot: str, data: list[Path]) -> None:
+def go(page: Page, step: str) -> None:
+    """To a step by the rail."""
+    page.click(f"nav.steps [data-to={step}]")
+
+
+def pick(page: Page, robot: str) -> None:
+    """A built-in robot, and on to its runs."""
     page.click(key(f"robot-{robot}"))
-    page.wait_for_selector(key("drop-runs"))
+    page.wait_for_selector(key("drop-runs"), state="attached")
+    go(page, "runs")
+
+
+def choose(page: Page, robot: str, data: list[Path]) -> None:
+    """A robot and files with its runs, and on to the model."""
+    pick(page, robot)
     page.set_input_files(key("drop-runs"), [str(path) for path in data])
     page.wait_for_selector(f"table.runs tbody tr:nth-child({len(data)})")
     idle(page)
+    go(page, "model")
 
 
 def errors(page: Page) -> list[list[float]]:

@@ -18,10 +18,12 @@ from page_driver import (
     choose,
     errors,
     expect,
+    go,
     idle,
     key,
     no_sideways_scrolling,
     open_page,
+    pick,
 )
 
 from sdp_vs_penalty.data.files import load_measurements
@@ -52,6 +54,7 @@ def story(
             "document.querySelector('[data-step=fit] .ytitle')?.textContent.startsWith('joint 2')"
         )
         seen["click"] = time.perf_counter() - begin
+        go(page, "findings")
         page.click(key("diagnose"))
         page.wait_for_selector(key("add-0"))
         seen["findings"] = page.inner_text("[data-step=findings]")
@@ -59,9 +62,11 @@ def story(
         page.wait_for_selector("table.ladder")
         idle(page)
         seen["errors"] = errors(page)
+        go(page, "methods")
         page.click(key("compare"))
         page.wait_for_selector("table.methods")
         seen["methods"] = page.locator("table.methods tbody tr").all_inner_texts()
+        go(page, "take-away")
         folder = tmp_path_factory.mktemp("taken")
         for name in ("model.json", "robot.urdf", "robot.xml", "model.py", "report.html"):
             with page.expect_download() as waiting:
@@ -162,12 +167,14 @@ def test_a_model_can_be_brought(
     choose(page, "two_link", files)
     page.click(key("open-model"))
     page.set_input_files(key("drop-model"), str(story["folder"] / "model.json"))
-    page.wait_for_selector(key("diagnose"))
+    page.wait_for_selector(key("diagnose"), state="attached")
     idle(page)
+    go(page, "ladder")
     assert "model.json" in page.inner_text("[data-step=ladder]")
+    go(page, "findings")
     page.click(key("diagnose"))
-    page.wait_for_selector(".verdict")
-    assert "Nothing is missing that these measurements could show." in page.inner_text(".verdict")
+    said = page.wait_for_selector("[data-step=findings] .verdict")
+    assert "Nothing is missing that these measurements could show." in said.inner_text()
     text = (story["folder"] / "model.json").read_text().replace('"format": 2', '"format": 99')
     idle(page)
     page.set_input_files(
@@ -179,8 +186,10 @@ def test_a_model_can_be_brought(
 def test_undo_takes_the_last_step_back(story: dict[str, Any], browser: Browser, server: Server) -> None:
     """In a second tab on the same session: both show it."""
     page = open_page(story["context"], server, story["page"].url.removeprefix(server.address))
+    go(page, "ladder")
     page.wait_for_selector(key("undo")).click()
     page.wait_for_selector(key("undo"), state="detached")
+    go(page, "findings")
     page.wait_for_selector(key("add-0"))
     story["page"].wait_for_selector(key("undo"), state="detached")
     page.click(key("add-0"))
@@ -215,6 +224,8 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     assert page.evaluate("document.activeElement.dataset.key").startswith("robot-")
     walk("robot-two_link")
     page.keyboard.press("Enter")
+    walk("next-robot")
+    page.keyboard.press("Enter")
     page.wait_for_selector(key("drop-runs"))
     walk("drop-runs")
     page.keyboard.press("Enter")
@@ -223,18 +234,22 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
         if choosers:
             break
     choosers[0].set_files([str(files[0]), str(files[1]), str(files[3])])
-    page.wait_for_selector(key("identify"))
+    page.wait_for_selector("table.runs")
     idle(page)
+    walk("next-runs")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(key("identify"))
     walk("identify")
     page.keyboard.press("Space")
     page.wait_for_selector("[data-step=fit] .js-line")
     idle(page)
     expect(page.locator("[aria-live=polite]")).to_have_text("Identifying by lmi-sdp. Done.")
-    # The focus is where it was, so that the way goes on from there.
-    assert page.evaluate("document.activeElement.dataset.key") == "identify"
+    # The focus is at the step that came, so that the way goes on from there.
+    assert page.evaluate("document.activeElement.innerText") == "Measured against modelled"
     walk("joint-2")
     page.keyboard.press("Enter")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")
+    go(page, "findings")
     walk("diagnose")
     page.keyboard.press("Enter")
     page.wait_for_selector(key("add-0"))
@@ -248,7 +263,7 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
     walk("undo")
     page.keyboard.press("Space")
     page.wait_for_selector(key("undo"), state="detached")
-    page.click(key("nav-5"))
+    go(page, "findings")
     assert page.evaluate("document.activeElement.innerText") == "What is missing"
 
 
@@ -256,11 +271,12 @@ def test_with_the_keyboard_alone(context: BrowserContext, server: Server, files:
 def test_how_fast_it_answers_on_the_real_panda(context: BrowserContext, server: Server) -> None:
     """A joint's torques stand there 0.3 s after a click where nothing else runs."""
     page = open_page(context, server)
-    page.click(key("robot-panda"))
-    page.wait_for_selector(key("real")).click()
-    page.wait_for_selector(key("identify"))
+    pick(page, "panda")
+    page.click(key("real"))
+    page.wait_for_selector("table.runs")
     idle(page)
     assert page.locator("table.runs select").evaluate_all("all => all.map(s => s.value)") == ["split"]
+    go(page, "model")
     page.click(key("identify"))
     page.wait_for_selector("[data-step=fit] .js-line")
     idle(page)

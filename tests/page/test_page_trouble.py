@@ -22,9 +22,11 @@ from page_driver import (
     a_context,
     alert,
     busy,
+    go,
     idle,
     key,
     open_page,
+    pick,
     psutil,
     serving,
 )
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 
 def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
     page = open_page(context, server)
-    page.click(key("robot-panda"))
+    pick(page, "panda")
     page.wait_for_selector(key("simulate"))
     idle(page)
     page.click(key("simulate"))
@@ -50,7 +52,7 @@ def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
     assert not alive
     assert page.locator("table.runs").count() == 0
     page.click(key("simulate"))  # and it goes on
-    page.wait_for_selector(key("identify"))
+    page.wait_for_selector("table.runs")
 
 
 def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
@@ -58,15 +60,17 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
 ) -> None:
     page = open_page(context, server)
     address = page.url
-    page.click(key("robot-panda"))
+    pick(page, "panda")
     page.wait_for_selector(key("simulate"))
     idle(page)
     page.click(key("simulate"))
-    page.wait_for_selector(key("identify"))
+    page.wait_for_selector("table.runs")
     idle(page)
+    go(page, "model")
     page.click(key("identify"))
-    page.wait_for_selector(key("compare"))
+    page.wait_for_selector("[data-step=fit] .js-line")
     idle(page)
+    go(page, "methods")
     for name in ("lmi-sdp", "ols", "penalty"):
         page.uncheck(key(f"method-{name}"))
     for name in ("penalty-paper", "penalty-paper-two-step", "penalty-two-step", "lmi-sdp-entropic"):
@@ -79,9 +83,12 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     assert not alive
     again = open_page(context, server, "")
     assert again.url == address
+    again.wait_for_selector("table.runs", state="attached")
+    go(again, "fit")
     again.wait_for_selector("[data-step=fit] .js-line")
     assert again.locator("table.runs tbody tr").count() == 4
     assert again.locator("table.methods").count() == 0
+    go(again, "findings")
     again.click(key("diagnose"))  # and it goes on
     again.wait_for_selector(key("add-0"))
 
@@ -89,14 +96,15 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
 def test_two_tabs_are_independent(context: BrowserContext, server: Server) -> None:
     first, second = open_page(context, server), open_page(context, server, "")
     assert first.url != second.url
-    first.click(key("robot-panda"))
-    second.click(key("robot-emps"))
+    pick(first, "panda")
+    pick(second, "emps")
     for page in (first, second):
         page.wait_for_selector(key("simulate"))
         page.click(key("simulate"))
     for page, joints in ((first, 7), (second, 1)):
-        page.wait_for_selector(key("identify"))
+        page.wait_for_selector("table.runs")
         assert page.locator(f"{key('hide-joint')} option").count() == joints
+        go(page, "robot")
     assert "torques in N." in second.inner_text("[data-step=robot]")
     assert "torques in N m." in first.inner_text("[data-step=robot]")
 
@@ -138,8 +146,7 @@ def test_bad_files_are_refused_in_a_sentence(
     context: BrowserContext, server: Server, files: list[Path], tmp_path: Path
 ) -> None:
     page = open_page(context, server)
-    page.click(key("robot-two_link"))
-    page.wait_for_selector(key("drop-runs"))
+    pick(page, "two_link")
     for name, (path, words) in bad_runs(tmp_path).items():
         idle(page)
         page.set_input_files(key("drop-runs"), str(path))
@@ -157,7 +164,7 @@ def test_bad_files_are_refused_in_a_sentence(
     page.set_input_files(key("drop-runs"), str(tmp_path / "huge.csv"))
     assert "huge.csv: 1024 MB; the page takes files up to 256 MB" in alert(page)
     page.set_input_files(key("drop-runs"), str(files[1]))  # and it goes on
-    page.wait_for_selector(key("identify"))
+    page.wait_for_selector("table.runs")
 
 
 def test_bad_robots_are_refused_and_names_are_no_paths(context: BrowserContext, server: Server) -> None:
@@ -192,7 +199,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(context: BrowserContext, 
     assert page.locator("img").count() == 0  # a name is text
     arm = {"name": "../my arm.urdf", "mimeType": "text/xml", "buffer": ARM.encode()}
     page.set_input_files(key("drop-robot"), arm)
-    page.wait_for_selector(key("drop-runs"))
+    page.wait_for_selector(key("drop-runs"), state="attached")
     text = page.inner_text("[data-step=robot]")
     assert "my arm.urdf: arm, 2 joints" in text
     assert "turn [N m], slide [N]" in text
@@ -265,7 +272,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(
     with serving(temporary, str(folder)) as server, a_context(browser) as context:
         page = open_page(context, server)
         assert "arm.urdf" in page.inner_text("[data-step=robot]")
-        page.click(key("robot-two_link"))
+        pick(page, "two_link")
         page.wait_for_selector(key("read-folder"))
         assert "elsewhere.csv" not in page.inner_text("[data-step=runs]")
         page.get_by_label("run1.csv").check()

@@ -12,6 +12,7 @@ import ssl
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from functools import partial
@@ -24,7 +25,7 @@ import pytest
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.page import uploads, worker
+from sdp_vs_penalty.page import archive, uploads, worker
 from sdp_vs_penalty.page.charts import asked_span, torque_chart
 from sdp_vs_penalty.page.gate import Gate
 from sdp_vs_penalty.page.server import Address
@@ -104,16 +105,93 @@ def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp
     from sdp_vs_penalty.diagnosis.comparison import compare
 
     assert compare(estimate, hidden.runs[3])[0].rmse.tolist() == pytest.approx(after, rel=1e-12)
-    curves = s.curves(s.ladder[1])
-    assert len(curves) == 4
-    left = curves[3].torque - curves[3].modelled[s.ladder[1].label]
+    assert s.ladder[1].runs == ["a.csv", "b.csv", "c.csv", "my test.csv"]
+    curves = s.curves(s.ladder[1], "my test.csv")
+    left = curves.torque - curves.modelled[s.ladder[1].label]
     np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), after, rtol=1e-4)
     assert "--data a.csv b.csv c.csv" in s.commands()[0]
+    again = asyncio.run(saved_and_opened(s, sessions.new()))
+    assert again.commands() == s.commands()
+    assert [m.label for m in again.ladder] == [m.label for m in s.ladder]
+    assert again.ladder[1].comparison["rmse"] == pytest.approx(after, rel=1e-9)
+    assert again.findings is not None
+    assert again.findings.to_dict() == s.findings.to_dict()
     s.undo()
     assert len(s.ladder) == 1
+    assert len(s.models) == 2
     assert s.findings is not None
     s.undo()
     assert len(s.ladder) == 1
+
+
+async def saved_and_opened(s: Session, other: Session) -> Session:
+    """What is in a session's file is all that another one needs."""
+    ready: list[str] = []
+    await finish(s, lambda: s.save(ready.append))
+    kept = s.folder / ready[0]
+    with zipfile.ZipFile(kept) as archive:
+        assert {Path(name).suffix for name in archive.namelist()} == {".json", ".csv"}
+    path = other.folder / "brought.zip"
+    path.write_bytes(kept.read_bytes())
+    await finish(other, lambda: other.open_session(str(path), "session.zip"))
+    return other
+
+
+@pytest.mark.parametrize("broken", ["name", "size", "field", "bytes"])
+def test_a_broken_session_is_refused(
+    broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = {
+        "effects": ["rigid_body"], "method": "lmi-sdp", "seed": 0, "frozen": False, "options": {},
+        "findings": None, "runs": [], "ladder": [], "robot": {"source": "panda", "gravity": None},
+    }  # fmt: skip
+    members = {"models/0.json": b"{}"}
+    archive.pack(state, members, tmp_path / "good.zip")
+    assert archive.unpack(tmp_path / "good.zip", tmp_path / "out")["effects"] == ["rigid_body"]
+    bad = tmp_path / "bad.zip"
+    if broken == "name":
+        archive.pack(state, {"../evil.csv": b"x"}, bad)
+    elif broken == "size":
+        monkeypatch.setattr(archive, "LARGEST", 10)
+        archive.pack(state, members, bad)
+    elif broken == "field":
+        archive.pack({**state, "robot": {"source": "/etc/passwd", "gravity": None}}, members, bad)
+    else:
+        bad.write_bytes((tmp_path / "good.zip").read_bytes()[:-30])
+    with pytest.raises(InputError, match=r"bad\.zip: (not a session|unpacks to more)"):
+        archive.unpack(bad, tmp_path / "into")
+    assert not (tmp_path / "evil.csv").exists()
+
+
+def test_a_turned_robot_is_set_upright_by_the_check(
+    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
+) -> None:
+    """The check's finding carries the gravity that it proposes; changing the robot can be undone."""
+    save(hidden.runs[0], tmp_path / "a.csv")
+
+    async def story() -> tuple[Session, list[Any]]:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        drop(s, tmp_path / "a.csv")
+        await finish(s, s.read_arrived)
+        assert s.robot is not None
+        own = s.robot["own_gravity"]
+        assert not any(f["gravity"] for f in s.runs[0]["findings"])
+        await finish(s, lambda: s.mount(",".join(str(-g) for g in own)))
+        (found,) = (f for f in s.runs[0]["findings"] if f["gravity"])
+        await finish(s, lambda: s.mount(",".join(map(str, found["gravity"]))))
+        assert s.robot["gravity"] == pytest.approx(own, abs=0.02)
+        await finish(s, lambda: s.choose_robot("emps"))
+        assert s.runs == []
+        assert s.notice is not None
+        assert s.notice.undo
+        s.bring_back()
+        return s, s.runs
+
+    s, runs = asyncio.run(story())
+    assert not runs[0]["findings"]
+    assert s.robot is not None
+    assert s.robot["name"] == "two_link"
 
 
 def test_meaningless_runs_are_identified_only_when_asked_twice(

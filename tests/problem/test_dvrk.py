@@ -21,7 +21,7 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
     robot = load_problem("dvrk_psm").robot
     names = [joint.name for joint in robot.tree]
     for q in robot.random_configurations(20, seed=0):
-        poses = joint_poses(robot, q)
+        (poses,) = joint_poses(robot, q[None])
         pitch, insertion = poses[names.index("pitch_joint")], poses[names.index("insertion_joint")]
         centre = insertion[:3, 3] - (q[2] - 0.4318) * insertion[:3, 2]
         np.testing.assert_allclose(centre, [0.0, 0.516, 0.0], atol=1e-9)  # on the yaw axis, fixed

@@ -17,6 +17,7 @@ from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
@@ -33,10 +34,12 @@ SECTIONS = (
     "torques",
     "failures",
     "explorer",
+    "findings",
     "curves",
     "ladder",
     "parameters",
     "arm",
+    "friction",
     "certificate",
     "data",
     "provenance",
@@ -145,7 +148,7 @@ def test_poses_are_the_robots(two_link: Problem) -> None:
 
     def energy(at: np.ndarray) -> float:
         total = 0.0
-        for pose, joint, link in zip(joint_poses(robot, at), robot.joints, links, strict=True):
+        for pose, joint, link in zip(joint_poses(robot, at[None])[0], robot.joints, links, strict=True):
             com = (pose @ joint.link_frame @ np.append(link[1:4] / link[0], 1.0))[:3]
             total -= link[0] * float(np.array(robot.gravity) @ com)
         return total
@@ -184,7 +187,7 @@ def test_it_draws_in_chromium(
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=6000"]
     command = ["chromium", *options, "--enable-logging=stderr", "--dump-dom", path.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert done.stdout.count('class="plot-container') == 5
+    assert done.stdout.count('class="plot-container') == 7
     assert done.stdout.count("js-line") >= 2 * (3 + 2)
     assert "Uncaught" not in done.stderr
     assert "Content Security Policy" not in done.stderr
@@ -240,6 +243,16 @@ def test_measured_curves_are_drawn_with_band_and_data(
     one = Curve(1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1)
     pairs = np.column_stack([np.repeat(x[:3], 3), np.tile(x[:3], 3)])
     two = replace(one, of=("q1", "dq1"), x=pairs, formula=None)
-    html = make_report(models, data, curves=(one, two))
+    floor = dict.fromkeys(
+        ("noise_floor", "unexplained", "held_out_rmse", "held_out_rmse_before"), [0.1] * 2
+    )
+    empty: dict[str, list[str]] = {name: [] for name in ("effects", "invisible", "events")}
+    rest = {"verdict": "unknown_effect", "noise_source": "repetition", "held_out_source": "folds"}
+    more = {"band_hz": 9.0, "frozen": False, "remarks": ["Look here first."]}
+    curves = [one.to_dict(), two.to_dict()]
+    found = Diagnosis.from_dict({**floor, **empty, **rest, **more, "curves": curves})
+    html = make_report(models, data, diagnosis=found)
     assert "Joint 1 misses a torque over q1 from -1 to 1 rad" in html
     assert "No simple law fits its band" in html
+    assert "Look here first." in html
+    assert found.headline in html

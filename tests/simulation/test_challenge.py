@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.parallel import ALONE
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.simulation.challenge import judge
 from sdp_vs_penalty.simulation.challenge.case import Case, run_case, simulate_case
@@ -114,12 +115,12 @@ def test_findings_are_judged_beside_the_truth() -> None:
 
 def test_a_challenge_goes_on_where_it_stopped(tmp_path: Path) -> None:
     kinds, conditions = ["clean"], ["rate", "short"]
-    paths = run_challenge(1, 5, tmp_path, 1, kinds, conditions)
+    paths = run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
     assert [p.name for p in paths] == ["challenge.json", "challenge.csv", "challenge.md"]
     kept = json.loads(paths[0].read_text())
     kept["cases"] = {k: {**v, "seconds": 123.0} for k, v in kept["cases"].items()}
     paths[0].write_text(json.dumps(kept))
-    run_challenge(1, 5, tmp_path, 1, kinds, conditions)
+    run_challenge(1, 5, tmp_path, ALONE, kinds, conditions)
     assert json.loads(paths[0].read_text()) == kept
     assert "worst 123.0" in paths[2].read_text()
     with pytest.raises(InputError, match="class 'magic' is unknown"):

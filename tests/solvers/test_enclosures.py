@@ -94,12 +94,12 @@ def test_rounding_up_ends_above_the_exact_value(terms: list[float]) -> None:
     assert Fraction(down) <= exact(Long(terms[0]) / Long(3))
 
 
-def determinant(matrix: Sequence[Sequence[int]]) -> int:
-    """By Leibniz' formula, in whole numbers."""
-    size, out = len(matrix), 0
+def determinant(matrix: Sequence[Sequence[int]] | Sequence[Sequence[Fraction]]) -> Fraction:
+    """By Leibniz' formula, exactly."""
+    size, out = len(matrix), Fraction(0)
     for order in itertools.permutations(range(size)):
         turns = sum(order[i] > order[j] for i in range(size) for j in range(i + 1, size))
-        out += (-1) ** turns * math.prod(matrix[i][order[i]] for i in range(size))
+        out += (-1) ** turns * math.prod(Fraction(matrix[i][order[i]]) for i in range(size))
     return out
 
 
@@ -207,6 +207,20 @@ def test_what_only_rounding_calls_feasible_is_repaired() -> None:
     np.testing.assert_allclose(found, theta, rtol=1e-12)
 
 
+def test_a_sum_within_its_rounding_is_decided_exactly() -> None:
+    """Six products that cancel: doubles call some of them positive that are negative."""
+    rng, misled = np.random.default_rng(0), 0
+    for theta, row in rng.normal(size=(200, 2, 6)):
+        exact = sum(
+            (Fraction(a) * Fraction(b) for a, b in zip(theta.tolist(), row.tolist(), strict=True))
+        )
+        demand = build.linear("sum", "all", np.arange(6), row[:, None], [-float(exact)])
+        holds = exact >= Fraction(float(exact))
+        misled += not holds and demand.margin(theta) > 0.0
+        assert verified.certainly_feasible([demand], theta) == holds
+    assert misled > 5
+
+
 @pytest.mark.parametrize("size", [1e-18, 1e-6, 1.0, 1e6])
 def test_the_entropy_is_enclosed(size: float) -> None:
     """tr(P0^-1 P) - log det P + log det P0 - 4 in fifty digits, huge and tiny terms."""
@@ -223,7 +237,7 @@ def test_the_entropy_is_enclosed(size: float) -> None:
                 for i in range(4)
                 for j in range(4)
             )
-            det = math.prod(verified._pivots([[Fraction(float(x)) for x in row] for row in p]))
+            det = determinant([[Fraction(float(x)) for x in row] for row in p])
             digits = [Decimal(x.numerator) / Decimal(x.denominator) for x in (trace, Fraction(det))]
             truth = Fraction(digits[0] - digits[1].ln()) + Fraction(float(log_det0 - 4.0))
             made = verified._entropy_value(Entropy(1.0, (link,), (p0,)), np.ones(1))

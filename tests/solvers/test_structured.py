@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point, solve_sdp
 from sdp_vs_penalty.robot import compiled
 from sdp_vs_penalty.shootout.regular import chain_task
+from sdp_vs_penalty.solvers import native
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 from sdp_vs_penalty.solvers.native import ORDER
+from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.structured import Structured
 from sdp_vs_penalty.solvers.verified import certainly_feasible, upper_bound
 
@@ -54,12 +57,14 @@ def test_its_bound_is_below_the_optimum_whatever_the_multipliers(method: str) ->
     assert ours.solve(twice).lower > optimum
 
 
+def test_numbers_that_are_not_finite_are_a_failure_and_no_hang() -> None:
+    A = sparse.csc_matrix(-np.ones((3, 2)))
+    b = np.array([np.nan, 1.0, 1.0])
+    problem = ConicProblem(sparse.csc_matrix((2, 2)), np.ones(2), A, b, (Cone("psd", 2),))
+    assert native.solve(problem).claims == "failed"
+
+
 def test_what_it_cannot_take_it_declines() -> None:
-    from scipy import sparse
-
-    from sdp_vs_penalty.solvers import native
-    from sdp_vs_penalty.solvers.rewrite import NotApplicableError
-
     for cones, rows in (((Cone("psd", 5),), 15), ((Cone("exp", 3),), 3), ((Cone("soc", 5),), 5)):
         A = sparse.csc_matrix(np.ones((rows, 2)))
         problem = ConicProblem(sparse.csc_matrix((2, 2)), np.ones(2), A, np.ones(rows), cones)

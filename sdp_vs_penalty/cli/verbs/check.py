@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import numbers
 from sdp_vs_penalty.cli.options import PROBLEM_HELP, Gravity, json_option
+from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,11 +37,12 @@ def verb(
     """
     from sdp_vs_penalty.check import check
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.files import read_run, save
+    from sdp_vs_penalty.data.files import read_run, run_files, save
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.problem.load import load_problem
 
     robot = load_problem(problem, None if gravity is None else numbers("--gravity", gravity, 3))
+    data = [file for path in data for file in run_files(path)]
     if fix is not None and len(data) > 1 and fix.suffix:
         raise InputError(f"--fix {fix}: {len(data)} runs are given", "name a folder for their copies")
     if fix is not None and any(path.resolve() == fix.resolve() for path in data):
@@ -57,6 +58,8 @@ def verb(
     if fix is None and any(f.mends for report in reports for f in report.problems):
         to = _beside(data)
         console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
+    if fix is not None and len(reports) > len(data):
+        raise InputError("--fix: a run is too long to be repaired", "cut it into files of 250 000 rows")
     if fix is not None:
         for path, report in zip(data, reports, strict=True):
             target = fix if len(data) == 1 else fix / f"{path.stem}.csv"

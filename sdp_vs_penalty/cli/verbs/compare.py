@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.arguments import time_windows
+from sdp_vs_penalty.data.texts import time_windows
 
 
 def verb(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import pairs
+from sdp_vs_penalty.data.texts import pairs
 
 
 def verb(

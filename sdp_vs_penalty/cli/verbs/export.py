@@ -15,8 +15,9 @@ def verb(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="out.urdf|.xml|.json|.py|.h|.csv",
-            help="File to write; its suffix chooses URDF, MJCF, JSON, NumPy, C or friction table.",
+            metavar="out.urdf|.xml|.sdf|.json|.py|.h|.csv|.script",
+            help="File to write; its name chooses URDF (.drake.urdf for Drake), MJCF, SDF, JSON, NumPy, "
+            "C, friction table, or a payload: endeffector-config.json (Franka), .script (UR).",
         ),
     ],
     urdf: Annotated[
@@ -24,6 +25,12 @@ def verb(
         typer.Option(
             metavar="robot.urdf",
             help="Your own URDF, of which only inertials, damping and friction are replaced.",
+        ),
+    ] = None,
+    flange: Annotated[
+        str | None,
+        typer.Option(
+            metavar="x,y,z", help="Flange in the last joint's frame [m], for a payload; default: 0,0,0."
         ),
     ] = None,
     force: Annotated[
@@ -36,11 +43,13 @@ def verb(
     Example: sdp-vs-penalty export model.json --out robot.urdf
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.texts import numbers
     from sdp_vs_penalty.export import export
 
-    left_out = export(model, out, urdf, force=force)
+    x, y, z = numbers("--flange", flange, 3) if flange is not None else (0.0, 0.0, 0.0)
+    left_out = export(model, out, urdf, force=force, flange=(x, y, z))
     console.written(out)
-    if urdf is None and out.suffix.lower() in (".urdf", ".xml"):
+    if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
         console.warn(
             "Moving links are named link1, link2 ...: a model.json holds only the joints' names"

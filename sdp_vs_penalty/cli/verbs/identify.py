@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.arguments import numbers, time_windows
 from sdp_vs_penalty.cli.checking import refuse_meaningless
-from sdp_vs_penalty.errors import InputError
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.data.texts import numbers, time_windows
 
 
 def verb(
@@ -44,6 +40,8 @@ def verb(
             help="Run with a load of this mass on the last link; determines the torque channels' gains.",
         ),
     ] = None,
+    jobs: options.Jobs = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Identify a robot's dynamic parameters from measured runs.
 
@@ -56,10 +54,12 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
     from sdp_vs_penalty.estimation.identify import identify as run_identification
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
+    from sdp_vs_penalty.estimators import with_solver
+    from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.regression.black_box import load_answers
 
-    estimator = _estimator(method, solver)
+    estimator = with_solver(method, solver)
     robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
     windows = time_windows(window)
     with console.progress("reading the measurements") as progress:
@@ -81,6 +81,7 @@ def verb(
             proof=proof,
             gain_uncertainty=gain_uncertainty or 0.0,
             known_loads=[parsed_known_load(text) for text in known_load or []],
+            workers=Workers(jobs, scheduler, progress),
         )
         seconds = time.perf_counter() - begin
         estimate.save(out)
@@ -92,21 +93,3 @@ def verb(
     console.written(out)
     if proof is not None:
         console.written(proof)
-
-
-def _estimator(method: str, solver_name: str | None) -> Estimator | str:
-    """The estimator of a name, with its solver exchanged where one is asked for."""
-    from dataclasses import replace
-
-    from sdp_vs_penalty.estimators import make_estimator
-    from sdp_vs_penalty.solvers import solver
-
-    if method == "output-error" and solver_name is None:
-        return method
-    estimator: Any = make_estimator(method)
-    if solver_name is None:
-        return estimator
-    if not hasattr(estimator, "solver"):
-        raise InputError(f"--solver {solver_name}: method {method} solves no SDP", "leave --solver out")
-    solver(solver_name)
-    return replace(estimator, solver=solver_name)

@@ -34,7 +34,16 @@ def verb(
     Example: sdp-vs-penalty page measurements --port 8200 --no-browser
     """
     try:
+        from sdp_vs_penalty.page.options import fields_of
         from sdp_vs_penalty.page.server import Address, serve
     except ImportError as error:
         raise missing_extra("The page needs", "page") from error
-    serve(folder, port, browser, Address(host, certificate, key))
+    from sdp_vs_penalty.cli.verbs import convert, excite, identify
+
+    forms = {
+        "identify": fields_of(identify.verb, "window", "solver", "gain_uncertainty", "known_load"),
+        "robot": fields_of(identify.verb, "gravity"),
+        "read": fields_of(convert.verb, "rename", "motors", "motor_side", "rate", "topic", "joints"),
+        "separate": fields_of(excite.verb, "duration", "level", "iterations"),
+    }
+    serve(folder, port, browser, Address(host, certificate, key), forms)

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.arguments import time_windows
 from sdp_vs_penalty.cli.options import Window
+from sdp_vs_penalty.data.texts import time_windows
 
 
 def verb(
@@ -26,7 +26,7 @@ def verb(
     window: Window = None,
     findings: Annotated[
         Path | None,
-        typer.Option(metavar="findings.json", help="Diagnosis whose measured curves are drawn."),
+        typer.Option(metavar="findings.json", help="Diagnosis whose findings are shown."),
     ] = None,
 ) -> None:
     """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.errors import InputError
 
 _QUICK_ACCURACY, _QUICK_LIMIT = "1e-6", 10.0
@@ -33,10 +34,7 @@ def verb(
     out: Annotated[Path, typer.Option(help="Folder; runs that it holds are not repeated.")] = Path(
         "results/shootout"
     ),
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler; default: this computer."),
-    ] = None,
+    scheduler: options.Scheduler = None,
     jobs: Annotated[
         int, typer.Option(min=0, help="Parallel runs on this computer; 0: one per core.")
     ] = 0,

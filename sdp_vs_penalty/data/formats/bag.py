@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.formats.bag_bombs import check_bag
 from sdp_vs_penalty.data.formats.columns import LARGEST, Choice
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError, missing_extra
 
 SUFFIXES = (".mcap", ".db3", ".bag")
@@ -78,8 +80,16 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         )
     names = list(choice.joints) if choice.joints else None
     # Packed: a list of Python's numbers would take four times the memory.
-    rows, stamps, recorded = array("d"), array("q"), array("q")
+    rows, stamps = array("d"), array("q")
+    table, clocks = Growing(), Growing()
     others: set[str] = set()
+
+    def store() -> None:
+        table.append(np.frombuffer(rows.tobytes()).reshape(-1, 3, len(names or [])))
+        clocks.append(np.frombuffer(stamps.tobytes(), np.int64).reshape(-1, 2))
+        del rows[:], stamps[:]
+
+    count = 0
     for connection, recorder_time, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
         own = [str(name) for name in message.name]
@@ -91,11 +101,14 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
             others |= set(own)
             continue
         rows.extend(_row(path, message, [own.index(name) for name in names], names))
-        stamps.append(int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec))
-        recorded.append(int(recorder_time))
-        if len(rows) > LARGEST:
+        stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+        stamps.extend((stamp, int(recorder_time)))
+        count += 1
+        if count % PART == 0:
+            store()
+        if 3 * len(names) * count > LARGEST:
             raise InputError("too many messages", "split it into several runs", path)
-    if not rows or names is None:
+    if not count or names is None:
         raise InputError(
             (
                 f"no message has all joints {', '.join(names or ['(none)'])} (there are: "
@@ -104,13 +117,20 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
             "name the joints as the bag does",
             path,
         )
-    table = np.array(rows).reshape(-1, 3, len(names))
-    clock = np.array(stamps if any(stamps) else recorded, dtype=np.int64)
-    day = 86_400 * 10**9
+    store()
+    t, channels = _seconds(clocks.array()), table.array()
+    finite = all(np.all(np.isfinite(part[:, 1])) for _, part in parts(channels))
+    dq = channels[:, 1] if finite else None
+    return Measurements(t, channels[:, 0], channels[:, 2], dq, None, (path.name,))
+
+
+def _seconds(clocks: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(N,) s of (N, 2) nanoseconds, of the header's stamp and the recorder's."""
+    stamped = any(part[:, 0].any() for _, part in parts(clocks))
+    clock, day = clocks[:, 0 if stamped else 1], 86_400 * 10**9
     # Whole nanoseconds are taken apart before they become floating-point numbers of seconds.
-    t = (clock - clock[0]) / 1e9 + float(clock[0] % day) / 1e9
-    dq = table[:, 1] if np.all(np.isfinite(table[:, 1])) else None
-    return Measurements(t, table[:, 0], table[:, 2], dq, None, (path.name,))
+    first = int(clock[0])
+    return joined((part - first) / 1e9 + float(first % day) / 1e9 for _, part in parts(clock))
 
 
 def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str] | None:

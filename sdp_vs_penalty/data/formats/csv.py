@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats import csv_text
 from sdp_vs_penalty.data.formats.columns import Choice, columns_of, from_columns, groups_of, run_of
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_text
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.files import writing
 
 SUFFIXES = (".csv",)
 #: What messages call a sample, and the number of the first one: below the header.
@@ -22,36 +20,28 @@ SAMPLE = ("row", 2)
 
 def read(path: Path, choice: Choice) -> Measurements:
     """The run of a table; InputError naming the row and column that cannot be used."""
-    if choice.rename:
-        return from_columns(path, _csv_columns(path), choice.rename)
-    return _read_csv(path)
+    return gathered(_pieces(path, choice))
 
 
 def write(measurements: Measurements, path: Path) -> None:
     """Write one run as RUN.csv, whole or not at all."""
-    m = measurements
-    columns = columns_of(m)
-    rows = np.column_stack(list(columns.values()))
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows.tolist())]
-    write_text(path, "\n".join(lines) + "\n")
+    with writing(path) as file:
+        file.write((",".join(columns_of(measurements)) + "\n").encode())
+        for part in measurements.parts():
+            rows = np.column_stack(list(columns_of(part).values())).tolist()
+            file.write("".join(",".join(map(repr, row)) + "\n" for row in rows).encode())
 
 
-def _read_csv(path: Path) -> Measurements:
+def _pieces(path: Path, choice: Choice) -> Iterator[Measurements]:
     header = csv_text.header(path)
+    if choice.rename:  # a header of any names
+        if len(set(header)) != len(header):
+            raise InputError("row 1 names a column twice", "rename one of them", path)
+        for rows in csv_text.tables(path, len(header)):
+            yield from_columns(path, dict(zip(header, rows.T, strict=True)), choice.rename)
+        return
     n, groups = groups_of(path, header)
-    rows = csv_text.numbers(path, len(header))
-    column = {name: k for k, name in enumerate(header)}
-
-    def group(prefix: str) -> Array:
-        return np.ascontiguousarray(rows[:, [column[f"{prefix}{j + 1}"] for j in range(n)]])
-
-    return run_of(path, rows[:, column["t"]].copy(), {name: group(name) for name in groups})
-
-
-def _csv_columns(path: Path) -> dict[str, Array]:
-    """All columns of a CSV file with a header of any names."""
-    header = csv_text.header(path)
-    if len(set(header)) != len(header):
-        raise InputError("row 1 names a column twice", "rename one of them", path)
-    rows = csv_text.numbers(path, len(header))
-    return {name: rows[:, k] for k, name in enumerate(header)}
+    at = {group: [header.index(f"{group}{j + 1}") for j in range(n)] for group in groups}
+    for rows in csv_text.tables(path, len(header)):
+        blocks = {group: rows[:, columns] for group, columns in at.items()}
+        yield run_of(path, rows[:, header.index("t")].copy(), blocks)

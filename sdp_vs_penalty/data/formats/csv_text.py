@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER
+from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.robot import compiled
 
@@ -95,33 +96,60 @@ def _is_number(text: str) -> bool:
 
 def numbers(path: Path, width: int, first: int = 2) -> Array:
     """The rows (N, width) of a file from row ``first`` on; InputError naming the row that is wrong."""
-    table = at_once(path, width, first)
-    if table is not None:
-        return table
-    rows = islice(lines(path), first - 1, None)
+    return np.concatenate(list(tables(path, width, first)))
+
+
+def tables(path: Path, width: int, first: int = 2) -> Iterator[Array]:
+    """The same in consecutive pieces, at least one."""
+    begin = yield from _by_core(path, width, first)
+    if begin is None:
+        return
+    rows = _without_gaps(islice(lines(path), begin - 1, None))
+    while True:
+        table = _table(rows, width)
+        if table is None:  # which row it is
+            careful = _without_tail(islice(lines(path), begin - 1, None))
+            for number, line in enumerate(careful, start=begin):
+                _check_row(path, number, line, width)
+            raise InputError("the rows cannot be read as numbers", "write numbers in all cells", path)
+        if len(table) or begin == first:
+            yield table
+        if len(table) < PART:
+            return
+        begin += len(table)
+
+
+def _table(rows: Iterator[str], width: int) -> Array | None:
+    """The next rows, fewer than PART at the end; None for what is no table of this width."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty table is one of no rows
-            table = np.loadtxt(_without_gaps(rows), delimiter=",", ndmin=2, comments=None)
+            table = np.loadtxt(islice(rows, PART), delimiter=",", ndmin=2, comments=None)
     except InputError:
         raise
     except ValueError:
-        table = None  # the careful look below says which row it is
-    if table is not None and table.size == 0:
+        return None
+    if table.size == 0:
         return np.zeros((0, width))
-    if table is not None and table.shape[1] == width:
-        return table
-    for number, line in enumerate(_without_tail(islice(lines(path), first - 1, None)), start=first):
-        _check_row(path, number, line, width)
-    raise InputError("the rows cannot be read as numbers", "write numbers in all cells", path)
+    return table if table.shape[1] == width else None
 
 
 def at_once(path: Path, width: int, first: int) -> Array | None:
-    """The same by the compiled core, part by part; None without it, or where a row is unusual."""
+    """All rows by the compiled core; None without it, or where a row is unusual."""
+    pieces, found = [], _by_core(path, width, first)
+    while True:
+        try:
+            pieces.append(next(found))
+        except StopIteration as end:
+            return np.concatenate(pieces) if end.value is None else None
+
+
+def _by_core(path: Path, width: int, first: int) -> Generator[Array, None, int | None]:
+    """The rows by the compiled core; None at the end, else the row from which on it gives up."""
     native = compiled.core()
     if native is None:
-        return None
-    parts = [np.zeros((0, width))]
+        return first
+    row, found = first, False
     try:
         with path.open("rb") as file:
             for _ in range(first - 1):
@@ -129,16 +157,19 @@ def at_once(path: Path, width: int, first: int) -> Array | None:
             while text := file.read(_PART):
                 rest = file.readline(_LONGEST)
                 if len(rest) == _LONGEST:
-                    return None
+                    return row
                 text += rest
                 table = np.empty((text.count(b"\n") + 1, width))
                 count = native.numbers(text, width, table)
                 if count < 0:
-                    return None
-                parts.append(table[:count])
+                    return row
+                yield table[:count]
+                row, found = row + text.count(b"\n"), True
     except OSError as error:
         raise unreadable(error, path) from error
-    return np.concatenate(parts)
+    if not found:
+        yield np.zeros((0, width))
+    return None
 
 
 def _without_tail(rows: Iterator[str]) -> Iterator[str]:

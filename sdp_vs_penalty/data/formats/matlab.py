@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.formats.columns import Choice, check_size, from_columns
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.files import writing
 
 SUFFIXES = (".mat",)
 Array = NDArray[np.float64]
@@ -97,6 +97,5 @@ def write(measurements: Measurements, path: Path) -> None:
 
     m = measurements
     content = {"t": m.t[:, None], **m.groups}
-    buffer = io.BytesIO()
-    savemat(buffer, content, do_compression=True)
-    write_bytes(path, buffer.getvalue())
+    with writing(path) as file:
+        savemat(file, content, do_compression=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import zipfile
 from pathlib import Path
@@ -21,7 +20,7 @@ from sdp_vs_penalty.data.formats.columns import (
 )
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import opened, write_bytes
+from sdp_vs_penalty.files import opened, writing
 
 Array = NDArray[np.float64]
 
@@ -36,9 +35,8 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **columns_of(measurements))  # type: ignore[arg-type]
-    write_bytes(path, buffer.getvalue())
+    with writing(path) as file:
+        np.savez_compressed(file, allow_pickle=False, **columns_of(measurements))  # type: ignore[arg-type]
 
 
 def _read_npz(path: Path) -> Measurements:

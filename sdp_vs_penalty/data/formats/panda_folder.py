@@ -23,6 +23,11 @@ def reads(path: Path) -> bool:
     return path.is_dir() and not (path / "metadata.yaml").is_file()
 
 
+def is_log(folder: Path) -> bool:
+    """Whether some file of such a log lies in the folder."""
+    return any(folder.glob("exciting_traj_*.txt"))
+
+
 def read(folder: Path, choice: Choice) -> Measurements:
     """The authors' four text files: one number a line, sample-major."""
     columns = {}

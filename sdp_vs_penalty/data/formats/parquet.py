@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import io
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.data.formats.columns import Choice, check_size, columns_of, from_columns
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements, gathered
+from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, missing_extra
-from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.files import writing
 
 SUFFIXES = (".parquet", ".pq")
 
 
-def _module() -> tuple[object, object]:
+def _module() -> tuple[Any, Any]:
     try:
         import pyarrow
         import pyarrow.parquet
@@ -27,10 +29,12 @@ def _module() -> tuple[object, object]:
 
 def read(path: Path, choice: Choice) -> Measurements:
     """Numeric columns of the table; others (time stamps, texts) are ignored."""
-    _, parquet = _module()
+    arrow, parquet = _module()
     try:
-        file = parquet.ParquetFile(path)  # type: ignore[attr-defined]
-        table = file.read(columns=_numeric_columns(path, file))
+        # Buffered ahead, all of a row group would be in memory.
+        with parquet.ParquetFile(path, pre_buffer=False) as file:
+            names = _numeric_columns(path, file)
+            return gathered(_pieces(path, choice, arrow, file, names))
     except InputError:
         raise
     except Exception as error:  # every layer of the library has exceptions of its own
@@ -38,12 +42,17 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise InputError(
             f"not a readable Parquet file ({what})", "write it anew, or convert it to CSV", path
         ) from error
-    columns = {}
-    for name in table.column_names:
-        values = table.column(name).to_numpy()
-        if values.dtype.kind in "fiu":
-            columns[name] = np.asarray(values, float)
-    return from_columns(path, columns, choice.rename)
+
+
+def _pieces(
+    path: Path, choice: Choice, arrow: Any, file: Any, names: list[str]
+) -> Iterator[Measurements]:
+    """The rows in consecutive pieces, at least one."""
+    empty = [file.schema_arrow.empty_table().select(names)] if file.metadata.num_rows == 0 else []
+    batches = file.iter_batches(batch_size=PART, columns=names, use_threads=False)
+    for table in empty or (arrow.Table.from_batches([batch]) for batch in batches):
+        columns = {name: np.asarray(table.column(name).to_numpy(), float) for name in table.column_names}
+        yield from_columns(path, columns, choice.rename)
 
 
 def _numeric_columns(path: Path, file: Any) -> list[str]:
@@ -72,6 +81,8 @@ def _is_number(kind: Any) -> bool:
 
 def write(measurements: Measurements, path: Path) -> None:
     arrow, parquet = _module()
-    buffer = io.BytesIO()
-    parquet.write_table(arrow.table(columns_of(measurements)), buffer)  # type: ignore[attr-defined]
-    write_bytes(path, buffer.getvalue())
+    tables = (arrow.table(columns_of(part)) for part in measurements.parts())
+    first = next(tables, None) or arrow.table(columns_of(measurements))
+    with writing(path) as file, parquet.ParquetWriter(file, first.schema) as writer:
+        for table in chain([first], tables):
+            writer.write_table(table)

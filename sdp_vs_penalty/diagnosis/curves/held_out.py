@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis.stage import model_columns, stretches, white_rows
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.noise import RESIDUAL, Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
@@ -126,7 +127,7 @@ class Judge:
         )
         lowers = _falls(self._squares(f.joint), after._squares(f.joint))
         out = HeldOut(self.error(f.joint), after.error(f.joint), lowers)
-        if out.share(float(self.state.stage.noise.floor[f.joint])) < _MOST:
+        if out.share(known_floor(self.state.stage.noise, f.joint)) < _MOST:
             out = replace(out, lowers=False)
         if self.test is not None:
             after = replace(after, curves_there=joined(self.curves_there, self.test[0], effect))
@@ -171,6 +172,11 @@ class Judge:
         columns = columns / unit
         gram = columns.T @ columns + np.eye(len(unit)) / max(train.sum(), 1)
         return np.asarray(np.linalg.solve(gram, columns.T @ self.target[used]) / unit)
+
+
+def known_floor(noise: Noise, joint: int) -> float:
+    """The noise of a joint; 0 where no motion repeats: what is taken for noise then holds the error."""
+    return 0.0 if noise.source == RESIDUAL else float(noise.floor[joint])
 
 
 def _falls(before: Array, after: Array) -> bool:

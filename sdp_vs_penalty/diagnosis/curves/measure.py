@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import Variables
 from sdp_vs_penalty.diagnosis.curves.choose import Found, search_curves
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.formula import formula_of
-from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun
+from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun, known_floor
 from sdp_vs_penalty.diagnosis.curves.smooth import draws, identifiable
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
@@ -123,7 +123,7 @@ def _curve(found: Found, seed: int) -> Curve:
         torque,
         torque - half,
         torque + half,
-        found.held_out.share(float(look.noise.floor[f.joint])),
+        found.held_out.share(known_floor(look.noise, f.joint)),
         formula_of(f, look, points, half, projector),
         found.held_out.before,
         found.held_out.after,

@@ -5,10 +5,11 @@ from sdp_vs_penalty.page.steps.fit import FIT
 from sdp_vs_penalty.page.steps.ladder import LADDER
 from sdp_vs_penalty.page.steps.methods import METHODS
 from sdp_vs_penalty.page.steps.model import MODEL
+from sdp_vs_penalty.page.steps.parameters import PARAMETERS
 from sdp_vs_penalty.page.steps.robot import ROBOT
 from sdp_vs_penalty.page.steps.runs import RUNS
 from sdp_vs_penalty.page.steps.take_away import TAKE_AWAY
 
-STEPS = (ROBOT, RUNS, MODEL, FIT, FINDINGS, LADDER, METHODS, TAKE_AWAY)
+STEPS = (ROBOT, RUNS, MODEL, FIT, PARAMETERS, FINDINGS, LADDER, METHODS, TAKE_AWAY)
 
 __all__ = ["STEPS"]

@@ -1,14 +1,17 @@
-"""Step 5: which effects are missing, ranked, each to be added with a click."""
+"""Step 6: which effects are missing, ranked, each to be added with a click."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN
-from sdp_vs_penalty.page.controls import button, check, details, tag
+from sdp_vs_penalty.page.charts import missing_chart
+from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, tag, text_field
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.wording import (
     change,
     figure,
@@ -58,6 +61,7 @@ def _draw(view: View) -> None:
             freeze,
             "frozen",
         )
+    _by_hand(view)
     if found is None:
         tag(
             "p",
@@ -74,6 +78,7 @@ def _draw(view: View) -> None:
     with tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):
             _card(view, found, k, finding.text in added)
+    _curves(view, found)
     if len(open_texts) > 1:
         button(f"Add all {len(open_texts)}", lambda: session.add(open_texts), "add-all")
     _rest(found)
@@ -100,6 +105,8 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         rivals = finding.indistinguishable_from
         if rivals:
             tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
+        if finding.undecided is not None:
+            _telling(view, finding.undecided, k)
         if finding.remarks:
             tag("p", f"Weak: {'; '.join(finding.remarks)}.", "soft")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
@@ -118,6 +125,47 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
                 "Add", lambda: session.add([finding.text]), f"add-{k}", "primary" if k == 0 else "",
                 aria_label=label,
             )  # fmt: skip
+
+
+def _telling(view: View, effects: str, k: int) -> None:
+    """The run that would tell a finding from its rival, to be designed and downloaded."""
+    with details("Which run would tell", f"tell-options-{k}"):
+        with tag("div", style="fields"):
+            draw_form(view.forms.get("separate", ()), view.separating)
+        button(
+            "Design it",
+            lambda: view.session.separate(effects, view.separating, view.download),
+            f"tell-{k}",
+        )
+
+
+def _curves(view: View, found: Diagnosis) -> None:
+    """What was measured without a name: curve, band, and a button to add it as a table."""
+    session = view.session
+    assert session.robot is not None
+    units = session.robot["units"]
+    for k, (curve, text) in enumerate(zip(found.curves, session.curve_texts, strict=True)):
+        with tag("div", style="card finding-card"):
+            tag("h3", f"Missing torque without a name · joint {curve.joint}")
+            tag("p", curve.sentence(units))
+            if len(curve.of) == 1:
+                chart(
+                    missing_chart(curve, units), f"Missing torque of joint {curve.joint}, with its band"
+                )
+            if text in session.added:
+                tag("p", "Added to the model.", "chosen")
+            else:
+                button("Add", partial(session.add, [text]), f"add-curve-{k}")
+
+
+def _by_hand(view: View) -> None:
+    """Any effect by its name: a payload beside a fixed model, or one that the diagnosis did not name."""
+    session = view.session
+    with details("Add an effect by its name", "by-hand"):
+        said = "name[:joints][@shape=value], such as payload with the model kept fixed"
+        written: dict[str, str] = {}
+        text_field(said, "", lambda text: written.update(text=text), "add-text", "payload", wide=True)
+        button("Add it", lambda: session.add([written.get("text", "")]), "add-by-hand")
 
 
 def _fall(before: float, after: float, floor: float, known: bool, joint: int, unit: str) -> None:
@@ -154,6 +202,20 @@ def _rest(found: Diagnosis) -> None:
                     tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")
 
 
+def _verdict(session: Session) -> Verdict | None:
+    found = session.findings
+    if found is None:
+        return None
+    left = sum(f.text not in session.added for f in found.effects)
+    if found.verdict == "unknown_effect":
+        return Verdict("usable", "Something is missing that no effect of the library explains.")
+    if left:
+        return Verdict("usable", f"{show.count(left, 'missing effect')} can be added.")
+    if found.noise_source != "repetition":
+        return Verdict("usable", f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}")
+    return Verdict("good", "Nothing is missing that these measurements could show.")
+
+
 FINDINGS = Step(
     "findings",
     "What is missing",
@@ -161,4 +223,5 @@ FINDINGS = Step(
     lambda session: session.model is not None,
     _depends,
     _draw,
+    _verdict,
 )

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.diagnosis.show import new_motion, repeatability_warning
-from sdp_vs_penalty.page.charts import asked_span, merged, torque_chart
+from sdp_vs_penalty.page.arm import draw_arm
+from sdp_vs_penalty.page.charts import asked_span, merged, residual_chart, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.wording import figure, held, with_unit
+from sdp_vs_penalty.report.plots import SIGNALS
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
@@ -27,7 +29,80 @@ def _draw(view: View) -> None:
     comparison, units = model.comparison, robot["units"]
     view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
     if view.run not in model.runs:
-        view.run = model.judged_on[0]
+        view.run, view.span = model.judged_on[0], None
+    _figures(model)
+    chips = _chips(view, model, units)
+    parts: dict[str, Any] = {}
+    with tag("div", style="pick"):
+        choice(
+            "Run",
+            [(name, name) for name in model.runs],
+            view.run,
+            lambda name: view.look(run=name),
+            "shown-run",
+        )
+
+    def options() -> dict[str, Any]:
+        curves = session.curves(model, view.run)
+        if len(session.ladder) > 1:
+            curves = merged(session.curves(session.ladder[0], view.run), curves)
+        return torque_chart(curves, view.joint or 0, units, view.span)
+
+    def against() -> dict[str, Any]:
+        j, read = view.joint or 0, session.recording(model, view.run)
+        return residual_chart(read, j, view.signal, units[j], comparison["noise_floor"][j])
+
+    def zoom(event: Any) -> None:
+        span = asked_span(event.args)
+        if not isinstance(span, bool):
+            view.look(span=span)
+
+    def follow() -> None:
+        j = view.joint or 0
+        for k, chip in enumerate(chips):
+            chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
+            chip.props["aria-pressed"] = "true" if k == j else "false"
+        at = j, view.run, view.span
+        if seen.get("chart") != at:
+            parts["chart"].update_figure(options())
+        if seen.get("against") != (at[:2], view.signal):
+            parts["against"].update_figure(against())
+        if seen.get("run") != view.run and "arm" in parts:
+            parts["arm"]()
+        seen.update(chart=at, against=(at[:2], view.signal), run=view.run)
+        parts["words"].text = _words(model, j, units[j])
+
+    with tag("div", style="pair"):
+        parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
+        parts["chart"].on("plotly_relayout", zoom).classes("timed")
+        if model.about["bodies"]:
+            parts["arm"] = draw_arm(view, model)
+    parts["words"] = tag("p", "", "words")
+    if model.failures:
+        _heat(view, model.failures)
+    with tag("div", style="pick"):
+        choice(
+            "Error against",
+            list(SIGNALS.items()),
+            view.signal,
+            lambda signal: view.look(signal=signal),
+            "signal",
+        )
+    parts["against"] = chart(against(), "Error of the joint against a signal")
+    seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span)}
+    view.followers["fit"] = follow
+    follow()
+    if model.on_bounds:
+        tag(
+            "p",
+            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}.",
+            "soft",
+        )
+
+
+def _figures(model: Rung) -> None:
+    """How well the model does, in a line."""
+    comparison = model.comparison
     figures(
         {
             "relative error": f"{figure(comparison['relative_error_percent'])} %",
@@ -42,58 +117,22 @@ def _draw(view: View) -> None:
     warning = repeatability_warning(comparison["new_motion_share"])
     if warning and model.judged_on != model.runs:
         tag("p", warning, "finding")
+
+
+def _chips(view: View, model: Rung, units: list[str]) -> list[Any]:
+    """A button a joint with its error and noise, by which it is chosen."""
+    comparison = model.comparison
     chips: list[Any] = []
-    parts: dict[str, Any] = {}
     with tag("div", style="chips", role="group", aria_label="Joint to show"):
         for j, error in enumerate(comparison["rmse"]):
-            chip = button("", lambda j=j: show(j, view.run), f"joint-{j + 1}", "chip")  # type: ignore[misc]
+            chip = button("", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip")  # type: ignore[misc]
             with chip:
                 tag("strong", f"Joint {j + 1}")
                 tag("span", with_unit(error, units[j]), "rmse")
                 floor = comparison["noise_floor"][j]
                 tag("span", "noise unknown" if floor is None else f"noise {figure(floor)}", "soft")
             chips.append(chip)
-    with tag("div", style="pick"):
-        choice(
-            "Run",
-            [(name, name) for name in model.runs],
-            view.run,
-            lambda name: show(view.joint or 0, name),
-            "shown-run",
-        )
-
-    def options(span: tuple[float, float] | None = None) -> dict[str, Any]:
-        k, j = model.runs.index(view.run), view.joint or 0
-        curves = session.curves(model)[k]
-        if len(session.ladder) > 1:
-            curves = merged(session.curves(session.ladder[0])[k], curves)
-        return torque_chart(curves, j, units, span)
-
-    def zoom(event: Any) -> None:
-        span = asked_span(event.args)
-        if not isinstance(span, bool):
-            parts["chart"].update_figure(options(span))
-
-    def show(j: int, run: str) -> None:
-        view.joint, view.run = j, run
-        for k, chip in enumerate(chips):
-            chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
-            chip.props["aria-pressed"] = "true" if k == j else "false"
-        parts["chart"].update_figure(options())
-        parts["words"].text = _words(model, j, units[j])
-
-    parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
-    parts["chart"].on("plotly_relayout", zoom)
-    parts["words"] = tag("p", "", "words")
-    show(view.joint or 0, view.run)
-    if model.failures:
-        _heat(model.failures)
-    if model.on_bounds:
-        tag(
-            "p",
-            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}.",
-            "soft",
-        )
+    return chips
 
 
 def _names(names: list[str]) -> str:
@@ -119,13 +158,19 @@ def _words(model: Rung, j: int, unit: str) -> str:
     return " ".join([text, *model.failures[j]["sentences"]])
 
 
-def _heat(failures: list[dict[str, Any]]) -> None:
+#: The signal that shows what a quantity of the table explains.
+_SHOWN_BY = {
+    "position": "q", "velocity": "dq", "acceleration": "ddq", "torque": "torque", "time": "t",
+}  # fmt: skip
+
+
+def _heat(view: View, failures: list[dict[str, Any]]) -> None:
     """Which quantity explains how much of each joint's error: darker is more."""
     tag("h3", "Where it fails")
     tag(
         "p",
         "Share of each joint's error that a smooth function of a quantity explains on held-out data, "
-        "in per cent.",
+        "in per cent. Click a cell to see the joint.",
         "soft",
     )
     caption = "Share of the error explained by each quantity, by joint"
@@ -142,8 +187,46 @@ def _heat(failures: list[dict[str, Any]]) -> None:
                     tag("th", name, scope="row")
                     for failure in failures:
                         share = failure["held_out_shares"][name]
-                        cell = tag("td", f"{100.0 * share:.0f}")
+                        at = {"joint": failure["joint"] - 1}
+                        if name in _SHOWN_BY:
+                            at["signal"] = _SHOWN_BY[name]
+                        with tag("td") as cell:
+                            button(
+                                f"{100.0 * share:.0f}",
+                                lambda at=at: view.look(**at),  # type: ignore[misc]
+                                f"heat-{name}-{failure['joint']}",
+                                "cell",
+                                aria_label=f"joint {failure['joint']}, {name}: {100.0 * share:.0f} %",
+                            )
                         cell.style(f"--share: {share:.2f}")
+
+
+#: Errors up to so many noise floors are good; relative errors above this many per cent are no model.
+_NEAR_NOISE, _NO_MODEL = 1.5, 50.0
+
+
+def _verdict(session: Session) -> Verdict | None:
+    """By the noise floor where it is known; an error alone cannot say that nothing is missing."""
+    model = session.model
+    assert model is not None
+    c = model.comparison
+    said = f"{figure(c['relative_error_percent'])} % relative error on {_names(model.judged_on)}"
+    if model.violation["convex"] > 0.0:
+        return Verdict("bad", f"The model breaks its constraints ({held(model.violation)}); {said}.")
+    if c["relative_error_percent"] > _NO_MODEL:
+        return Verdict("bad", f"The model does not describe these runs: {said}.")
+    if session.meaningless:
+        return Verdict("bad", f"The data check failed; {said}.")
+    scaled = [e / f if f else None for e, f in zip(c["rmse"], c["noise_floor"], strict=True)]
+    known = [x for x in scaled if x is not None]
+    if len(known) < len(scaled):
+        return Verdict("usable", f"{said}; no motion repeats, so how much of it is noise is not known.")
+    worst = max(known)
+    said += f"; joint {scaled.index(worst) + 1} is worst with {figure(worst, 2)} times its noise"
+    if worst <= _NEAR_NOISE and model.judged_on != model.runs:
+        return Verdict("good", f"{said}.")
+    unseen = "" if model.judged_on != model.runs else ", and nothing was kept for testing"
+    return Verdict("usable", f"{said}{unseen}.")
 
 
 FIT = Step(
@@ -153,4 +236,5 @@ FIT = Step(
     lambda session: session.model is not None,
     _depends,
     _draw,
+    _verdict,
 )

@@ -1,13 +1,14 @@
-"""Step 6: the error of every joint from model to model, and one step back."""
+"""Step 7: the error of every joint from model to model, and one step back."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.page.charts import ladder_chart
-from sdp_vs_penalty.page.controls import button, chart, table, tag
+from sdp_vs_penalty.page.controls import button, chart, details, table, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.wording import change, figure
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder]
+    return [model.file for model in session.ladder], [model.file for model in session.models]
 
 
 def _draw(view: View) -> None:
@@ -28,13 +29,15 @@ def _draw(view: View) -> None:
                 tag("strong", model.label)
                 relative = figure(model.comparison["relative_error_percent"])
                 tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
+    _all_models(view)
     if len(ladder) == 1:
-        tag("p", "Add a finding above and watch the error of each joint fall here.", "soft")
+        tag("p", "Add what is missing and watch the error of each joint fall here.", "soft")
         return
     button("Undo the last step", session.undo, "undo")
     errors = [model.comparison["rmse"] for model in ladder]
-    chart(ladder_chart([m.label for m in ladder], errors, units), "Error of each joint")
     floor = ladder[-1].comparison["noise_floor"]
+    names = [m.label for m in ladder]
+    chart(ladder_chart(names, errors, units, floor), "Error of each joint over its noise")
     rows = [
         [
             f"{j + 1} [{unit}]",
@@ -50,6 +53,43 @@ def _draw(view: View) -> None:
     tag("p", f"RMS error on {judged}.", "soft")
 
 
+def _all_models(view: View) -> None:
+    """Those that have left the ladder too, each to be gone on from."""
+    session = view.session
+    left = [m for m in session.models if m not in session.ladder]
+    if not left:
+        return
+    with (
+        details(f"Other models of this session ({len(left)})", "other-models"),
+        tag("div", style="wide"),
+        tag("table", style="numbers"),
+    ):
+        tag("caption", "Other models of this session", "unseen")
+        with tag("thead"), tag("tr"):
+            for heading in ("model", "method", "parameters", "error", "judged on", ""):
+                tag("th", heading, scope="col")
+        with tag("tbody"):
+            for k, m in enumerate(left):
+                with tag("tr"):
+                    tag("th", m.label, scope="row")
+                    error = f"{figure(m.comparison['relative_error_percent'])} %"
+                    for cell in (m.method, str(m.parameters), error, ", ".join(m.judged_on)):
+                        tag("td", cell)
+                    with tag("td"):
+                        button("Go on from it", partial(session.take_up, m), f"take-up-{k}")
+
+
+def _verdict(session: Session) -> Verdict | None:
+    if len(session.ladder) == 1:
+        return None
+    first, last = (
+        session.ladder[k].comparison["relative_error_percent"] for k in (0, len(session.ladder) - 1)
+    )
+    level: Any = "good" if last < first else "usable"
+    said = f"{figure(first)} % relative error became {figure(last)} % ({change(first, last)})"
+    return Verdict(level, f"{said} on {', '.join(session.ladder[-1].judged_on)}.")
+
+
 LADDER = Step(
     "ladder",
     "The falling error",
@@ -57,4 +97,5 @@ LADDER = Step(
     lambda session: session.model is not None,
     _depends,
     _draw,
+    _verdict,
 )

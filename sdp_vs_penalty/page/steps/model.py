@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.page.controls import button, check, choice, details, drop, number, tag
+from sdp_vs_penalty.page.controls import (
+    button,
+    check,
+    choice,
+    details,
+    draw_form,
+    drop,
+    number,
+    tag,
+    text_field,
+)
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
 from sdp_vs_penalty.page.uploads import SUFFIXES
@@ -26,14 +36,17 @@ def _draw(view: View) -> None:
     effects = {e["name"]: e for e in view.catalogue["effects"] if not e["frozen_only"]}
 
     def tick(name: str, on: bool) -> None:
-        chosen = {*session.effects, name} if on else {*session.effects} - {name}
-        session.effects = [e for e in effects if e in chosen]
+        chosen = [e for e in session.effects if _name(e) != name] + [name] * on
+        order = list(effects)
+        session.effects = sorted(
+            chosen, key=lambda e: order.index(_name(e)) if _name(e) in order else 99
+        )
         session.changed()
 
     def box(name: str) -> None:
         check(
             plain_name(name),
-            name in session.effects,
+            name in map(_name, session.effects),
             lambda on: tick(name, on),
             f"effect-{name}",
             effects[name]["explanation"],
@@ -45,11 +58,11 @@ def _draw(view: View) -> None:
             for name in _USUAL:
                 box(name)
         rest = [name for name in effects if name not in _USUAL]
-        chosen = sum(name in session.effects for name in rest)
+        chosen = sum(name in map(_name, session.effects) for name in rest)
         with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
             if chosen:
                 more.props["open"] = True
-            tag("p", "Diagnosis (step 5) tells which are missing.", "soft")
+            tag("p", "The step What is missing tells which are needed.", "soft")
             with tag("div", style="checks"):
                 for name in rest:
                     box(name)
@@ -61,6 +74,7 @@ def _draw(view: View) -> None:
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
         choice("Method", options, session.method, lambda v: put("method", v), "method")
         number("Seed", session.seed, lambda v: put("seed", v), "seed")
+    _options(view)
     if session.meaningless:
         check(
             "Identify anyway (data check failed)",
@@ -77,6 +91,28 @@ def _draw(view: View) -> None:
             "soft",
         )
         drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
+
+
+def _options(view: View) -> None:
+    """Effects as they are written on the command line, and its options."""
+    session = view.session
+
+    def write(text: str) -> None:
+        session.effects = [word.strip() for word in text.split(",") if word.strip()]
+        session.changed()
+
+    session.asked = view.forms.get("identify", ())
+    chosen = len(session.options)
+    with details(f"More options ({chosen} set)" if chosen else "More options", "more-options"):
+        said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
+        text_field(said, ",".join(session.effects), write, "effects-text", wide=True)
+        with tag("div", style="fields"):
+            draw_form(session.asked, session.options)
+
+
+def _name(effect: str) -> str:
+    """coulomb_friction of coulomb_friction:7@v_s=0.01."""
+    return effect.partition("@")[0].partition(":")[0]
 
 
 MODEL = Step(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.page.controls import button, drop, tag
+from sdp_vs_penalty import show
+from sdp_vs_penalty.page.controls import button, details, drop, tag, text_field
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
 
 if TYPE_CHECKING:
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def _depends(session: Session) -> Any:
-    return None if session.robot is None else (session.robot["source"], session.robot["title"])
+    robot = session.robot
+    return robot and (robot["source"], robot["title"], robot["gravity"])
 
 
 def _draw(view: View) -> None:
@@ -47,10 +49,16 @@ def _draw(view: View) -> None:
                 tag("strong", file.name)
                 tag("span", "from your folder")
     drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
+    with details("Or go on with a saved session", "open-session"):
+        drop("Your session.zip", "drop a file here, or choose one", "session", (".zip",), False)
     if robot is not None and robot["file"]:
         tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
     if robot is not None:
         tag("p", _joints(robot), "soft")
+        (gravity,) = view.forms.get("robot", [None])
+        if gravity is not None:
+            now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
+            text_field(gravity.help, now, session.mount, "gravity", gravity.example)
 
 
 def _joints(robot: dict[str, Any]) -> str:
@@ -61,4 +69,11 @@ def _joints(robot: dict[str, Any]) -> str:
     return f"Joints in order: {', '.join(f'{name} [{unit}]' for name, unit in both)}."
 
 
-ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw)
+def _verdict(session: Session) -> Verdict | None:
+    robot = session.robot
+    if robot is None:
+        return None
+    return Verdict("good", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
+
+
+ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw, _verdict)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.catalogue import DATASETS
-from sdp_vs_penalty.page.controls import button, check, choice, drop, number, tag
+from sdp_vs_penalty.page.controls import button, check, choice, details, draw_form, drop, number, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import RUN_SUFFIXES
 from sdp_vs_penalty.page.wording import plain_name
 
@@ -20,6 +20,7 @@ _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
     ("split", "70 % / test on the rest"),
+    ("load", "carries a known load"),
     ("", "remove"),
 )
 
@@ -40,6 +41,9 @@ def _draw(view: View) -> None:
                 True,
             )
             tag("p", "They stay on this computer.", "soft")
+            with details("Other column names, motors, ROS topics", "reading"):
+                draw_form(view.forms.get("read", ()), view.session.reading)
+                tag("p", "Applies to the files that are read next.", "soft")
             _from_folder(view)
         with tag("section", style="way"):
             tag("h3", "Simulated, with a hidden effect")
@@ -141,6 +145,14 @@ def _list(view: View) -> None:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")
+            if found["gravity"]:
+                vector = ",".join(f"{g:g}" for g in found["gravity"])
+                button(
+                    f"Apply: gravity {vector}",
+                    partial(session.mount, vector),
+                    f"apply-{run['file']}",
+                    "primary",
+                )
         if any(found["mends"] for found in run["findings"]):
             button(
                 f"Repair {run['name']}",
@@ -156,6 +168,21 @@ def _list(view: View) -> None:
         )
 
 
+def _verdict(session: Session) -> Verdict | None:
+    if not session.runs:
+        return None
+    if session.meaningless:
+        return Verdict("bad", f"{session.meaningless[0]}.")
+    warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
+    kept = any(run["use"] in ("test", "split") for run in session.runs)
+    if warned or not kept:
+        why = [f"the check found {show.words(warned)}"] if warned else []
+        why += [] if kept else ["nothing is kept for testing"]
+        return Verdict("usable", f"{'; '.join(why).capitalize()}.")
+    runs = show.count(len(session.runs), "run")
+    return Verdict("good", f"The check found nothing wrong in {runs}; part is kept for testing.")
+
+
 RUNS = Step(
     "runs",
     "Measurements",
@@ -163,4 +190,5 @@ RUNS = Step(
     lambda session: session.robot is not None,
     _depends,
     _draw,
+    _verdict,
 )

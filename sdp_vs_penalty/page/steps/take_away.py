@@ -1,4 +1,4 @@
-"""Step 8: the model, for a simulator, a controller or a colleague."""
+"""Step 9: the model, for a simulator, a controller or a colleague."""
 
 from __future__ import annotations
 
@@ -21,6 +21,10 @@ FILES = {
 }
 
 
+#: What else a job may have made to be fetched.
+MADE = ("trajectory.csv", "session.zip")
+
+
 def _depends(session: Session) -> Any:
     return [model.file for model in session.ladder]
 
@@ -37,6 +41,9 @@ def _draw(view: View) -> None:
             ):
                 tag("strong", name)
                 tag("span", use)
+        with button("", lambda: session.save(view.download), "save-session", "tile"):
+            tag("strong", "session.zip")
+            tag("span", "this whole session")
     with details("The same on the command line", "commands"):
         tag("pre", "\n".join(session.commands()), tabindex="0")
 

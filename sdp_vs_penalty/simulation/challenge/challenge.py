@@ -16,7 +16,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import alone, write_text
-from sdp_vs_penalty.parallel import spread
+from sdp_vs_penalty.parallel import Workers, spread
 from sdp_vs_penalty.simulation.challenge.case import Case, Record, run_case
 from sdp_vs_penalty.simulation.challenge.classes import CLASSES
 from sdp_vs_penalty.simulation.challenge.report import write_report
@@ -26,11 +26,15 @@ from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 VERSION = 3
 
 
+#: Who simulates, unless it is said.
+TWO = Workers(2)
+
+
 def run_challenge(
     cases: int,
     seed: int,
     out: Path,
-    jobs: int = 2,
+    workers: Workers = TWO,
     classes: Sequence[str] | None = None,
     nuisances: Sequence[str] | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -38,8 +42,8 @@ def run_challenge(
     """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.csv
     and challenge.md.
 
-    cases : of each class; of clean robots, of each nuisance. Raises InputError for a class or a
-    nuisance that does not exist.
+    cases : of each class; of clean robots, of each nuisance; workers : who simulates. Raises InputError
+    for a class or a nuisance that does not exist.
     """
     kinds = _known("class", classes, CLASSES)
     conditions = _known("nuisance", nuisances, NUISANCES)
@@ -47,14 +51,14 @@ def run_challenge(
         os.environ.setdefault(variable, "1")
     with alone(out):
         records = _completed(
-            wanted(cases, seed, kinds, conditions), out / "challenge.json", jobs, progress
+            wanted(cases, seed, kinds, conditions), out / "challenge.json", workers, progress
         )
         mine = {k: records[k] for k in sorted(records, key=_order) if k.split("/")[2] == str(seed)}
         return [out / "challenge.json", *write_report(mine, out, seed)]
 
 
 def _completed(
-    cases: Sequence[Case], store: Path, jobs: int, progress: Callable[[str], None]
+    cases: Sequence[Case], store: Path, workers: Workers, progress: Callable[[str], None]
 ) -> dict[str, Record]:
     """Every record of the store, with those of these cases that were missing; kept after each one."""
     records: dict[str, Record] = {}
@@ -62,7 +66,8 @@ def _completed(
         kept = json.loads(store.read_text())
         records = kept["cases"] if kept.get("version") == VERSION else {}
     todo = [c for c in cases if c.key not in records]
-    for done, (key, record) in enumerate(spread(run_case, todo, jobs=jobs), start=1):
+    found = spread(run_case, todo, workers.scheduler, workers.jobs)
+    for done, (key, record) in enumerate(found, start=1):
         records[key] = record
         progress(f"case {done} of {len(todo)}")
         content = {"version": VERSION, "cases": {k: records[k] for k in sorted(records, key=_order)}}

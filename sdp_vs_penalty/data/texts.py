@@ -1,13 +1,8 @@
-"""How the words of a command line become values; shared by all verbs."""
+"""How what a user writes in a word becomes values: numbers, pairs, windows of time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from sdp_vs_penalty.errors import InputError
-
-#: Options that take all words up to the next option: --data run1.csv run2.csv.
-_MANY = frozenset({"--data"})
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:
@@ -54,21 +49,4 @@ def time_windows(text: str | None, option: str = "--window") -> list[tuple[float
                 "separated by commas)",
             )
         out.append((start, stop))
-    return out
-
-
-def expand_many(arguments: Sequence[str]) -> list[str]:
-    """Repeat an option of several values before each.
-
-    >>> expand_many(["--data", "a", "b", "--out", "c"])
-    ['--data', 'a', '--data', 'b', '--out', 'c']
-    """
-    out: list[str] = []
-    many = ""
-    for word in arguments:
-        if word.startswith("-") and word != "-":
-            many = word if word in _MANY else ""
-        elif many and out[-1] != many:
-            out.append(many)
-        out.append(word)
     return out

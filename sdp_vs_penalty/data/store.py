@@ -1,0 +1,114 @@
+"""Numbers of a recording: in memory while they are few, else in a temporary file that is mapped there.
+
+A mapped array is an ordinary NumPy array that cannot be written to: whatever works on one works on the
+other, with the same result. The file has no name, so that nothing is left of it however the process
+ends; it lies in $TMPDIR, else in /var/tmp, which is on a disk where /tmp may not be. What has been read
+of a mapped array stays in memory until it is released, or until something else needs the memory.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+
+#: Bytes of one array above which it goes to a file: 300 000 samples of seven joints.
+LARGEST_IN_MEMORY = 2**24
+#: Samples that are worked on at a time.
+PART = 1 << 15
+
+
+def parts(array: NDArray[Any], overlap: int = 0) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Consecutive parts of an array with the index of their first row, released when done with.
+
+    overlap : rows that each part shares with the next one.
+    """
+    for start in range(0, len(array), PART):
+        yield start, array[start : start + PART + overlap]
+        release(array)
+
+
+class Growing:
+    """An array (N, ...) that rows are appended to."""
+
+    def __init__(self) -> None:
+        self._pieces: list[NDArray[Any]] = []
+        self._bytes, self._rows = 0, 0
+        self._file: BinaryIO | None = None
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """Add rows, of the shape and type of the first ones."""
+        if self._file is None:
+            self._pieces.append(rows)
+            self._bytes += rows.nbytes
+            if self._bytes > LARGEST_IN_MEMORY:
+                self._file, pieces = _unnamed_file(), self._pieces
+                self._pieces = [rows[:0]]
+                for piece in pieces:
+                    self._write(piece)
+        else:
+            self._write(rows)
+
+    def _write(self, rows: NDArray[Any]) -> None:
+        assert self._file is not None
+        try:
+            for _, part in parts(rows):
+                self._file.write(np.ascontiguousarray(part).data)
+        except OSError as error:
+            raise _no_room(error) from error
+        self._rows += len(rows)
+
+    def array(self) -> NDArray[Any]:
+        """All rows; nothing can be appended any more."""
+        if self._file is None:
+            return self._pieces[0] if len(self._pieces) == 1 else np.concatenate(self._pieces)
+        with self._file as file:
+            try:
+                file.flush()
+                mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            except OSError as error:
+                raise _no_room(error) from error
+        first = self._pieces[0]
+        return np.frombuffer(mapped, first.dtype).reshape(self._rows, *first.shape[1:])
+
+
+def _unnamed_file() -> BinaryIO:
+    home = os.environ.get("TMPDIR") or ("/var/tmp" if Path("/var/tmp").is_dir() else None)
+    try:
+        return tempfile.TemporaryFile(dir=home, buffering=1 << 20)  # type: ignore[return-value]
+    except OSError as error:
+        raise _no_room(error) from error
+
+
+def _no_room(error: OSError) -> InputError:
+    return InputError(
+        f"no temporary file for the samples ({error.strerror})",
+        "set TMPDIR to a folder with room for 8 bytes a number",
+    )
+
+
+def joined(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
+    """Arrays one after the other, in memory or in a file as their size demands."""
+    whole = Growing()
+    for array in arrays:
+        whole.append(array)
+    return whole.array()
+
+
+def release(*arrays: NDArray[Any] | None) -> None:
+    """Let go of the memory of what has been read of mapped arrays; it is read again where needed."""
+    for array in arrays:
+        base: Any = array
+        while isinstance(base, np.ndarray):
+            base = base.base
+        base = base.obj if isinstance(base, memoryview) else base
+        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            base.madvise(mmap.MADV_DONTNEED)

@@ -1,0 +1,118 @@
+"""Joints that stand beside where the kinematics put them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
+from sdp_vs_penalty.robot.robot import Robot
+
+#: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].
+_SLIP, _TURN = 2e-3, 4e-3
+#: Of the acceleration's root mean square: what is lost where columns are computed at fewer instants.
+_THINNED = 0.02
+_FEWEST = 200
+
+
+class KinematicError(Effect):
+    name = "kinematic_error"
+    equation = "sum_jk e_jk dID/d(placement of joint j)_k"
+    explanation = (
+        "The joints are mounted beside where the model's kinematics say, by small displacements and "
+        "rotations in their own frames: a calibration would tell. Gravity and inertia act elsewhere. "
+        "Single parameters are known no better than their intervals say; the torque is that of all."
+    )
+    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3"
+    needs_links = True
+    whole_robot = True
+    one_number = False
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(f"{'slip' if k < 3 else 'turn'}_{'xyz'[k % 3]}{j + 1}", unit, self.name, 0)
+            for j, k in self._places
+            for unit in ["m" if k < 3 else "rad"]
+        )
+
+    @cached_property
+    def _places(self) -> list[tuple[int, int]]:
+        """Joint of the tree and axis (three displacements, then three rotations), displacements first:
+        those that can make torque. A joint on the base feels no more than where gravity points."""
+        gravity, out = np.array(self.robot.gravity), list[tuple[int, int]]()
+        for j, joint in enumerate(self.robot.tree):
+            down = joint.placement[:3, :3].T @ gravity
+            across = [k for k in range(3, 6) if np.hypot(*np.delete(down, k - 3)) > 1e-6]
+            out += [(j, k) for k in (across if joint.parent == -1 else range(6))]
+        return sorted(out, key=lambda place: place[1] >= 3)
+
+    @property
+    def plausible(self) -> Array:
+        return np.array([_SLIP if k < 3 else _TURN for _, k in self._places])
+
+    @property
+    def sized_by(self) -> slice:  # type: ignore[override]
+        """The rotations, which move gravity's torque most."""
+        return slice(sum(k < 3 for _, k in self._places), None)
+
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        return [{}] if cls(robot).parameters else []
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        from scipy.interpolate import CubicSpline
+
+        few, n = _thinned(motion), self.robot.n
+        q, dq, ddq = (x[few] for x in (motion.q, motion.dq, motion.ddq))
+        by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
+        columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
+        if len(few) < len(motion.t):
+            columns = CubicSpline(motion.t[few], columns)(motion.t)
+        every = np.arange(columns.shape[2])
+        return [Block(i, every, np.ascontiguousarray(columns[:, i])) for i in range(n)]
+
+
+def _thinned(motion: Motion) -> NDArray[np.intp]:
+    """Instants from which splines give back the acceleration, the roughest part of a motion."""
+    from scipy.interpolate import CubicSpline
+
+    every = np.arange(len(motion.t))
+    if len(every) < _FEWEST:
+        return every
+    for stride in (16, 8, 4, 2):
+        few = np.unique(np.append(every[::stride], every[-1]))
+        error = CubicSpline(motion.t[few], motion.ddq[few])(motion.t) - motion.ddq
+        if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
+            return few
+    return every
+
+
+def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
+    robot = true.robot
+    slips, turns = 1e-4 * rng.normal(size=(robot.n, 3)), 2e-4 * rng.normal(size=(robot.n, 3))
+    base = np.array([one.parent == -1 for one in robot.joints])
+    felt = np.ones((robot.n, 3), bool)  # a base may stand anywhere, but level
+    for j in np.flatnonzero(base):
+        down = np.array(robot.gravity) @ robot.joints[j].placement[:3, :3]
+        felt[j] = [np.hypot(*np.delete(down, k)) > 1e-6 for k in range(3)]
+    slips[base], turns[~felt] = 0.0, 0.0
+
+    def torque(w: TrueRobot, m: Motion, a: float) -> Array:
+        joints = []
+        for joint, slip, turn in zip(w.robot.joints, a * slips, a * turns, strict=True):
+            pose, size = np.eye(4), float(np.linalg.norm(turn)) or 1.0
+            k = np.cross(np.eye(3), turn / size)  # Rodrigues
+            pose[:3, :3] += np.sin(size) * k + (1.0 - np.cos(size)) * k @ k
+            pose[:3, 3] = slip
+            joints.append(replace(joint, placement=joint.placement @ pose))
+        beside = replace(w, robot=replace(w.robot, joints=tuple(joints)))
+        return beside.rigid(m) - w.rigid(m)
+
+    theta = (*slips[~base].ravel().tolist(), *turns[felt].tolist())
+    return HiddenEffect("kinematic_error", (), torque, theta=theta)

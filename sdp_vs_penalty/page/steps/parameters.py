@@ -1,0 +1,76 @@
+"""Step 5: what was identified: links, parameters with intervals, friction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.charts import friction_chart
+from sdp_vs_penalty.page.controls import button, chart, table, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Step, Verdict
+from sdp_vs_penalty.page.wording import held
+from sdp_vs_penalty.report.parameters import HEADS, LINK_HEADS, cells
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+
+def _depends(session: Session) -> Any:
+    return [model.file for model in session.ladder]
+
+
+def _draw(view: View) -> None:
+    model, robot = view.session.model, view.session.robot
+    assert model is not None
+    assert robot is not None
+    about = model.about
+    for said in about["words"]:
+        tag("p", said, "words")
+    if about["links"]:
+        table(LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links")
+    if about["friction"]:
+        tag("h3", "Friction by velocity")
+        view.joint = min(view.joint or 0, robot["n"] - 1)
+
+        def options() -> dict[str, Any]:
+            j = view.joint or 0
+            return friction_chart(about["friction"][j], j, robot["units"][j])
+
+        drawn = chart(options(), "Friction torque over velocity with its 95 % band")
+        tag("p", "Of the joint that is chosen under Measured against modelled; shaded: 95 %.", "soft")
+        view.followers["parameters"] = lambda: drawn.update_figure(options())
+    tag("h3", "Every parameter")
+    tag(
+        "p",
+        "Values with 95 % intervals beside the nominal ones. Those marked prior or bounds are not "
+        "measured: the data leave them open.",
+        "soft",
+    )
+    rows = [cells(row) for row in about["rows"]]
+    with tag("div", style="tall"):
+        table(HEADS, rows, "Parameters with intervals", "numbers parameters", mark=2)
+    button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
+
+
+def _verdict(session: Session) -> Verdict | None:
+    model = session.model
+    assert model is not None
+    if model.violation["convex"] > 0.0:
+        return Verdict("bad", f"The constraints are {held(model.violation)}: no robot is like this.")
+    rows = model.about["rows"]
+    seen = sum(row["source"] == "data" for row in rows)
+    said = f"Constraints: {held(model.violation)}; the data determine {seen} of {len(rows)} parameters"
+    if model.on_bounds:
+        return Verdict("usable", f"{said}; {len(model.on_bounds)} lie on their bounds.")
+    return Verdict("good", f"{said}, the prior the others; torques need no more.")
+
+
+PARAMETERS = Step(
+    "parameters",
+    "Parameters",
+    "Identify a model first.",
+    lambda session: session.model is not None,
+    _depends,
+    _draw,
+    _verdict,
+)

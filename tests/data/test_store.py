@@ -1,0 +1,147 @@
+"""Long recordings: on the disk, in pieces, with the same result as in memory and in little of it."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import sys
+import tracemalloc
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_runs import small_run, write_bag
+
+from sdp_vs_penalty.check import check
+from sdp_vs_penalty.data import store
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import load_problem
+
+
+@pytest.fixture
+def small_store(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Everything is long."""
+    monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)
+
+
+def mapped(array: np.ndarray | None) -> bool:
+    base = array
+    while isinstance(base, np.ndarray):
+        base = base.base
+    return isinstance(base.obj if isinstance(base, memoryview) else base, mmap.mmap)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
+def test_read_in_pieces_to_the_last_bit(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = small_run(load_problem("two_link"), seconds=3.0)
+    path = tmp_path / f"run{suffix}"
+    if suffix == ".mcap":
+        folder = tmp_path / "bag"
+        write_bag(folder, run, mcap=True, names=["a", "b"])
+        path = folder
+    else:
+        save(run, path)
+    whole = load_measurements(path)
+    monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)
+    for home in ("store", "measurements", "formats.csv_text", "formats.parquet", "formats.bag"):
+        monkeypatch.setattr(f"sdp_vs_penalty.data.{home}.PART", 77)
+    pieces = load_measurements(path)
+    assert mapped(pieces.q)
+    assert not mapped(whole.q)
+    assert pieces.data_hash == whole.data_hash
+    out = tmp_path / f"again{suffix}"
+    if suffix != ".mcap":
+        save(pieces, out)
+        assert load_measurements(out).data_hash == whole.data_hash
+
+
+def test_a_bad_row_behind_the_first_piece_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.csv"
+    save(small_run(load_problem("two_link")), path)
+    lines = path.read_text().splitlines()
+    lines[500] = lines[500].replace(",", ",x", 1)
+    path.write_text("\n".join(lines) + "\n")
+    monkeypatch.setattr("sdp_vs_penalty.data.formats.csv_text.PART", 77)
+    with pytest.raises(InputError, match="row 501, column 2 holds 'x"):
+        load_measurements(path)
+
+
+@pytest.mark.usefixtures("small_store")
+def test_the_same_estimate_from_disk_and_from_memory(tmp_path: Path) -> None:
+    problem = load_problem("two_link")
+    runs = [small_run(problem, seconds=8.0, seed=seed) for seed in (0, 1)]
+    paths = [tmp_path / f"run{k}.parquet" for k in (0, 1)]
+    for run, path in zip(runs, paths, strict=True):
+        save(run, path)
+    on_disk = load_measurements(tmp_path)
+    assert mapped(on_disk.q)
+    assert mapped(on_disk.runs()[1].tau)
+    assert on_disk.names == ("run0.parquet", "run1.parquet")
+    a, b = (identify(problem, source) for source in (on_disk, runs))
+    torque = compare({"x": b}, runs)[0].signals.modelled
+    from_disk = compare({"x": a}, on_disk)[0].signals.modelled
+    assert np.linalg.norm(from_disk - torque) <= 1e-9 * np.linalg.norm(torque)
+    pattern = load_measurements(str(tmp_path / "run?.parquet"))
+    assert pattern.data_hash == on_disk.data_hash
+    with pytest.raises(InputError, match="no file matches"):
+        load_measurements(tmp_path / "no*.csv")
+
+
+@pytest.mark.usefixtures("small_store")
+def test_windows_of_a_mapped_run_are_no_copies() -> None:
+    run = store_away(small_run(load_problem("two_link")))
+    part = run.window(1.0, 2.0)
+    assert mapped(part.q)
+    assert part.t[0] - run.t[0] >= 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        part.q[0, 0] = 1.0
+
+
+def store_away(run: Measurements) -> Measurements:
+    return replace(run, **{name: store.joined([getattr(run, name)]) for name in ("t", "q", "tau")})
+
+
+def test_no_room_for_a_temporary_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", "/nowhere")
+    monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 10)
+    with pytest.raises(InputError, match="set TMPDIR to a folder with room"):
+        store.joined([np.zeros(100)])
+
+
+def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path: Path) -> None:
+    """What lies in memory when it is read, written, checked for numbers; the rest is mapped."""
+    problem, peaks = load_problem("two_link"), []
+    run = small_run(problem, seconds=20.0)
+    for times in (4, 16):
+        q, tau = np.tile(run.q, (100 * times, 1)), np.tile(run.tau, (100 * times, 1))
+        path = tmp_path / f"{times}.parquet"
+        save(Measurements(1e-3 * np.arange(len(q)), q, tau), path)
+        del q, tau
+        tracemalloc.start()
+        save(load_measurements(path), tmp_path / "out.parquet")
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        os.remove(path)
+    assert peaks[1] < 1.3 * peaks[0]
+
+
+def test_a_long_run_is_checked_in_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = load_problem("two_link")
+    run = small_run(problem, seconds=16.0)
+    home = sys.modules[check.__module__]
+    monkeypatch.setattr(home, "_MOST", 8 * len(run.t) // 10)
+    monkeypatch.setattr(home, "_WINDOW", 4 * len(run.t) // 10)
+    assert len(check(problem, run)) == 2
+    run.q[len(run.t) // 2, 0] = np.nan
+    first, *_ = check(problem, run)
+    assert first.meaningless
+    assert "not a finite number" in first.issues[0].what

@@ -1,0 +1,87 @@
+"""Work on several processes or a cluster: the same result to the last bit, whoever dies on the way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import cloudpickle
+import numpy as np
+import pytest
+from small_runs import small_run
+
+from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.regression.regression import compress
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
+    folder = tmp_path_factory.mktemp("runs")
+    for seed in range(4):
+        save(small_run(load_problem("two_link"), 8.0, seed), folder / f"run{seed}.csv")
+    return load_measurements(folder)
+
+
+def test_a_run_travels_as_the_name_of_its_file(runs: Measurements) -> None:
+    one = runs.runs()[2].window(2.0, 5.0).runs()[0]
+    packed = cloudpickle.dumps(one.sent)
+    assert len(packed) < 1000 < one.q.nbytes
+    again = cloudpickle.loads(packed)()
+    assert again.names == one.names
+    assert again.data_hash == one.data_hash
+    changed = cloudpickle.loads(cloudpickle.dumps(Measurements(one.t, -one.q, one.tau).sent))()
+    np.testing.assert_array_equal(changed.q, -one.q)
+
+
+def test_a_file_that_changed_is_not_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    save(small_run(load_problem("two_link")), path)
+    packed = cloudpickle.dumps(load_measurements(path).sent)
+    path.write_text(path.read_text().rsplit("\n", 2)[0] + "\n")
+    with pytest.raises(InputError, match="has changed since"):
+        cloudpickle.loads(packed)()
+
+
+def test_processes_give_the_same_and_a_killed_one_is_replaced(
+    runs: Measurements, tmp_path: Path
+) -> None:
+    problem = load_problem("two_link")
+    settings = problem.preprocessing.resolve(runs)
+    here = compress(runs, problem.model(), settings)
+    there = compress(runs, problem.model(), settings, workers=Workers(2))
+    for a, b in zip(here.factors, there.factors, strict=True):
+        np.testing.assert_array_equal(a.triangle, b.triangle)
+    assert here.blocks == there.blocks
+
+    def dies_once(mark: Path) -> int:  # a local function travels by value
+        if not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return len(mark.name)
+
+    marks = [tmp_path / name for name in ("a", "bb", "ccc")]
+    assert Workers(2).map(dies_once, marks) == [1, 2, 3]
+
+
+def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) -> None:
+    distributed = pytest.importorskip("distributed")
+    problem = load_problem("two_link")
+    alone = identify(problem, runs, workers=ALONE)
+    quiet = {"silence_logs": 50, "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as cluster:
+        first = next(iter(cluster.workers.values())).pid
+        killer = threading.Timer(0.5, os.kill, (first, signal.SIGKILL))
+        killer.start()
+        started = time.monotonic()
+        found = identify(problem, runs, workers=Workers(scheduler=cluster.scheduler_address))
+        killer.join()
+        assert time.monotonic() - started > 0.5  # it was killed while they worked
+    np.testing.assert_array_equal(found.theta, alone.theta)

@@ -1,0 +1,27 @@
+"""MkDocs hook: the results that pages of docs/ refer to are pages of the site, too."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).parents[1]
+_RESULT = re.compile(r"\]\(\.\./(results/\w+\.md)\)")
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add every result that a page names."""
+    pages = Path(config["docs_dir"]).glob("*.md")
+    named = {name for page in pages for name in _RESULT.findall(page.read_text(encoding="utf-8"))}
+    for name in sorted(named):
+        text = (ROOT / name).read_text(encoding="utf-8")
+        # What a result refers to is not there: its links become their text.
+        files.append(File.generated(config, name, content=re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    return _RESULT.sub(r"](\1)", markdown)
