@@ -19,6 +19,9 @@ from sdp_vs_penalty.signals.autoregression import innovations
 
 Array = NDArray[np.float64]
 
+#: The model's parameters, as they were identified, count as this share of the rows against training
+#: folds: their columns are orthonormal, so that a direction which one fold alone determines has none.
+HELD = 0.03
 #: A candidate of whose energy less than this share survives the model's columns is invisible.
 ROUNDING = 1e-9
 
@@ -254,7 +257,7 @@ class WithoutFold:
 
 
 def _inverse(gram: Array) -> Array:
-    """Inverse on the directions that the training folds determine."""
+    """Inverse of the training folds' gram, the estimate that they are beside held by HELD of the rows:
+    without it, what a fold alone determines would be anything there."""
     values, vectors = np.linalg.eigh(gram)
-    good = values > 1e-6
-    return (vectors[:, good] / values[good]) @ vectors[:, good].T
+    return (vectors / (np.maximum(values, 0.0) + HELD)) @ vectors.T
