@@ -82,12 +82,17 @@ def search(
         if other is None:
             break
         # What was found on joints whose constants were wrong may be their work.
-        now, state = other, search_through(state.on(staged(other), moved(now, other)))
+        again = search_through(state.on(staged(other), moved(now, other)))
+        if not again.picks:  # no constant explains all that was found
+            break
+        now, state = other, again
     wide = [] if frozen else widened(estimate, now, state)
     if wide:
         kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]
         other = adopted(now, state, [*kept, *wide])
         if other is not None:
-            now, state = other, search_through(state.on(staged(other), moved(now, other)))
-            shapes = profiled(estimate, now, state)
+            again = search_through(state.on(staged(other), moved(now, other)))
+            if again.picks or not state.picks:
+                now, state = other, again
+                shapes = profiled(estimate, now, state)
     return Found(estimate, now, tuple(shapes), by_gain(merged(state)))

@@ -51,6 +51,10 @@ class Robot:
         return tuple("N" if j.kind == "prismatic" else "N*m" for j in self.joints)
 
     @property
+    def tree(self) -> tuple[SimpleNamespace, ...]:
+        return self.joints
+
+    @property
     def subtree(self) -> tuple[tuple[int, ...], ...]:
         """For each joint the links that it carries."""
         carried = [[i] for i in range(self.n)]
@@ -94,6 +98,20 @@ class Robot:
             a = a + np.cross(dw, shift) + np.cross(w, np.cross(w, shift))
             own = body_wrench(w @ turn, dw @ turn, a @ turn)
             out.append(carry(turn, shift + 0.0 * w, own))
+        return out
+
+    def placement_derivatives(self, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
+        """(N, n, n, 6) derivatives of the torques by where each joint is placed, by complex steps."""
+        out, step = np.empty((len(q), self.n, self.n, 6)), 1e-20
+        for j, joint in enumerate(self.joints):
+            for k in range(6):
+                pose = np.eye(4, dtype=complex)
+                pose[:3, 3] += 1j * step * np.eye(6)[k, :3]
+                pose[:3, :3] += 1j * step * skew(np.eye(6)[k, 3:])
+                moved = SimpleNamespace(**{**vars(joint), "placement": joint.placement @ pose})
+                beside = Robot((*self.joints[:j], moved, *self.joints[j + 1 :]), self.gravity)
+                torque = beside.regressor(q + 0j, dq + 0j, ddq + 0j) @ np.ravel(theta)
+                out[:, :, j, k] = torque.imag / step
         return out
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:

@@ -261,18 +261,26 @@ class Robot:
         Six virtual joints that rest stand before each, and it is by their positions that Pinocchio
         derives (Carpentier, Mansard, RSS 2018).
         """
-        links, model = self._with_inertias(theta), pin.Model()
+        links = np.array(theta, float).reshape(-1, 10)
+        if np.any(links[:, 0] <= 0.0):
+            # Pinocchio divides by the mass that a joint carries: torques are linear in theta, so that
+            # masses that make all of them positive can be taken off again.
+            heavy = np.zeros_like(links)
+            heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
+            both = (self.placement_derivatives(x, q, dq, ddq) for x in (links + heavy, heavy))
+            return np.asarray(np.subtract(*both))
+        inertias, model = self._with_inertias(theta), pin.Model()
         model.gravity = self._model.gravity
         places: list[int] = []  # of the tree's joints in the longer one
         for i, one in enumerate(self.tree):
             parent = 0 if one.parent == -1 else places[one.parent]
-            pose = links.jointPlacements[i + 1]
+            pose = inertias.jointPlacements[i + 1]
             for k in range(6):
                 kind = pin.JointModelPrismaticUnaligned if k < 3 else pin.JointModelRevoluteUnaligned
                 parent = model.addJoint(parent, kind(np.eye(3)[k % 3]), pose, f"{one.name} {k}")
                 pose = pin.SE3.Identity()
-            places.append(model.addJoint(parent, links.joints[i + 1], pose, one.name))
-            model.inertias[places[-1]] = links.inertias[i + 1]
+            places.append(model.addJoint(parent, inertias.joints[i + 1], pose, one.name))
+            model.inertias[places[-1]] = inertias.inertias[i + 1]
         own, data = np.array(places) - 1, model.createData()
         virtual = (own[:, None] - 6 + np.arange(6)).ravel()
         states = np.zeros((3, len(np.atleast_2d(q)), model.nv))
