@@ -93,6 +93,7 @@ def test_five_minutes_and_how_to(
     assert "mass" in Path("endeffector-config.json").read_text()
 
 
+@pytest.mark.slow
 def test_your_own_robot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -140,6 +141,7 @@ def test_the_notebook_is_kept_without_outputs_and_types_no_results() -> None:
             assert not re.search(r"\d\.\d|\d ?%", cell.source), cell.source
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_the_notebook_runs(tmp_path: Path, data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbformat = pytest.importorskip("nbformat")

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 #: The model's parameters, as they were identified, count as this share of the rows against training
 #: folds: their columns are orthonormal, so that a direction which one fold alone determines has none.
-HELD = 0.03
+HELD = 0.003
 #: A candidate of whose energy less than this share survives the model's columns is invisible.
 ROUNDING = 1e-9
 

@@ -24,6 +24,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 #: How often the model's own shape constants are adopted, before the search and after.
 _ADOPTIONS = 2
+#: Constants that leave at most so many times the squared error explain as well as what was found.
+_AS_WELL = 1.1
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def search(
             break
         # What was found on joints whose constants were wrong may be their work.
         again = search_through(state.on(staged(other), moved(now, other)))
-        if not again.picks:  # no constant explains all that was found
+        if _lost(again, state):
             break
         now, state = other, again
     wide = [] if frozen else widened(estimate, now, state)
@@ -92,7 +94,13 @@ def search(
         other = adopted(now, state, [*kept, *wide])
         if other is not None:
             again = search_through(state.on(staged(other), moved(now, other)))
-            if again.picks or not state.picks:
+            if not _lost(again, state):
                 now, state = other, again
                 shapes = profiled(estimate, now, state)
     return Found(estimate, now, tuple(shapes), by_gain(merged(state)))
+
+
+def _lost(again: SearchState, before: SearchState) -> bool:
+    """Whether nothing is found any more although the constants do not explain what was found."""
+    left, had = (float(state.fit.joint_chi2.sum()) for state in (again, before))
+    return bool(before.picks) and not again.picks and left > _AS_WELL * had

@@ -76,7 +76,10 @@ def robot(kind: str, folder: Path) -> str:
     return write_urdf(folder / "scara.urdf", "scara", SCARA).name if kind == "SCARA" else kind
 
 
-@pytest.mark.parametrize("kind", ["panda", "URDF named two_link", "folder", "SCARA"])
+_SLOW = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("panda", "folder", "SCARA")]
+
+
+@pytest.mark.parametrize("kind", ["URDF named two_link", *_SLOW])
 def test_from_simulated_runs_to_a_model_with_what_was_missing(
     kind: str, run: Run, tmp_path: Path
 ) -> None:
@@ -100,6 +103,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     assert ConstraintSet(bounds.convex).margin(text.theta) >= 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_on_the_real_panda(run: Run, data_folder: Path) -> None:
     data = f"--data {shlex.quote(str(data_folder / 'panda'))} --window 0:10"
@@ -290,6 +294,7 @@ async def _finish(session: Session, act: Callable[[], None]) -> None:
         raise InputError(" ".join(session.notice.texts))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", ["one run, split", "simulated", pytest.param("real", marks=pytest.mark.real_data)]
 )

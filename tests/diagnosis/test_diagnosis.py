@@ -148,6 +148,7 @@ def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> Non
         assert result.events == ()
 
 
+@pytest.mark.slow
 def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
     from sdp_vs_penalty.effects.hidden import HiddenEffect, on_joint
 
@@ -222,6 +223,7 @@ def test_two_joints_whatever_the_record(slope: HiddenRuns, what: str) -> None:
         assert any("No motion repeats" in r for r in result.remarks)
 
 
+@pytest.mark.slow
 def test_a_joint_that_does_not_move(panda: Problem) -> None:
     made = hidden_runs(panda, [("joint_spring", [3])], "strong", seed=22)
     data = concatenate(made.runs[:3])

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 from page_driver import (
     ARM,
     ROOT,
@@ -55,6 +56,7 @@ def test_cancel_ends_the_work(context: BrowserContext, server: Server) -> None:
     page.wait_for_selector("table.runs")
 
 
+@pytest.mark.slow
 def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     context: BrowserContext, server: Server
 ) -> None:
@@ -93,6 +95,7 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     again.wait_for_selector(key("add-0"))
 
 
+@pytest.mark.slow
 def test_two_tabs_are_independent(context: BrowserContext, server: Server) -> None:
     first, second = open_page(context, server), open_page(context, server, "")
     assert first.url != second.url

@@ -98,6 +98,7 @@ def test_senseless_settings_are_refused(tmp_path: Path, accuracies: tuple[float,
         setup(tmp_path, accuracies=accuracies)
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_and_resumed(tmp_path: Path) -> None:
     psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
     out = tmp_path / "s"
@@ -127,6 +128,7 @@ def test_killed_in_the_middle_and_resumed(tmp_path: Path) -> None:
         assert (out / name).stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     quiet = {"silence_logs": 50, "dashboard_address": None}

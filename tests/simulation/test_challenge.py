@@ -170,6 +170,7 @@ def approximately(value: Any) -> Any:
     return [approximately(v) for v in value] if isinstance(value, list) else value
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_the_real_panda_misses_presliding_hysteresis(panda: Problem, panda_run: Measurements) -> None:
     train, test = panda_run.window(0.0, 14.0), panda_run.window(14.2, 100.0)
