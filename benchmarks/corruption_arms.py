@@ -7,7 +7,7 @@ Coulomb friction and white noise: nothing of it shares code with the library.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -121,19 +121,26 @@ def arms(data: Path) -> list[Arm]:
     return [panda(data), simulated("sim6", SIX, 1), ur10e(data), tx40(data), simulated("sim5", FIVE, 2)]
 
 
-def panda(data: Path) -> Arm:
+def panda_run(data: Path) -> Measurements:
+    """Every fifth row, without its velocities."""
     run = load_measurements(data / "panda", joints=7)
-    run = replace(rows(run, np.arange(0, len(run.t), 5)), dq=None)
+    return replace(rows(run, np.arange(0, len(run.t), 5)), dq=None)
+
+
+def panda(data: Path) -> Arm:
+    run = panda_run(data)
     train, test = (run.window(*span).runs()[0] for span in ((0.0, 14.0), (14.0, 30.0)))
     return Arm("panda", load_problem("panda"), train, test, (run,))
 
 
-def ur10e(data: Path) -> Arm:
-    def read(name: str) -> Measurements:
-        found, _ = clean_stretch((data / "ur10e" / f"{name}.csv").read_text(errors="replace"), 31)
-        return Measurements(found[:, 0], found[:, 1:7], found[:, 13:19] * _UR_GAINS, None, None, (name,))
+def ur10e_run(data: Path, name: str) -> Measurements:
+    """One recording, in N m."""
+    found, _ = clean_stretch((data / "ur10e" / f"{name}.csv").read_text(errors="replace"), 31)
+    return Measurements(found[:, 0], found[:, 1:7], found[:, 13:19] * _UR_GAINS, None, None, (name,))
 
-    train, test = read("ur-20_02_12-50sec_12harm"), read("ur-20_02_19_14harm50sec")
+
+def ur10e(data: Path) -> Arm:
+    train, test = (ur10e_run(data, x) for x in ("ur-20_02_12-50sec_12harm", "ur-20_02_19_14harm50sec"))
     return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test,))
 
 
@@ -196,21 +203,27 @@ def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     return f'<robot name="{name}">{"".join(links + joints)}</robot>'
 
 
-def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
-    """Links differ from the URDF's inertials by up to 30 %; 200 Hz, 20 s, position steps of 1e-5."""
-    text = urdf(name, axes)
+def arm_of(
+    name: str, axes: tuple[Axis, ...], seed: int, simulate: Callable[[np.random.Generator], Measurements]
+) -> Arm:
+    """What the library is told is the URDF; two runs are simulated, one of them held out."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.urdf"
-        path.write_text(text)
+        path.write_text(urdf(name, axes))
         problem = load_problem(path)
-    runs = [_simulate(text, axes, np.random.default_rng([seed, k]), seed) for k in (0, 1)]
+    runs = [simulate(np.random.default_rng([seed, k])) for k in (0, 1)]
     return Arm(name, problem, *runs, (runs[1],))
 
 
-def _simulate(text: str, axes: tuple[Axis, ...], rng: np.random.Generator, seed: int) -> Measurements:
+def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
+    """Links differ from the URDF's inertials by up to 30 %; 200 Hz, 20 s, position steps of 1e-5."""
+    return arm_of(name, axes, seed, lambda rng: _simulate(axes, rng, seed))
+
+
+def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int) -> Measurements:
     import pinocchio as pin
 
-    model = pin.buildModelFromXML(text)
+    model = pin.buildModelFromXML(urdf("true", axes))
     data = model.createData()
     links = np.random.default_rng(seed)
     for inertia in list(model.inertias)[1:]:

@@ -197,14 +197,19 @@ def main() -> None:
             bench, chosen, *([x] * len(chosen) for x in (given.kinds, given.every, given.part))
         ):
             cases, seconds = cases + found, seconds + took
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
+            _write(given.out, cases, seconds, given.every)
+
+
+def _write(out: Path, cases: Sequence[Case], seconds: float, every: int) -> None:
+    """After each arm: a bench that is stopped leaves those that it has done."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["arm", "kind", "joints", "size", "outcome", "harm", "said"])
     for c in cases:
         harm = "" if c.harm is None else f"{c.harm:.3g}"
         writer.writerow([c.arm, c.kind, c.joints, c.size, c.outcome, harm, c.said])
-    write_text(given.out / "corruptions.csv", out.getvalue())
-    write_text(given.out / "corruptions.md", markdown(cases, seconds, given.every))
+    write_text(out / "corruptions.csv", text.getvalue())
+    write_text(out / "corruptions.md", markdown(cases, seconds, every))
 
 
 if __name__ == "__main__":

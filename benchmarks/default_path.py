@@ -54,7 +54,7 @@ def measured_panda() -> tuple[str, Instance, list[LeastSquares]]:
     regression = compress(run, model, problem.preprocessing.resolve(run))
     weights = joint_weights(regression, make_task(problem, model, regression, "none").ols)
     task = make_task(problem, model, regression)
-    instance = regular.posed("panda", "panda", task, "one-step", "gyration")
+    instance = regular.posed("panda", task, "one-step", "gyration")
     return source, instance, bootstrap.block_data(regression, weights)
 
 
@@ -164,7 +164,7 @@ def growth(links: Sequence[int]) -> list[str]:
     seconds = []
     for n in links:
         task = regular.chain_task(n)
-        instance = regular.posed(f"chain {n}", "chains", task, "one-step", "gyration")
+        instance = regular.posed(f"chain {n}", task, "one-step", "gyration")
         _ = instance.interior, instance.sent
         _, processor = timed(lambda instance=instance: conic_and_solve(instance), 9)  # type: ignore[misc]
         seconds.append(processor)

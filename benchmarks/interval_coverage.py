@@ -1,6 +1,6 @@
 """How often 95 % intervals hold the truth: simulated runs, one row a situation.
 
-    python benchmarks/interval_coverage.py [--replications 200] [--out results/coverage]
+    python benchmarks/interval_coverage.py [--replications 200] [--only WORD] [--out results/coverage]
 
 The truth is simulated here: rigid bodies by Pinocchio, friction and noise by the formulas below, which
 share nothing with the library's effects. Regressors are computed once, torque noise is drawn anew; what
@@ -13,7 +13,6 @@ import argparse
 import csv
 import io
 import os
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -64,8 +63,8 @@ GAIN_ERROR = 0.01
 _PAYLOADS = 3
 
 
-def coulomb(v: Array) -> Array:
-    return np.tanh(v / 0.01)
+def coulomb(v: Array, width: float = 0.01) -> Array:
+    return np.tanh(v / width)
 
 
 @dataclass(frozen=True)
@@ -76,6 +75,7 @@ class World:
     friction: Array
     extra: Callable[[Array], Array] | None = None
     load: Array | None = None
+    width: float = 0.01  # rad/s over which Coulomb friction turns
 
     @property
     def model(self) -> Model:
@@ -95,7 +95,7 @@ class World:
             links[-1] += self.load
         tau = self.problem.robot.inverse_dynamics(links, q, dq, ddq)
         viscous, dry, offset = self.friction.T
-        tau = tau + viscous * dq + dry * coulomb(dq) + offset
+        tau = tau + viscous * dq + dry * coulomb(dq, self.width) + offset
         if self.extra is not None:
             tau = tau + self.extra(dq)
         return Measurements(t, q, tau, names=(f"{seconds:g} s",))
@@ -266,12 +266,13 @@ def _system(data: Regression, weights: Array) -> tuple[Array, Array]:
     return whole.R, whole.rho
 
 
-def stribeck(name: str, between: bool, count: int) -> Iterator[Tally]:
-    """The size of Stribeck friction whose velocity and exponent :func:`add` finds in the same run.
+def stribeck(name: str, between: bool, width: float, count: int) -> Iterator[Tally]:
+    """The size of Stribeck friction whose velocity and exponent :func:`add` finds in the same run, and
+    the width over which friction turns.
 
     It tries the exponents 1 and 2; with ``between`` the true one lies between them.
     """
-    plain = world("two_link")
+    plain = world("two_link", width=width)
     clean = plain.run(20.0, 3)
     size = STRIBECK * float(clean.tau[:, 1].std())
     deviation = NOISE * clean.tau.std(axis=0)
@@ -282,7 +283,7 @@ def stribeck(name: str, between: bool, count: int) -> Iterator[Tally]:
         vs = np.exp(rng.uniform(*np.log(VELOCITIES)))
         delta = rng.uniform(*EXPONENTS) if between else rng.choice(EXPONENTS)
         tau = clean.tau + deviation * white(clean.tau.shape, rng)
-        tau[:, 1] += size * coulomb(velocity) * np.exp(-((np.abs(velocity) / vs) ** delta))
+        tau[:, 1] += size * coulomb(velocity, width) * np.exp(-((np.abs(velocity) / vs) ** delta))
         noisy = replace(clean, tau=tau)
         before = identify(plain.problem, noisy, "ols", effects=EFFECTS)
         after = add(before, "stribeck_friction:2", noisy)
@@ -295,22 +296,32 @@ def wrong_friction(v: Array) -> Array:
     return coulomb(v) * (0.5 * np.exp(-np.abs(v) / 0.15) + 0.2 * np.abs(v) ** 1.7)
 
 
-def rows(count: int) -> Iterator[Tally]:
+def rows(count: int, word: str = "") -> Iterator[Tally]:
+    """Those whose situation has the word."""
+    slow_noise = "AR(1) 0.98 noise"
+    made: list[tuple[str, Callable[..., Iterator[Tally]], tuple[object, ...]]] = []
     for arm in ARMS:
-        place = world(arm)
-        yield from parameters(f"{arm}, white noise, 20 s", place, 20.0, white, count)
-        yield from parameters(f"{arm}, AR(1) 0.98 noise, 40 s", place, 40.0, slow, count)
-        yield from parameters(f"{arm}, white noise, 3 s", place, 3.0, white, count)
-        wrong = world(arm, extra=wrong_friction)
-        yield from parameters(f"{arm}, misspecified friction", wrong, 20.0, white, count, False)
+        place, wrong = world(arm), world(arm, extra=wrong_friction)
+        made += [
+            (f"{arm}, white noise, 20 s", parameters, (place, 20.0, white, count)),
+            (f"{arm}, {slow_noise}, 40 s", parameters, (place, 40.0, slow, count)),
+            (f"{arm}, white noise, 3 s", parameters, (place, 3.0, white, count)),
+            (f"{arm}, misspecified friction", parameters, (wrong, 20.0, white, count, False)),
+        ]
     # One interval a replication, where the rows above have a dozen.
     more = _PAYLOADS * count
-    yield from payload("my_arm, white noise", white, 0.0, 0.0, more)
-    yield from payload("my_arm, AR(1) 0.98 noise", slow, 0.0, 0.0, more)
-    yield from payload("my_arm, gains off by 1 %, stated", white, GAIN_ERROR, GAIN_ERROR, more)
-    yield from payload("my_arm, gains off by 1 %, not stated", white, GAIN_ERROR, 0.0, more)
-    yield from stribeck("two_link, Stribeck, exponent 1 or 2", False, count)
-    yield from stribeck("two_link, Stribeck, exponent between", True, count)
+    made += [
+        ("my_arm, white noise", payload, (white, 0.0, 0.0, more)),
+        (f"my_arm, {slow_noise}", payload, (slow, 0.0, 0.0, more)),
+        ("my_arm, gains off by 1 %, stated", payload, (white, GAIN_ERROR, GAIN_ERROR, more)),
+        ("my_arm, gains off by 1 %, not stated", payload, (white, GAIN_ERROR, 0.0, more)),
+        ("two_link, Stribeck, exponent 1 or 2", stribeck, (False, 0.01, count)),
+        ("two_link, Stribeck, turning over 0.025 rad/s", stribeck, (False, 0.025, count)),
+        ("two_link, Stribeck, exponent between", stribeck, (True, 0.01, count)),
+    ]
+    for name, make, given in made:
+        if word in name:
+            yield from make(name, *given)
 
 
 HEAD = ("situation", "quantity", "model", "coverage_percent", "wilson_low", "wilson_high",
@@ -334,13 +345,19 @@ def table(tallies: list[Tally]) -> list[tuple[str, ...]]:
     return out
 
 
-def written(tallies: list[Tally], out: Path, seconds: float, count: int) -> None:
-    lines = table(tallies)
+def merged(old: Path, new: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """The rows of a table, those made again in their places, new ones behind."""
+    with old.open(newline="") as file:
+        kept = {r[:2]: r for r in map(tuple, list(csv.reader(file))[1:])}
+    return list({**kept, **{r[:2]: r for r in new}}.values())
+
+
+def written(lines: list[tuple[str, ...]], out: Path, count: int) -> None:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([HEAD, *lines])
     write_text(out.with_suffix(".csv"), text.getvalue())
-    judged = [t for t in tallies if t.right]
-    inside = [t for t in judged if 0.92 <= np.mean(t.shares) <= 0.97]
+    judged = [float(r[3]) for r in lines if r[2] == "right"]
+    inside = [x for x in judged if 92.0 <= x <= 97.0]
     made = [
         "# Coverage of 95 % intervals",
         "",
@@ -354,7 +371,8 @@ def written(tallies: list[Tally], out: Path, seconds: float, count: int) -> None
         "",
         f"    python benchmarks/interval_coverage.py --replications {count}",
         "",
-        f"{seconds:.0f} s of processor time. Width: the median of the intervals' own, in their units.",
+        "About a quarter of an hour of processor time. Width: the median of the intervals' own, in "
+        "their units.",
         "",
         "| situation | quantity | model | coverage [%] | Wilson 95 % | width |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -366,13 +384,16 @@ def written(tallies: list[Tally], out: Path, seconds: float, count: int) -> None
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--replications", type=int, default=200)
+    parser.add_argument("--only", default="", help="a word in the situation")
     parser.add_argument("--out", type=Path, default=Path("results/coverage"))
     given = parser.parse_args()
-    begin, tallies = time.process_time(), []
-    for tally in rows(given.replications):
-        tallies.append(tally)
-        print(*table([tally])[0], sep="  ", flush=True)
-    written(tallies, given.out, time.process_time() - begin, given.replications)
+    lines = []
+    for tally in rows(given.replications, given.only):
+        lines += table([tally])
+        print(*lines[-1], sep="  ", flush=True)
+    if given.only:
+        lines = merged(given.out.with_suffix(".csv"), lines)
+    written(lines, given.out, given.replications)
 
 
 if __name__ == "__main__":

@@ -4,28 +4,32 @@ Two halves: DEVELOPED were looked at while the check was mended, JUDGES once, wh
 
 The simulated ones are moved by Pinocchio on links, lengths and a payload that the library never sees.
 Friction is Stribeck's with another size to either side, rotors turn behind gears, torques carry noise
-whose power falls with frequency and a ripple with the motor's angle; sensors add white noise.
+whose power falls with frequency and a ripple with the motor's angle; sensors add white noise. Those
+called "drawn" are drawn whole from the number in their name, with geared rotors and friction that bends
+before it slides.
 """
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from corruption_arms import _UR_GAINS, Arm, Axis, tx40_run, urdf
+from corruption_arms import Arm, Axis, arm_of, panda_run, tx40_run, ur10e_run, urdf
 from corruption_kinds import rows
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.data.datasets import clean_stretch
 from sdp_vs_penalty.data.measurements import Measurements
 
 Array = NDArray[np.float64]
 
-DEVELOPED = ("scara4", "seven", "ur10e b", "tx40 b")
-JUDGES = ("gantry5", "desk6", "polar3", "ur10e c", "tx40 c")
+DEVELOPED = (
+    "scara4", "seven", "ur10e b", "tx40 b", "gantry5", "desk6", "polar3", "ur10e c", "tx40 c", "drawn1",
+    "drawn2",
+)  # fmt: skip
+JUDGES = ("drawn31", "drawn32", "drawn33", "panda b", "ur10e d")
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,8 @@ class Machine:
     """What is simulated: kind, axis, origin, mass and centre of mass of each link, and how it errs.
 
     payload [kg] sits at the last link; geometry, inertials: relative errors of what the library is
-    told; friction and ripple as shares of a joint's torque; noise likewise.
+    told; friction and ripple as shares of a joint's torque; noise likewise; rotor : inertia behind the
+    gear, as a share of the arm's own; travel [rad, m] over which friction bends before it slides.
     """
 
     axes: tuple[Axis, ...]
@@ -44,6 +49,8 @@ class Machine:
     friction: float = 0.2
     ripple: float = 0.005
     noise: float = 0.01
+    rotor: float = 0.1
+    travel: float = 0.0
 
 
 SCARA = (
@@ -90,27 +97,62 @@ MACHINES = {
 }
 
 
+def drawn(seed: int) -> Machine:
+    """Four to seven joints; geometry, masses and imperfections of a size that arms have."""
+    rng = np.random.default_rng([seed, 99])
+    axes: list[Axis] = []
+    for k in range(int(rng.integers(4, 8))):
+        kind = "prismatic" if rng.random() < 0.12 else "revolute"
+        axis, along = (np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) for _ in range(2))
+        origin = rng.uniform(0.15, 0.4) * 0.9**k * along
+        com = 0.4 * origin + rng.uniform(-0.05, 0.05, 3)
+        mass = 14.0 * 0.65**k * rng.uniform(0.7, 1.3)
+        axes.append((kind, *(" ".join(f"{x:.4g}" for x in v) for v in (axis, origin)), mass,
+                     " ".join(f"{x:.4g}" for x in com)))  # fmt: skip
+    return Machine(
+        tuple(axes), seed, rng.choice([0.0, 1.5]), rng.choice([0.002, 0.01]), rng.uniform(0.05, 0.2),
+        rng.uniform(0.1, 0.4), rng.uniform(0.0, 0.01), rng.uniform(0.003, 0.015),
+        rng.uniform(0.1, 1.5), rng.choice([0.0, 3e-4, 2e-3]),
+    )  # fmt: skip
+
+
 def unseen(data: Path, names: tuple[str, ...]) -> list[Arm]:
     """The arms of these names; real ones from ``data``."""
     real = {
         "ur10e b": lambda: ur10e_window(data, "ur10e b", (22.0, 45.0), (0.0, 18.0)),
-        "ur10e c": lambda: ur10e_window(data, "ur10e c", (0.0, 20.0), (25.0, 45.0), swap=True),
+        "ur10e c": lambda: ur10e_window(data, "ur10e c", (0.0, 20.0), (25.0, 45.0), ("19_14", "12-50")),
         "tx40 b": lambda: tx40_window(data, "tx40 b", (15_000, 45_000), (0, 15_000), 10),
         "tx40 c": lambda: tx40_window(data, "tx40 c", (7_500, 36_000), (36_000, 45_000), 8),
+        "ur10e d": lambda: ur10e_window(data, "ur10e d", (5.0, 30.0), (20.0, 40.0), ("19_15", "12-50")),
+        "panda b": lambda: panda_window(data, "panda b", (15.0, 30.0), (0.0, 14.0)),
     }
-    return [real[name]() if name in real else simulated(name, MACHINES[name]) for name in names]
+    return [real[name]() if name in real else _machine(name) for name in names]
+
+
+def _machine(name: str) -> Arm:
+    machine = MACHINES.get(name) or drawn(int(name.removeprefix("drawn")))
+    return arm_of(name, machine.axes, machine.seed, partial(_simulate, machine))
+
+
+def panda_window(data: Path, name: str, train: tuple[float, float], test: tuple[float, float]) -> Arm:
+    first, second = (panda_run(data).window(*span).runs()[0] for span in (train, test))
+    return Arm(name, load_problem("panda"), first, second, (second,))
+
+
+_UR10E = {
+    "12-50": "ur-20_02_12-50sec_12harm", "19_14": "ur-20_02_19_14harm50sec",
+    "19_15": "ur-20_02_19_15harm50sec",
+}  # fmt: skip
 
 
 def ur10e_window(
-    data: Path, name: str, train: tuple[float, float], test: tuple[float, float], swap: bool = False
-) -> Arm:
-    """Trained on one recording, judged on the other; ``swap``: the other way round."""
-    files = ["ur-20_02_12-50sec_12harm", "ur-20_02_19_14harm50sec"][:: -1 if swap else 1]
+    data: Path, name: str, train: tuple[float, float], test: tuple[float, float],
+    days: tuple[str, str] = ("12-50", "19_14"),
+) -> Arm:  # fmt: skip
+    """Trained on one recording, judged on another."""
     runs = []
-    for file, (begin, end) in zip(files, (train, test), strict=True):
-        found, _ = clean_stretch((data / "ur10e" / f"{file}.csv").read_text(errors="replace"), 31)
-        run = Measurements(found[:, 0], found[:, 1:7], found[:, 13:19] * _UR_GAINS, None, None, (file,))
-        runs.append(run.window(begin, end).runs()[0])
+    for day, span in zip(days, (train, test), strict=True):
+        runs.append(ur10e_run(data, _UR10E[day]).window(*span).runs()[0])
     return Arm(name, load_problem("ur10e"), runs[0], runs[1], (runs[1],))
 
 
@@ -120,15 +162,6 @@ def tx40_window(
     run = tx40_run(data)
     first, second = (rows(run, np.arange(*span, stride)) for span in (train, test))
     return Arm(name, load_problem("tx40"), first, second)
-
-
-def simulated(name: str, machine: Machine) -> Arm:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.urdf"
-        path.write_text(urdf(name, machine.axes))
-        problem = load_problem(path)
-    runs = [_simulate(machine, np.random.default_rng([machine.seed, k])) for k in (0, 1)]
-    return Arm(name, problem, *runs, (runs[1],))
 
 
 def _simulate(machine: Machine, rng: np.random.Generator) -> Measurements:
@@ -153,9 +186,10 @@ def _simulate(machine: Machine, rng: np.random.Generator) -> Measurements:
     rated = machine.friction * _rated(machine, model, pin)
     slow = np.exp(-((dq / (0.1 * speed)) ** 2))
     coulomb = rated * np.where(dq > 0.0, 1.0, truth.uniform(0.85, 1.15, n))
-    tau += coulomb * np.tanh(dq / (0.01 * speed)) * (1.0 + 0.2 * slow)
+    slides = _bent(q, machine.travel) if machine.travel else np.tanh(dq / (0.01 * speed))
+    tau += coulomb * slides * (1.0 + 0.2 * slow)
     tau += rated * truth.uniform(0.2, 0.6, n) * dq / speed + 0.1 * rated * truth.normal(size=n)
-    tau += 0.1 * np.diag(pin.crba(model, data, q[0])) * ddq
+    tau += machine.rotor * np.diag(pin.crba(model, data, q[0])) * ddq
     tau += machine.ripple * size * np.sin(q / speed * 40.0 + truth.uniform(-np.pi, np.pi, n))
     white = rng.normal(size=tau.shape)
     slow_noise = np.cumsum(0.05 * rng.normal(size=tau.shape), axis=0)
@@ -163,6 +197,15 @@ def _simulate(machine: Machine, rng: np.random.Generator) -> Measurements:
     tau += machine.noise * size * (white + 0.5 * slow_noise / slow_noise.std(axis=0))
     q = np.round((q + 1e-5 * rng.normal(size=q.shape)) / 2e-5) * 2e-5
     return Measurements(t, q, tau, None, None, ("simulated",))
+
+
+def _bent(q: Array, travel: float) -> Array:
+    """(N, n) bristles that bend over ``travel`` and then slide along."""
+    z = np.zeros_like(q)
+    for k, step in enumerate(np.diff(q, axis=0), start=1):
+        way = np.sign(step)
+        z[k] = way + (z[k - 1] - way) * np.exp(-np.abs(step) / travel)
+    return z
 
 
 def _rated(machine: Machine, model: object, pin: object) -> Array:

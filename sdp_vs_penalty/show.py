@@ -57,6 +57,11 @@ def axes(given: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
     return plt.subplots(rows, columns, **settings)[1]
 
 
+def plain_unit(unit: str) -> str:
+    """N*m as N m, kg*m^2 as kg m²; nothing for a pure number."""
+    return "" if unit == "-" else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
+
+
 def percent(share: float) -> str:
     """A share as a percentage of three digits."""
     return f"{100.0 * share:.3g} %"

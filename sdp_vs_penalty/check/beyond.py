@@ -42,11 +42,12 @@ def widened(physics: Physics) -> Physics:
     own, n = physics.own, physics.n
     if own is None or len(physics.channels) < _SPARE * (physics.p + n * (1 + _TAKEN)):
         return physics
+    offered = own.beyond()
     chosen = [
         [0, *_chosen(known, y, x)]
-        for known, y, x in zip(physics.columns, physics.channels.T, own.beyond, strict=True)
+        for known, y, x in zip(physics.columns, physics.channels.T, offered, strict=True)
     ]
-    taken = np.stack([x[:, k] for x, k in zip(own.beyond, chosen, strict=True)])
+    taken = np.stack([x[:, k] for x, k in zip(offered, chosen, strict=True)])
     indices = physics.p + n * np.arange(1 + _TAKEN) + np.arange(n)[:, None]
     columns = np.concatenate([own.columns, taken], axis=2)
     return replace(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
+from sdp_vs_penalty.check.evidence import solve
 from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import Array, joints_text
 from sdp_vs_penalty.check.physics import Physics
@@ -81,8 +82,8 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
 
         delay = best_number(partial(score, order=2), _LATE)
         slow = best_number(partial(score, order=1), _SLOW)
-        rubs = physics.own_share(int(j)) > _FRICTION
-        enough = physics.friction_lag(one) - _MORE if rubs else np.inf
+        rubs = _own_share(physics, int(j)) > _FRICTION
+        enough = events.friction_lag(physics, one) - _MORE if rubs else np.inf
         needed = [
             ENOUGH if score(s, k) < enough else _FRICTION_NEEDED for s, k in ((delay, 2), (slow, 1))
         ]
@@ -116,7 +117,9 @@ def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis
     """All torques passed through the same causal filter."""
     one = np.ones(physics.n)
     slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.score, _SLOW)
-    if slow > 0.005 and physics.with_lead(slow * one, 1).evidence.score < physics.friction_lag(one):
+    if slow > 0.005 and physics.with_lead(slow * one, 1).evidence.score < events.friction_lag(
+        physics, one
+    ):
         yield propose(
             partial(Physics.with_lead, seconds=slow * one, order=1), 2,
             (
@@ -191,3 +194,12 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             gross=x < _MOSTLY_GONE,
             number=Number(x - 1.0, partial(_weighing, left)),
         )  # fmt: skip
+
+
+def _own_share(physics: Physics, j: int) -> float:
+    """Share of a channel's energy that joint j's own motion explains: friction, offset, rotor."""
+    if physics.own is None or not physics.own.columns.shape[2]:
+        return 0.0
+    columns, y = physics.own.columns[j], physics.channels[:, j]
+    cross = columns.T @ y
+    return float(cross @ solve(columns.T @ columns, cross[:, None])[:, 0]) / max(float(y @ y), 1e-300)

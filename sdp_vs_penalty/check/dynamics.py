@@ -58,8 +58,7 @@ def find(physics: Physics, moving: NDArray[np.bool_], cutoff: float) -> Iterator
         "torque not explained",
         "error",
         "all torque channels",
-        f"{100.0 * first:.0f} % of the energy of the moving joints' torques has nothing to do with how "
-        "this arm should move under them, whatever its inertias and friction.",
+        f"No inertia and friction of this arm explain {100.0 * first:.0f} % of the torque energy.",
         "certain: none of the tried signs, orders, units, zeros, delays and directions of gravity helps",
         "check that this is the right robot, that the columns are joint torques, and that positions "
         "and torques come from the same recording",
@@ -90,16 +89,15 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
     # What is known from elsewhere (simplicity 0) need not explain more than everything else does.
     known = [(g, h) for g, h in judged if not h.simplicity and g >= h.needed_for(physics)]
     for gain, hypothesis in known + sorted(near, key=lambda f: f[1].simplicity):
-        enough = gain >= hypothesis.needed_for(physics)
-        if (
-            enough
-            and _holds_in_both_halves(physics, hypothesis, gain)
-            and hypothesis.needed_beyond(physics)
-        ):
+        if gain < hypothesis.needed_for(physics):
+            continue
+        holds = _holds_in_both_halves(physics, hypothesis, gain)
+        if holds and hypothesis.needed_beyond(physics, gain):
             return hypothesis
     numbers = [(gain, h) for gain, h in judged if h.number is not None]
     for gain, hypothesis in sorted(numbers, key=lambda f: -f[0])[:1]:
-        if hypothesis.known_by_number(physics, gain) and hypothesis.needed_beyond(physics):
+        sure = hypothesis.known_by_number(physics, gain)
+        if sure and hypothesis.needed_beyond(physics, gain):
             return replace(hypothesis, issue=replace(hypothesis.issue, severity="warning"))
     return signs.weak_signs(physics) or gravity.hanging(physics)
 

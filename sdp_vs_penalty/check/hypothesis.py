@@ -124,10 +124,10 @@ class Hypothesis:
         sure = SIGMAS if self.gross else 2.0 * SIGMAS
         return bool(self.number is not None and gain > LEAST and self.number.sigmas(physics) > sure)
 
-    def needed_beyond(self, physics: Physics) -> bool:
+    def needed_beyond(self, physics: Physics, gain: float) -> bool:
         """Whether it gains about as much for an arm with what the model may lack, on either side."""
         before, after = beyond.widened(physics), beyond.widened(self.apply(physics))
-        return before.evidence.score - after.evidence.score > BEYOND * self.gain(physics)
+        return before.evidence.score - after.evidence.score > BEYOND * gain
 
     def stated(self, physics: Physics) -> Issue:
         """The issue, with what the hypothesis explains of these data."""

@@ -12,14 +12,12 @@ all joints sharing one theta: that couples them, so that E knows a channel's sig
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from sdp_vs_penalty.check.evidence import Evidence, solve
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
@@ -28,8 +26,6 @@ from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-#: Lags of friction behind the motion that are tried [s].
-_LAGS = (0.002, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1)
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5
 #: Filtered rows that repeat each other count once: rows per independent sample.
@@ -41,20 +37,22 @@ class Own:
     """Columns that each joint's own motion makes (friction, offset, rotor), low-passed as the torque is.
 
     Friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
-    their parameters sit in theta; beyond (n, M, l) columns of what the model may lack (see beyond.py).
-    To exchange joints or turn them round exchanges or turns columns.
+    their parameters sit in theta; beyond makes (n, M, l) columns of what the model may lack (see
+    beyond.py), for hypotheses. To exchange joints or turn them round exchanges or turns columns.
     """
 
     columns: Array
     indices: NDArray[np.intp]
-    beyond: Array
+    beyond: Callable[[], Array]
 
     def part(self, rows: slice | NDArray[np.intp]) -> Own:
-        return replace(self, columns=self.columns[:, rows], beyond=self.beyond[:, rows])
+        return replace(self, columns=self.columns[:, rows], beyond=lambda: self.beyond()[:, rows])
 
     def moved(self, scale: Array, order: NDArray[np.intp]) -> Own:
         sign = np.sign(scale)[:, None, None]
-        return replace(self, columns=sign * self.columns[order], beyond=sign * self.beyond[order])
+        return replace(
+            self, columns=sign * self.columns[order], beyond=lambda: sign * self.beyond()[order]
+        )
 
 
 @dataclass(frozen=True)
@@ -178,13 +176,6 @@ class Physics:
         made = replace(self, parent=None)
         made.__dict__.update(columns=columns, grams=grams)
         return made
-
-    def friction_lag(self, joints: Array) -> float:
-        """The score with the lag of these joints' (n, ones) friction that explains most.
-
-        Friction that bends before it slides comes after the motion, and is no delay of the channel.
-        """
-        return min(self.with_own_late(s * joints).evidence.score for s in _LAGS)
 
     def without(self, torque: Array) -> Physics:
         """The channels less a torque (M, n)."""
@@ -320,35 +311,6 @@ class Physics:
         """Whether a share of the run, low-passed at ``cutoff`` [Hz], has samples to spare for theta."""
         seconds = float(self.motion.t[-1] - self.motion.t[0])
         return bool(2.0 * cutoff * seconds * share * self.n > _SPARE * len(self.model.parameters))
-
-    def own_share(self, j: int) -> float:
-        """Share of a channel's energy that joint j's own motion explains: friction, offset, rotor."""
-        if self.own is None or not self.own.columns.shape[2]:
-            return 0.0
-        columns, y = self.own.columns[j], self.channels[:, j]
-        cross = columns.T @ y
-        return float(cross @ solve(columns.T @ columns, cross[:, None])[:, 0]) / max(
-            float(y @ y), 1e-300
-        )
-
-    def best_signs(self) -> tuple[Array, float]:
-        """The signs (n,) of the channels that the coupling between joints prefers, and their E.
-
-        Each set of signs has an opposite with the same E; the sum of the dissipated powers chooses.
-        """
-        n = self.n
-        if n <= 12:
-            signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=n - 1)])
-        else:  # one joint at a time
-            signs = np.vstack([np.ones(n), 1.0 - 2.0 * np.eye(n)])
-        loss = np.einsum("ka,ab,kb->k", signs, self.form, signs)
-        best = int(np.argmin(loss))
-        return signs[best], max(float(loss[best]), 1e-12)
-
-    def best_order(self) -> NDArray[np.intp]:
-        """For each joint the channel that its columns alone explain best, all channels given out."""
-        _, order = linear_sum_assignment(np.log(self.alone))
-        return np.asarray(order, np.intp)
 
 
 def own_effects(model: Model) -> list[int]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -17,6 +20,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_ro
 from sdp_vs_penalty.signals.runs import Stretch
 
 Array = NDArray[np.float64]
+#: A stretch's motion on the column grid, and the low-pass that picks the rows out of it.
+_Dense = tuple[Motion, sparse.csr_array]
 
 
 def physics_of(
@@ -40,23 +45,28 @@ def physics_of(
         raise no_rows(run, 2 * margin * filters.dt)
     model = model or problem.model()
     chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
-    pieces, start = [], 0
+    pieces, own, start = [], [], 0
     for part, k in places:
         at = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
         start += len(k)
         if len(at):
-            pieces.append(_piece(filters, part, at, model))
-    t, q, dq, ddq, tau, rate, own = (np.concatenate(x) for x in zip(*pieces, strict=True))
+            piece, columns = _piece(filters, part, at)
+            pieces.append(piece)
+            own.append(columns)
+    t, q, dq, ddq, tau, rate = (np.concatenate(x) for x in zip(*pieces, strict=True))
+    effects = [e for k in own_effects(model) if isinstance(e := model.effects[k], JointEffect)]
     parameters = [model.indices[k] for k in own_effects(model)]
     indices = np.array(parameters, dtype=np.intp).reshape(-1, model.robot.n).T
-    own = np.moveaxis(own, 1, 0)
-    known = indices.shape[1]
-    kept = Own(own[:, :, :known], indices, own[:, :, known:])
+
+    def known(motion: Motion) -> list[Array]:
+        return [np.column_stack([e.column(motion, j) for j in range(model.robot.n)]) for e in effects]
+
+    kept = Own(_stacked(own, known), indices, cache(partial(_stacked, own, beyond.columns)))
     return Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
 
 
-def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Model) -> tuple[Array, ...]:
-    """t, q, dq, ddq, torque and its rate, own columns (M, n, k) of one stretch."""
+def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64]) -> tuple[tuple[Array, ...], _Dense]:
+    """t, q, dq, ddq, torque and its rate of one stretch, and what own columns are made of there."""
     coarse = filters.coarse
     reach = filters.stride * coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
@@ -65,20 +75,17 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64], model: Mode
     local = np.clip(local, coarse.half, len(dense.t) - 1 - coarse.half)
     exact = at[0] - reach + local * filters.stride
     low_pass = coarse.decimator(len(dense.t), local)
-    own = _own_columns(model, dense, low_pass)
     kernel, half = filters.column, filters.column.half
     around = part.resampled(part.tau, int(exact[0]) - half, int(exact[-1]) + half + 1)
     places = exact - exact[0] + half
     torque = [LowPass(x).decimator(len(around), places) @ around for x in (kernel.value, kernel.first)]
     states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
-    return (part.clock(exact), *states, *torque, own)
+    return (part.clock(exact), *states, *torque), (dense, low_pass)
 
 
-def _own_columns(model: Model, motion: Motion, low_pass: sparse.csr_array) -> Array:
-    """(M, n, k) what each joint's own motion makes, low-passed: the model's, then what it may lack."""
-    n, out = model.robot.n, []
-    for k in own_effects(model):
-        effect = model.effects[k]
-        assert isinstance(effect, JointEffect)
-        out.append(np.column_stack([effect.column(motion, j) for j in range(n)]))
-    return np.stack([low_pass @ c for c in (*out, *beyond.columns(motion))], axis=2)
+def _stacked(pieces: Sequence[_Dense], make: Callable[[Motion], list[Array]]) -> Array:
+    """(n, M, k) columns of each joint's own motion, low-passed as the torque is."""
+    if not make(pieces[0][0]):
+        return np.zeros((pieces[0][0].q.shape[1], sum(x.shape[0] for _, x in pieces), 0))
+    parts = [np.stack([low_pass @ c for c in make(dense)], axis=2) for dense, low_pass in pieces]
+    return np.moveaxis(np.concatenate(parts), 1, 0)

@@ -18,7 +18,8 @@ from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
     low_passed,
 )
-from sdp_vs_penalty.signals.runs import highest_harmonic, movement, moving_joints
+from sdp_vs_penalty.signals.runs import movement, moving_joints
+from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 #: Noise of quantisation above this share of the signal is worth a warning.
 _COARSE = 0.05

@@ -65,16 +65,15 @@ def choose_signs(physics: Physics) -> Array:
     turned as possible.
     """
     n = physics.n
-    best, loss = physics.best_signs()
     power, deviation = physics.dissipation
     z = power / deviation
     knows = np.where(np.abs(z) > SIGNIFICANT, np.clip(z, -20.0, 20.0), 0.0)
     if n <= 12:
         candidates = np.array(list(product((1.0, -1.0), repeat=n)))
-    else:
-        candidates = np.vstack([np.ones(n), -np.ones(n), best, -best])
+    else:  # one joint at a time
+        candidates = np.vstack([np.ones(n), -np.ones(n), 1.0 - 2.0 * np.eye(n), 2.0 * np.eye(n) - 1.0])
     losses = np.einsum("ka,ab,kb->k", candidates, physics.form, candidates)
-    near = candidates[losses <= NEAR * loss]
+    near = candidates[losses <= NEAR * max(float(losses.min()), 1e-12)]
     inertia = near @ physics.inertia
     inertia = np.where(np.abs(inertia) > SIGNIFICANT, np.clip(inertia, -20.0, 20.0), 0.0)
     score = near @ knows + inertia - 1e-3 * np.sum(near < 0.0, axis=1)

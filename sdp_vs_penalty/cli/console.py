@@ -68,11 +68,6 @@ def aligned(rows: Sequence[Iterable[float]]) -> list[list[str]]:
     return [[f"{x:.{decimals}f}" for x in row] for row in rows]
 
 
-def unit(text: str) -> str:
-    """N*m as N m."""
-    return text.replace("*", " ")
-
-
 def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
     """A table of figures under its title: the first ``words`` columns hold words, the others numbers."""
     if title:

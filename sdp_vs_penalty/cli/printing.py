@@ -19,7 +19,6 @@ from sdp_vs_penalty.cli.console import (
     number,
     say,
     table,
-    unit,
 )
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
@@ -27,6 +26,7 @@ from sdp_vs_penalty.diagnosis.show import new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import BANDS, JointFailure, dependences
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.show import plain_unit
 
 #: What an error is called that no other run was kept for.
 TRAINING = "the training data"
@@ -130,7 +130,7 @@ def comparison(results: Sequence[Comparison], units: Sequence[str], title: str =
     heads = [f"RMSE [{k}]" for k in range(1, len(results) + 1)] if several else ["RMSE"]
     rows = []
     for j, torque in enumerate(units):
-        cells = [str(j + 1), unit(torque), *(number(result.rmse[j]) for result in results)]
+        cells = [str(j + 1), plain_unit(torque), *(number(result.rmse[j]) for result in results)]
         cells.append("-" if floor is None else number(floor[j]))
         rows.append(cells if several else [*cells, f"{results[0].r2[j]:.4f}"])
     band = f"{title}, below {number(results[0].band_hz)} Hz"
@@ -158,7 +158,7 @@ def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model
     for f in failures:
         depends = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in dependences(f))
         lift = f"{f.reversal_lift:.2g}" if np.isfinite(f.reversal_lift) else "-"
-        waves = ", ".join(f"{k} ({a:.2g} {unit(units[f.joint - 1])})" for k, a, _ in f.orders[:2])
+        waves = ", ".join(f"{k} ({a:.2g} {plain_unit(units[f.joint - 1])})" for k, a, _ in f.orders[:2])
         rows.append((str(f.joint), depends or "-", lift, waves or "-"))
     heads = ("joint", "depends on", "RMS ratio at reversals", "waves per turn")
     listing(heads, rows)
@@ -209,7 +209,7 @@ def diagnosis(
         explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
     known = result.noise_source == "repetition"
-    left = ", ".join(f"{x:.2g} {unit(u)}" for x, u in zip(beyond, units, strict=True))
+    left = ", ".join(f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True))
     say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
     for event in result.events:
         hum = "" if event.frequency is None else f", a hum of {number(event.frequency)} Hz"
@@ -233,7 +233,7 @@ def undecided(result: Diagnosis, model: Path) -> None:
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
-    kinds = ", ".join(dict.fromkeys(map(unit, units)))
+    kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))
     retuned = bool(result.retuned)
     title = f"Held-out RMSE [{kinds}] of each joint below {number(result.band_hz)} Hz"
     errors = [result.held_out_rmse_before, result.effects[0].held_out_rmse_before][: 1 + retuned]
@@ -278,7 +278,7 @@ def before_after(before: Comparison, after: Comparison, units: Sequence[str], wh
     for j, torque in enumerate(units):
         old, new = before.rmse[j], after.rmse[j]
         change = 100.0 * (new / old - 1.0) if old > 0.0 else 0.0
-        cells = [str(j + 1), unit(torque), number(old), number(new), f"{change:+.1f} %"]
+        cells = [str(j + 1), plain_unit(torque), number(old), number(new), f"{change:+.1f} %"]
         rows.append([*cells, "-" if floor is None else number(floor[j])])
     heads = ("joint", "unit", "before", "after", "change", "noise floor")
     table(f"RMSE below {number(after.band_hz)} Hz", heads, rows, words=2)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def cone_margin(cone: str, value: Array) -> float:

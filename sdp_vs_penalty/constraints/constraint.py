@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.constraints.cones import cone_depths, cone_margin
 from sdp_vs_penalty.robot import inertia
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True)

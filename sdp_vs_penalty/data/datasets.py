@@ -11,16 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.joint_side import to_joints, transmission_of
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-
-Array = NDArray[np.float64]
-
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Names an address with the same layout to download from instead (a mirror behind a firewall).
 MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts, release
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

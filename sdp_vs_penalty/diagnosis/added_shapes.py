@@ -12,14 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.own_shapes import beside_effect
+from sdp_vs_penalty.diagnosis.refit import weighting_of
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import Stage, prepare
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.joint_shapes import settled
+from sdp_vs_penalty.estimation.shape_constants import free_constants
 from sdp_vs_penalty.estimation.shape_folds import FOLDS
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimators.task import make_task
@@ -27,6 +30,8 @@ from sdp_vs_penalty.regression.regression import compress
 
 #: Chance of folds that agree by luck, below which other shape constants are confirmed.
 _CHANCE = 0.025
+#: Standard deviations by which a constant of the model's own has to move beside what is new.
+_MOVES = 2.0
 
 
 def all_given(effect: Effect, given: frozenset[str]) -> bool:
@@ -80,28 +85,42 @@ def refitted(
     """The model with other shape constants, refitted by least squares: what a search starts from."""
     model = replace(estimate.model, effects=with_shapes(estimate.model.effects, shapes))
     regression = compress(measurements, model, estimate.preprocessing)
-    weighting = str(estimate.settings.get("weighting", "noise"))
-    theta = make_task(estimate.problem, model, regression, weighting).ols
+    theta = make_task(estimate.problem, model, regression, weighting_of(estimate)).ols
     return replace(estimate, model=model, theta=theta)
 
 
-def moved_beside(
-    estimate: Estimate,
-    own: Sequence[Effect],
-    added: Sequence[Effect],
-    measurements: Measurements,
-    seed: int,
-) -> list[ShapeEstimate]:
-    """The open constants of the model's ``own`` effects that are other ones beside what is added: found
-    together, since one of the two takes what the other gets wrong."""
-    open_ones = {(e.name, j, k) for e in own for k in e.shapes if k not in e.given for j in e.joints}
-    pairs = [(e.name, j) for e in added for j in e.joints if j in {j for _, j, _ in open_ones}]
-    if not pairs:
-        return []
-    rows = diagnosis_rows(measurements, estimate, estimate.preprocessing.resolve(measurements))
-    state = SearchState.start(prepare(rows, estimate, False, seed))
-    found = [s for name, j in pairs for s in beside_effect(estimate, state, name, j)]
-    return [s for s in found if s.after != s.before and (s.effect, s.joint, s.shape) in open_ones]
+def found_together(
+    found: Estimate, added: Sequence[Effect], given: Sequence[frozenset[str]], measurements: Measurements
+) -> tuple[Model, list[ShapeEstimate]] | None:
+    """The model with its own estimated constants and those of what was ``added`` on the same joints at
+    their joint optimum, and its own as `identify` states them; None where none of these moves."""
+    shapes = list(map(ShapeEstimate.from_dict, found.details.get("shapes", ())))
+    new = {
+        (e.name, j, key)
+        for e, fixed in zip(added, given, strict=True)
+        if not (e.whole_robot or e.joins or e.several)
+        for j in e.joints
+        for key in free_constants(e)
+        if key not in fixed
+    }
+    joints = {j for _, j, _ in new}
+    own = {(s.effect, s.joint, s.shape): s for s in shapes if s.joint in joints}
+    wanted = {key for key in new if key[1] in {j for _, j, _ in own}}.union(own)
+    if not wanted:
+        return None
+    settings, weighting = found.preprocessing, weighting_of(found)
+    best = settled(found.model, found.theta, wanted, measurements, settings, weighting)
+    effects, std = best.model.effects, best.std
+    values = {(e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints}
+    if not any(abs(np.log(values[k] / s.after)) > _MOVES * std[k] for k, s in own.items()):
+        return None
+    out = [
+        replace(s, after=values[k], std=values[k] * std[k])
+        if (k := (s.effect, s.joint, s.shape)) in own
+        else s
+        for s in shapes
+    ]
+    return best.model, out
 
 
 def confirmed(other: Estimate, found: Estimate, measurements: Measurements) -> bool:

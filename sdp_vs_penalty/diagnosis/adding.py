@@ -15,7 +15,7 @@ from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis.added_shapes import (
     all_given,
     confirmed,
-    moved_beside,
+    found_together,
     refitted,
     shaped_effects,
 )
@@ -128,12 +128,13 @@ def add(
         # The model's own constants may have taken what is the new effects' torque.
         base = refitted(estimate, declared, measurements)
     found = extended(base, _own(estimate, retuned, declared))
-    moved = moved_beside(base, _own(estimate, retuned, declared), added, measurements, seed)
-    if moved:
-        base = refitted(base, moved, measurements)
-        other = extended(base, _own(estimate, retuned, [*declared, *moved]))
-        found = other if confirmed(other, found, measurements) else found
-    return found
+    together = found_together(found, added, given, measurements)
+    if together is None:
+        return found
+    model, shapes = together
+    other = identified(model.effects)
+    other = replace(other, details={**other.details, "shapes": [s.to_dict() for s in shapes]})
+    return other if confirmed(other, found, measurements) else found
 
 
 def _retunes(

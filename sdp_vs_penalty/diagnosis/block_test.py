@@ -4,7 +4,7 @@ time, their robust Wald statistic, and the largest that random signs of the bloc
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +41,11 @@ class BlockSums:
                 product = rows.block_sums(partialled[:, a::k] * partialled[:, b::k])
                 grams[:, :, a, b] = grams[:, :, b, a] = product.T
         return cls(np.swapaxes(scores.reshape(B, G, k), 0, 1), grams)
+
+    @classmethod
+    def joined(cls, parts: Sequence[BlockSums]) -> BlockSums:
+        """Of all groups of batches of equal k."""
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("scores", "grams")))
 
 
 def wald_exponent(sums: BlockSums) -> Array:
@@ -124,26 +129,33 @@ def flip_threshold(
     """
     rng = np.random.default_rng(seed)
     signs = rng.choice([-1.0, 1.0], (draws, fit.rows.blocks))
-    n, M = fit.rows.n, len(fit.rows.block)
-    Q = fit.Q.reshape(n, M, -1)
-    largest: dict[int, Array] = {}
+    sums: dict[int, list[BlockSums]] = {}
     for batch in library.batches:
+        k = batch.columns.shape[1]
         allowed = np.array([library.groups[g].key in eligible for g in batch.groups])
-        if not allowed.any() or batch.columns.shape[1] > _MOST:
-            continue
-        at, index, k = batch.joint, batch.columns[allowed].ravel(), batch.columns.shape[1]
-        if at is None:
-            Z = library.robot[:, :, index].reshape(n * M, -1)
-            fresh = Z - fit.Q @ (fit.Q.T @ Z)
-        else:
-            Z = library.joints[at][:, index]
-            fresh = np.negative(fit.Q @ (Q[at].T @ Z))
-            fresh[at * M : (at + 1) * M] += Z
-        energy = np.sum(Z**2, axis=0)
-        seen = np.sum(fresh**2, axis=0) > 1e-7 * energy
-        seen = np.repeat(seen.reshape(-1, k).all(axis=1), k)
-        if seen.any():
-            W = largest_wald(BlockSums.of(fit, fresh[:, seen], k), signs)
-            largest[k] = np.maximum(largest.get(k, 0.0), W)
-    exponents = [_exponent(W, k) for k, W in largest.items()]
+        if allowed.any() and k <= _MOST:
+            fresh = _seen(fit, library, batch.joint, batch.columns[allowed])
+            sums.setdefault(k, []).append(BlockSums.of(fit, fresh, k))
+    exponents = [
+        _exponent(largest_wald(BlockSums.joined(parts), signs), k)
+        for k, parts in sums.items()
+        if any(len(p.scores) for p in parts)
+    ]
     return float(np.quantile(np.max(exponents, axis=0), 0.99)) if exponents else 0.0
+
+
+def _seen(fit: WhiteFit, library: Library, joint: int | None, columns: NDArray[np.intp]) -> Array:
+    """(n M, G k) what the model leaves of groups of columns (G', k), side by side; of those groups of
+    which it leaves anything."""
+    n, M = fit.rows.n, len(fit.rows.block)
+    if joint is None:
+        Z = library.robot[:, :, columns.ravel()].reshape(n * M, -1)
+        fresh = Z - fit.Q @ (fit.Q.T @ Z)
+    else:
+        Z = library.joints[joint][:, columns.ravel()]
+        mine = slice(joint * M, (joint + 1) * M)
+        fresh = np.negative(fit.Q @ (fit.Q[mine].T @ Z))
+        fresh[mine] += Z
+    left, energy = (np.einsum("nc,nc->c", x, x).reshape(columns.shape) for x in (fresh, Z))
+    seen = np.all(left > 1e-7 * energy, axis=1)
+    return fresh if seen.all() else fresh[:, np.repeat(seen, columns.shape[1])]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.fit import WhiteFit
+from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
     Scores,
@@ -31,6 +31,8 @@ _CONTENDERS, _FAR, _CLOSE = 8, 0.3, 0.7
 MOST = 3 * _CONTENDERS
 #: Sections of the range of a shape constant, before the parabola through the best three.
 _SECTIONS = 5
+#: How often a shape constant is made as large as the effect is with it.
+_SIZED = 2
 #: Folds for what depends on time: every so many blocks of time.
 _TIME_FOLDS = 5
 
@@ -209,6 +211,9 @@ class Candidates:
         for name in start.effect.searched:
             if name not in fixed and start.effect.shapes[name].bounds is not None:
                 best = self._refine_one(fit, best, name)
+        if best.effect.sized_shape and best.effect.sized_shape not in fixed:
+            for _ in range(_SIZED):
+                best = self._as_sized(fit, best)
         return self.judged(fit, best.key, best.effect, best.columns)
 
     def _refine_one(self, fit: WhiteFit, start: Candidate, name: str) -> Candidate:
@@ -234,6 +239,13 @@ class Candidates:
         if best[1] is start.effect:
             return start
         return self.solve(fit, start.key, best[1], self.white_columns(best[1]))
+
+    def _as_sized(self, fit: WhiteFit, start: Candidate) -> Candidate:
+        """The candidate with the shape constant that is its size."""
+        effect = start.effect
+        shape = {**effect.shape, effect.sized_shape: float(start.beta[0])}
+        sized = type(effect)(effect.robot, effect.asked_joints, **shape)
+        return self.solve(fit, start.key, sized, self.white_columns(sized))
 
     @staticmethod
     def _spacing(effect: Effect, name: str) -> float:
@@ -321,8 +333,23 @@ def _solved(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[
     """chi2 and coefficients of weighted columns beside the basis Q, from the residual that Q leaves."""
     C = Q.T @ columns
     gram, raw = columns.T @ columns - C.T @ C, np.sum(columns**2, axis=0)
-    chi2, beta, _ = solve_group(gram, raw, columns.T @ residual, _signed(effect), effect.plausible)
+    right = columns.T @ residual
+    chi2, beta, _ = solve_group(gram, raw, right, _signed(effect), effect.plausible)
+    if np.any(beta[[p.lower == 0.0 for p in effect.parameters]] < 0.0):
+        return _passive(gram, right)
     return chi2, beta
+
+
+def _passive(gram: Array, right: Array) -> tuple[float, Array]:
+    """chi2 and coefficients of non-negative least squares (Lawson and Hanson 1974), from the partialled
+    gram (k, k) and z'r (k,)."""
+    from scipy.optimize import nnls
+
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > ROUNDING * values[-1]
+    root = (vectors[:, kept] * np.sqrt(values[kept])).T
+    beta = nnls(root, (vectors[:, kept].T @ right) / np.sqrt(values[kept]))[0]
+    return float(2.0 * beta @ right - beta @ gram @ beta), beta
 
 
 def _signed(effect: Effect) -> bool:

@@ -22,7 +22,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
-from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
+from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
 from sdp_vs_penalty.diagnosis.parsimony import company
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
@@ -181,7 +181,9 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     alike = [*pick.rivals, *(p.candidate for p in beside.correlated)]
     rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in alike))
     uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
-    weak = explanations.weaknesses(held_out.holds[k], bool(pick.rivals), uncertain, small, beside)
+    # That a finer form fits as well does not speak against the plain one.
+    as_plain = any(not refines(r, h) for r in pick.rivals)
+    weak = explanations.weaknesses(held_out.holds[k], as_plain, uncertain, small, beside)
     return Finding(
         h.effect.name,
         joints,

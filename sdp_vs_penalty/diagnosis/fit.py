@@ -15,7 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Library
-from sdp_vs_penalty.signals.autoregression import innovations
+from sdp_vs_penalty.signals.autoregression import Pieces, innovations
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class Weighting:
 
     level: Array
     colour: Array
-    pieces: tuple[tuple[NDArray[np.intp], ...], ...]
+    pieces: tuple[Pieces, ...]
 
     @property
     def noise_variance(self) -> Array:
@@ -106,7 +106,7 @@ class Weighting:
     def apply_all(self, columns: Array) -> Array:
         """(n M, ...) rows of all joints."""
         n = len(self.level)
-        stacked = columns.reshape(n, -1, *columns.shape[1:])
+        stacked = columns.reshape(n, len(columns) // n, *columns.shape[1:])
         return np.concatenate([self.apply(c, j) for j, c in enumerate(stacked)])
 
     def library(self, white: Library) -> Library:
@@ -132,9 +132,7 @@ class WhiteFit:
     @classmethod
     def of(cls, rows: RowLabels, basis: Array, target: Array, weighting: Weighting) -> WhiteFit:
         """Least squares on white columns (n M, r) of full rank, target white (n M,)."""
-        q = np.linalg.qr(weighting.apply_all(basis))[0] if basis.shape[1] else basis
-        weighted = weighting.apply_all(target)
-        return cls(rows, q, weighted - q @ (q.T @ weighted), weighted, weighting)
+        return Coloured.of(basis, target, weighting).fit(rows, weighting)
 
     def scaled(self, columns: Array) -> Array:
         """White columns (n M, k), weighted."""
@@ -241,6 +239,40 @@ class WhiteFit:
     def _deviance_of(self, chi2: Array) -> float:
         variance = np.maximum(chi2 / self.degrees, self.weighting.noise_variance)
         return float(np.sum(self.degrees * np.log(variance) + chi2 / variance))
+
+
+@dataclass(frozen=True)
+class Coloured:
+    """The model's white columns (n, M, r) and the torque (n, M) behind the colour's filter, not yet
+    divided by the joints' levels; factors : triangular, of each joint's columns."""
+
+    columns: Array
+    target: Array
+    factors: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, basis: Array, target: Array, weighting: Weighting) -> Coloured:
+        """From white columns (n M, r) of full rank and white torque (n M,)."""
+        n, (N, r) = len(weighting.level), basis.shape
+        only = replace(weighting, level=np.ones(n))
+        columns = only.apply_all(basis).reshape(n, N // n, r)
+        factors = tuple(np.asarray(np.linalg.qr(c, mode="r")) for c in columns)
+        return cls(columns, only.apply_all(target).reshape(n, -1), factors)
+
+    def fit(self, rows: RowLabels, weighting: Weighting) -> WhiteFit:
+        """Least squares with these levels; the orthonormal basis by the joints' triangular factors."""
+        level = weighting.level[:, None]
+        Y, target = self.columns / level[:, :, None], (self.target / level).ravel()
+        q = Y.reshape(len(target), Y.shape[2])
+        if q.shape[1]:
+            parts = [R / v for R, v in zip(self.factors, weighting.level, strict=True)]
+            R = np.linalg.qr(np.concatenate(parts), mode="r")
+            size = np.abs(np.diagonal(R))
+            if size.min() > 1e-8 * size.max():
+                q = scipy.linalg.solve_triangular(R, q.T, trans="T", check_finite=False).T
+            else:
+                q = np.linalg.qr(q)[0]
+        return WhiteFit(rows, q, target - q @ (q.T @ target), target, weighting)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.block_test import BlockSums, flip_threshold, wald_exponent
+from sdp_vs_penalty.diagnosis.block_test import BlockSums, wald_exponent
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.stage import MISFIT
@@ -98,14 +98,19 @@ def by_gain(state: SearchState) -> SearchState:
     """The same picks, those that gain most first; a finer form of an effect comes after the plainer."""
     picks = sorted(state.picks, key=lambda p: -p.gain)
     for pick in list(picks):
-        plainer = [k for k, p in enumerate(picks) if _refines(pick.candidate, p.candidate)]
+        plainer = [k for k, p in enumerate(picks) if refines(pick.candidate, p.candidate)]
         place = picks.index(pick)
         if plainer and max(plainer) > place:
             picks.insert(max(plainer), picks.pop(place))
     return state.with_picks(picks)
 
 
-def _refines(finer: Candidate, plainer: Candidate) -> bool:
+def refines(finer: Candidate, plainer: Candidate) -> bool:
+    """Whether one candidate is a finer form of another: its effect says so, or it lets joints share what
+    the other has one of them do alone (a rotor on the difference of two joints, beside links that are
+    free, is the rotor of one of them)."""
+    if finer.effect.joins and not plainer.effect.joins:
+        return plainer.key[1] in finer.effect.joints and not plainer.effect.whole_robot
     return plainer.key[1] == finer.key[1] and plainer.key[0] in finer.effect.refines
 
 
@@ -121,16 +126,13 @@ def next_pick(state: SearchState) -> Pick | None:
     contenders = state.contenders()
     if not contenders:
         return None
-    threshold = flip_threshold(
-        state.fit, state.scaled, state.eligible, state.stage.seed + len(state.picks)
-    )
     for candidate in _joint_by_joint(state, contenders)[:_TRIES]:
-        pick = accepted(state, candidate, threshold)
+        pick = accepted(state, candidate)
         if pick is None:
             continue
         rivals = rivals_of(state, candidate, contenders)
         plain = _plain_form(candidate, rivals)
-        simpler = None if plain is None else accepted(state, plain, threshold)
+        simpler = None if plain is None else accepted(state, plain)
         if plain is not None and simpler is not None:
             return replace(simpler, rivals=rivals_of(state, plain, contenders))
         return replace(pick, rivals=rivals)
@@ -148,8 +150,9 @@ def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequ
     return [state.candidate(family[1]), *contenders]
 
 
-def accepted(state: SearchState, candidate: Candidate, threshold: float) -> Pick | None:
-    """The pick, if the candidate passes every test."""
+def accepted(state: SearchState, candidate: Candidate, threshold: float | None = None) -> Pick | None:
+    """The pick, if the candidate passes every test, the cheapest first; threshold : of the exponent, by
+    default that of the state."""
     fit, stage, k = state.fit, state.stage, len(candidate.beta)
     joints = joints_of(fit, candidate)
     freedom = max(fit.degrees[joints].sum() - k, 1.0)
@@ -165,21 +168,18 @@ def accepted(state: SearchState, candidate: Candidate, threshold: float) -> Pick
         return None
     sums = BlockSums.of(fit, fit.partialled(fit.scaled(candidate.columns)), k)
     exponent = float(wald_exponent(sums)[0])
-    if exponent < threshold:
-        return None
     gain = float(_block_gains(state, candidate).sum())
     excess = np.maximum(fit.joint_chi2 - least, 0.0) / level2
     if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
+        return None
+    if exponent < (state.threshold if threshold is None else threshold):
         return None
     return Pick(candidate, gain, exponent, ())
 
 
 def accepted_beside(state: SearchState, candidate: Candidate) -> Pick | None:
     """The pick in its own right: with what random signs of the blocks make of all others, and rivals."""
-    threshold = flip_threshold(
-        state.fit, state.scaled, state.eligible, state.stage.seed + len(state.picks)
-    )
-    pick = accepted(state, candidate, threshold)
+    pick = accepted(state, candidate)
     if pick is None:
         return None
     joints = frozenset(joints_of(state.fit, candidate).tolist())
@@ -286,5 +286,5 @@ def _left(fit: WhiteFit, candidate: Candidate) -> float:
 def _plain_form(chosen: Candidate, rivals: Sequence[Candidate]) -> Candidate | None:
     """The rival that the chosen one refines (a power law near 1: viscous friction), if there is one:
     where data do not tell them apart, the plain law is named."""
-    own = [h for h in rivals if _refines(chosen, h)]
+    own = [h for h in rivals if refines(chosen, h)]
     return max(own, key=lambda h: h.evidence, default=None)

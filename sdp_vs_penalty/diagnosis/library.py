@@ -134,13 +134,13 @@ def build_library(
     groups: list[Group] = []
     matrices = []
     for j in range(n):
-        matrix = _filtered(rows, [effect for _, effect in own[j]], j)
+        columns = [rows.column(effect, j) for _, effect in own[j]]
+        matrices.append(np.hstack([np.zeros((len(rows.t), 0)), *columns]))
         first = 0
         for key, effect in own[j]:
             k = len(effect.parameters)
             groups.append(Group(key, effect, j, slice(first, first + k)))
             first += k
-        matrices.append(matrix)
     robot_parts, first = [np.zeros((n, len(rows.t), 0))], 0
     for key, effect in several:
         k = len(effect.parameters)
@@ -174,19 +174,3 @@ def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
     for block in rows.blocks(effect):
         out[block.joint][:, block.parameters] = block.columns
     return out
-
-
-def _filtered(rows: SegmentedRuns, effects: Sequence[Effect], joint: int) -> Array:
-    """(M, C) columns of effects on one joint, side by side: one pass of the low-pass a segment."""
-    if not effects:
-        return np.zeros((len(rows.t), 0))
-    parts = []
-    for segment in rows.segments:
-        columns = [
-            rows.gain(e, joint) * block.columns
-            for e in effects
-            for block in e.blocks(segment.motion)
-            if block.joint == joint
-        ]
-        parts.append(segment.low_pass @ np.hstack(columns))
-    return np.concatenate(parts)

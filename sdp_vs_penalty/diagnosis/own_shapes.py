@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
-from sdp_vs_penalty.diagnosis.library import spread_columns
+from sdp_vs_penalty.diagnosis.library import Group, spread_columns
 from sdp_vs_penalty.diagnosis.stage import MISFIT, white_rows
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.effects.effect import Effect
@@ -97,19 +97,8 @@ def beside_the_best(first: Estimate, now: Estimate, state: SearchState) -> list[
     return out
 
 
-def beside_effect(now: Estimate, state: SearchState, name: str, joint: int) -> list[ShapeEstimate]:
-    """The constants on a joint as each explains most together with one effect, whose own is as free."""
-    return [
-        ShapeEstimate(*o.key, was, _beside_one(now, state, o, name), np.inf, 0.0, False)
-        for o in _constants(now)
-        if o.joint == joint and _shape(o).role == "estimated"
-        for was in [o.effect.shape[o.name]]
-    ]
-
-
-def _beside_one(now: Estimate, state: SearchState, own: _Own, name: str | None = None) -> float:
-    """The value of one constant that explains most together with one candidate on its joint, the best
-    or the one of this name."""
+def _beside_one(now: Estimate, state: SearchState, own: _Own) -> float:
+    """The value of one constant that explains most together with the best candidate on its joint."""
     stage, j, value = state.stage, own.joint, own.effect.shape[own.name]
     values, ends = _values(own, value)
     data, (bank,), base = _compressed(now, state, (), [(own, values, ends, value)], joint=j)
@@ -117,17 +106,8 @@ def _beside_one(now: Estimate, state: SearchState, own: _Own, name: str | None =
     pool = np.concatenate([bank.columns.ravel(), np.arange(start, len(data.right))])
     rest = beside(data, pool, np.eye(len(data.right))[:, base])
     here = int(np.argmin(np.abs(np.log(values / value))))
-    groups = [g for g in stage.white.groups if g.joint == j and name in (None, g.effect.name)]
-    # Columns with a sign hold it as it turns now: one more of those lets them do without.
-    taken = np.array(
-        [
-            [
-                _takes(rest, np.unique(np.r_[k, here, len(values) + np.r_[g.columns]]))
-                for k in range(len(values))
-            ]
-            for g in groups
-        ]
-    )
+    groups = [g for g in stage.white.groups if g.joint == j]
+    taken = _with_each(rest, len(values), here, groups)
     trials: dict[Hashable, tuple[float, float]] = {}
     for g in np.argsort(-taken.max(axis=1, initial=0.0)) if taken.size else ():
         effect = groups[g].effect
@@ -138,8 +118,8 @@ def _beside_one(now: Estimate, state: SearchState, own: _Own, name: str | None =
             continue
         if partner is None:
             k = int(np.argmax(taken[g]))
-            alike = _takes(rest, np.unique(np.r_[k, len(values) + np.r_[groups[g].columns]]))
-            trials[which] = rest.square - alike, float(values[k])
+            (alike,) = rest.taken(np.r_[k, len(values) + np.r_[groups[g].columns]][None])
+            trials[which] = rest.square - float(alike), float(values[k])
             continue
         begin = {float(values[np.argmax(taken[g])]), value}
         trials[which] = min(_together(now, state, own, partner, v) for v in begin)
@@ -164,9 +144,18 @@ def _together(
     return error, value
 
 
-def _takes(rest: Normal, columns: NDArray[np.intp]) -> float:
-    part = rest.part(columns)
-    return rest.square - part.left(part.solved()[0])
+def _with_each(rest: Normal, count: int, here: int, groups: Sequence[Group]) -> Array:
+    """(G, count) what each value of a constant, in the first columns, takes together with each group,
+    whose columns come behind. Columns with a sign hold it as it turns ``here``, where the constant is:
+    one more of those lets them do without."""
+    taken = np.zeros((len(groups), count))
+    for size in {g.k for g in groups}:
+        which = [i for i, g in enumerate(groups) if g.k == size]
+        own = count + np.array([np.r_[groups[i].columns] for i in which])
+        for k in range(count):
+            shapes = np.tile([here] if k == here else [k, here], (len(own), 1))
+            taken[which, k] = rest.taken(np.hstack([shapes, own]))
+    return taken
 
 
 def widened(first: Estimate, now: Estimate, state: SearchState) -> list[ShapeEstimate]:
@@ -237,9 +226,9 @@ def _compressed(
         candidates[joint] = stage.white.joints[joint]
         last.append(candidates.reshape(n * M, -1))
     rows = np.hstack([own[:, kept], *picked, white, *last])
-    scale = np.repeat(1.0 / state.base.weighting.level, len(stage.rows.t))
-    rows, y = rows * scale[:, None], y * scale
-    return Normal(rows.T @ rows, rows.T @ y, float(y @ y)), banks, base
+    level = state.base.weighting.level[:, None]
+    rows = rows.reshape(len(level), len(stage.rows.t), -1) / level[:, :, None]
+    return Normal.of(rows, y.reshape(rows.shape[:2]) / level), banks, base
 
 
 def adopted(now: Estimate, state: SearchState, found: Sequence[ShapeEstimate]) -> Estimate | None:

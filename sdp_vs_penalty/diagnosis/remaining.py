@@ -82,9 +82,8 @@ def _hums(state: SearchState) -> list[Event]:
     left = state.stage.residual_beside(state.effects)
     out = []
     for j in range(rows.n):
-        pieces = rows.pieces(j)
-        longest = max((len(p) for p in pieces), default=0)
-        pieces = [p for p in pieces if 2 * len(p) > longest]
+        longest = max((len(p) for p in rows.pieces(j)), default=0)
+        pieces = [p for p in rows.pieces(j) if 2 * len(p) > longest]
         series = [left[p, j] for p in pieces]
         lines = [
             f

@@ -13,6 +13,7 @@ from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import plain_unit
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def retunes(
             continue  # what raises the error of its joint is not offered
         shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
         values = [shape.said(v, kind) for v in (s.after, s.before)]
-        unit = robot.torque_units[s.joint].replace("*", " ")
+        unit = plain_unit(robot.torque_units[s.joint])
         verb = effect_types()[s.effect].turns or f"{s.effect} has {s.shape} ="
         said = f"joint {s.joint + 1}: {verb} {values[0]}, not {values[1]}"
         said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"

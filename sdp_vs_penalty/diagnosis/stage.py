@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.candidates import Candidates
-from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
+from sdp_vs_penalty.diagnosis.fit import Coloured, RowLabels, Weighting, WhiteFit, orthonormal
 from sdp_vs_penalty.diagnosis.library import Candidacy, Key, Library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.signals.autoregression import ORDER
+from sdp_vs_penalty.signals.autoregression import ORDER, Pieces
 from sdp_vs_penalty.signals.noise import Noise, noise_in, noise_of
 from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.repetition import is_part
@@ -28,6 +28,8 @@ _BLOCKS = 60
 _PHASE_FOLDS = 5
 #: How many fits a stage keeps.
 _FITS = 6
+#: Instants of a motion whose columns are worked out at a time.
+_PART = 1 << 11
 
 
 def quiet(_: str) -> None:
@@ -66,8 +68,8 @@ class Stage:
     def plain_weighting(self) -> Weighting:
         """All joints alike, nothing but noise in their error."""
         n = self.rows.n
-        inner = [[p[ORDER:] for p in one if len(p) > 2 * ORDER] for one in self.candidates.pieces]
-        return Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(map(tuple, inner)))
+        inner = (Pieces(p[ORDER:] for p in self.rows.pieces(j) if len(p) > 2 * ORDER) for j in range(n))
+        return Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(inner))
 
     def fit(self, weighting: Weighting) -> WhiteFit:
         """The model alone, fitted to its weighted white residual; the last few are kept."""
@@ -75,8 +77,20 @@ class Stage:
         if key not in self._fits:
             while len(self._fits) >= _FITS:
                 del self._fits[next(iter(self._fits))]
-            self._fits[key] = WhiteFit.of(self.labels, *self._white_model, weighting)
+            self._fits[key] = self._coloured(weighting).fit(self.labels, weighting)
         return self._fits[key]
+
+    def _coloured(self, weighting: Weighting) -> Coloured:
+        """The model behind the colour's filter, that of the last colour kept."""
+        key = weighting.colour.tobytes()
+        if key not in self._colours:
+            self._colours.clear()
+            self._colours[key] = Coloured.of(*self._white_model, weighting)
+        return self._colours[key]
+
+    @cached_property
+    def _colours(self) -> dict[bytes, Coloured]:
+        return {}
 
     @cached_property
     def _fits(self) -> dict[bytes, WhiteFit]:
@@ -155,8 +169,15 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
     for segment in rows.segments:
         M = len(segment.t)
         bare = replace(segment.motion, torque=None, current=None)
-        for joint, c in enumerate(estimate.model.columns(bare)):
-            out[joint, first : first + M][:, c.indices] = segment.low_pass @ c.columns
+        # A part at a time, since columns are large; but memory and rates of a torque see all of it.
+        N, model = len(bare.t), estimate.model
+        whole = model.needs_reference or any(e.has_memory for e in model.effects)
+        length = N if whole else _PART
+        for start in range(0, N, length):
+            part = slice(start, start + length)
+            low_pass = segment.low_pass[:, part]
+            for joint, c in enumerate(model.columns(bare.part(part))):
+                out[joint, first : first + M][:, c.indices] += low_pass @ c.columns
         first += M
     return out
 

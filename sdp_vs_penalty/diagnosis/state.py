@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.block_test import flip_threshold
 from sdp_vs_penalty.diagnosis.candidates import MOST, Candidate
 from sdp_vs_penalty.diagnosis.fit import Weighting, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Key, Library
@@ -117,6 +118,12 @@ class SearchState:
         """What may be added to the picks."""
         picked = [p.candidate for p in self.picks]
         return frozenset(self.stage.candidates.eligible(picked, self.stage.known))
+
+    @cached_property
+    def threshold(self) -> float:
+        """What random signs of the blocks make of all that may be added."""
+        seed = self.stage.seed + len(self.picks)
+        return flip_threshold(self.fit, self.scaled, self.eligible, seed)
 
     def with_noise(self, noise: Noise) -> SearchState:
         """The same picks with another idea of the noise."""

@@ -24,7 +24,7 @@ from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
-from sdp_vs_penalty.show import Shown, Summary, words
+from sdp_vs_penalty.show import Shown, Summary, plain_unit, words
 from sdp_vs_penalty.signals.excerpt import excerpt
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -113,7 +113,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
             "large as elsewhere."
         )
     if failure.orders:
-        waves = ", ".join(f"{k} ({a:.2g} {unit}, {r:.0f}x)" for k, a, r in failure.orders)
+        waves = ", ".join(f"{k} ({a:.2g} {plain_unit(unit)}, {r:.0f}x)" for k, a, r in failure.orders)
         out.append(f"Waves per revolution (amplitude, that over its surroundings): {waves}.")
     return out
 

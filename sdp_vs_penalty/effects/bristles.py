@@ -30,7 +30,8 @@ class Bristles:
     def along(self, motion: Motion) -> Array:
         """(N, k) states along a motion, which begins in sliding (or at rest: in the middle)."""
         paths = motion.q @ self.directions.T
-        starts = [motion.sign_along(row)[0] for row in self.directions]
+        first = motion.part(slice(0, 1))
+        starts = [first.sign_along(row)[0] for row in self.directions]
         states = [
             self.law(path, d, float(start))
             for path, d, start in zip(paths.T, self.distances, starts, strict=True)

@@ -28,9 +28,8 @@ from sdp_vs_penalty.effects.motion import Sampling as Sampling
 from sdp_vs_penalty.effects.motion import smooth_sign as smooth_sign
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -104,6 +103,8 @@ class Effect(ABC):
 
     #: Which parameters say how large the effect is: their norm, or the value of a single one.
     sized_by: ClassVar[slice] = slice(None)
+    #: The shape constant that is as large as the effect itself, and follows it (a delay's).
+    sized_shape: ClassVar[str] = ""
     #: False where sizes cannot be compared, because no one number says how large the effect is.
     one_number: ClassVar[bool] = True
 

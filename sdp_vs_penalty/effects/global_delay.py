@@ -8,21 +8,24 @@ import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
+from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
 
 class GlobalDelay(Effect):
     name = "global_delay"
-    equation = "-T_g d tau_hat / dt on every joint"
+    equation = "T_g (tau_hat(t - T) - tau_hat(t)) / T on every joint"
     explanation = (
-        "All torques are logged T_g later than the positions (to first order): two clocks, or one "
-        "filter for all channels."
+        "All torques are logged T_g later than the positions: two clocks, or one filter for all "
+        "channels. T is T_g."
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     needs_torque = True
     forward = "channel"
     has_memory = True
     whole_robot = True
+    shapes = {"T": Shape(0.001, "s", signed=True)}
+    sized_shape = "T"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -33,7 +36,8 @@ class GlobalDelay(Effect):
         return [{}] if robot.n > 1 else []  # on a single joint it is that joint's own delay
 
     def blocks(self, motion: Motion) -> list[Block]:
-        return [Block(j, np.array([0]), -motion.torque_rate[:, [j]]) for j in range(self.robot.n)]
+        rate = motion.late_torque_rate(self.shape["T"])
+        return [Block(j, np.array([0]), -rate[:, [j]]) for j in range(self.robot.n)]
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         return np.column_stack([np.interp(t + theta[0], t, channel) for channel in torque.T])

@@ -25,7 +25,9 @@ class MaxwellSlip(Remembering):
     symbol = "f_m"
     refines = ("presliding_hysteresis", "coulomb_friction")
     shapes = {
-        "d": Shape(0.002, POSITION, grid=(0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.0002, 0.05))
+        "d": Shape(
+            0.002, POSITION, grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.00005, 0.05)
+        )
     }
 
     @property

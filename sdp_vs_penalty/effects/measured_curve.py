@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +52,14 @@ def _is_value(key: str) -> bool:
     return key[0] == "v" and key[1:].isdigit()
 
 
-def hats(x: Array, low: float, high: float, count: int) -> Array:
-    """(N, count) weights of linear interpolation between ``count`` equally spaced knots; constant
-    outside [low, high]. One knot: ones."""
-    if count < 2:
-        return np.ones((len(x), 1))
+def corners(x: Array, low: float, high: float, count: int) -> tuple[Array, NDArray[np.intp]]:
+    """(N, 2) weights of linear interpolation between ``count`` equally spaced knots, constant outside
+    [low, high], and the (N, 2) knots that they belong to. One knot: itself, twice."""
     place = np.clip((x - low) / (high - low), 0.0, 1.0) * (count - 1)
-    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(count)))
+    below = np.minimum(place.astype(np.intp), max(count - 2, 0))
+    share = place - below
+    above = np.minimum(below + 1, count - 1)
+    return np.column_stack([1.0 - share, share]), np.column_stack([below, above])
 
 
 class MeasuredCurve(JointEffect):
@@ -108,7 +110,8 @@ class MeasuredCurve(JointEffect):
         every = np.array(list(np.ndindex(int(own["xn"]), int(own["yn"]))), float)
         there = np.array(known) - 1
         apart = np.sum((every[:, None, :] - every[there]) ** 2, axis=2)
-        self._table = np.array([self.shape[f"v{k}"] for k in known])[np.argmin(apart, axis=1)]
+        self._known, self._nearest = known, np.argmin(apart, axis=1)
+        self._table = np.array([self.shape[f"v{k}"] for k in known])[self._nearest]
         self._missing = np.ones(len(every))
         self._missing[there] = 0.0
 
@@ -185,24 +188,32 @@ class MeasuredCurve(JointEffect):
     def parameter_name(self, joint: int) -> str:
         return f"{self.symbol}{joint + 1}_{'_'.join(self.of(joint))}"
 
-    def column(self, motion: Motion, joint: int) -> Array:
-        return np.asarray(self._weights(motion, joint) @ self._table)
+    def valued(self, values: Array) -> MeasuredCurve:
+        """The same table with other values (P,) where it is known, as they are written."""
+        out, own = copy(self), [float(f"{v:.6g}") for v in values]
+        out.shape = self.shape | dict(zip((f"v{k}" for k in self._known), own, strict=True))
+        out._table = np.array(own)[self._nearest]
+        return out
 
-    def _weights(self, motion: Motion, joint: int) -> Array:
-        """(N, values) of linear interpolation in the table."""
-        weights = np.ones((len(motion.t), 1))
+    def column(self, motion: Motion, joint: int) -> Array:
+        return self._interpolated(self._table, motion, joint)
+
+    def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
+        """(N,) linear interpolation of values (xn yn,) at the corners of the cell of each instant."""
+        weights, index = np.ones((len(motion.t), 1)), np.zeros((len(motion.t), 1), int)
         for axis, (word, partner) in zip("xy", self.variables(joint), strict=False):
             low, high, count = (self.shape[axis + key] for key in ("low", "high", "n"))
-            own = hats(variable(motion, word, partner), low, high, int(count))
+            own, at = corners(variable(motion, word, partner), low, high, int(count))
             weights = (weights[:, :, None] * own[:, None, :]).reshape(len(motion.t), -1)
-        return weights
+            index = (int(count) * index[:, :, None] + at[:, None, :]).reshape(len(motion.t), -1)
+        return np.asarray(np.sum(weights * table[index], axis=1))
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
         """(N,) where a variable lies outside of the table, or in a part of it of which nothing is known,
         on any of the joints."""
         out = np.zeros(len(motion.t), bool)
         for joint in self.joints:
-            out |= self._weights(motion, joint) @ self._missing > 0.5
+            out |= self._interpolated(self._missing, motion, joint) > 0.5
             for axis, (word, partner) in zip("xy", self.variables(joint), strict=False):
                 x = variable(motion, word, partner)
                 out |= (x < self.shape[f"{axis}low"]) | (x > self.shape[f"{axis}high"])

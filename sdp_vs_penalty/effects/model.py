@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Block, CurrentModel, Effect, Motion, Parameter
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 #: Instants whose torque is worked out at a time: columns are many times as large as it.
 _PART = 1 << 13
@@ -147,6 +146,16 @@ class Model:
             parts = (motion.part(slice(k, k + _PART)) for k in range(0, count, _PART))
             return np.concatenate([self.torque(theta, part) for part in parts])
         return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
+
+
+def turning(motion: Motion, effect: Effect) -> Motion:
+    """The motion whose signs turn over the velocity that an effect says; itself where it says none."""
+    if "v_s" not in effect.shape:
+        return motion
+    width = effect.shape["v_s"]
+    n = motion.dq.shape[1]
+    widths = tuple(width if j in effect.joints else motion.width(j) for j in range(n))
+    return replace(motion, sign_width=widths)
 
 
 def _depends(effect: Effect) -> bool:

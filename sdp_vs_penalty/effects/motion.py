@@ -7,12 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
 SIGN_WIDTH = 0.01
@@ -119,6 +117,12 @@ class Motion:
     def torque_rate(self) -> Array:
         """d torque / dt (N, n) by central differences."""
         return _time_derivative(self.model_torque, self.t)
+
+    def late_torque_rate(self, T: float) -> Array:
+        """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque, to third order: its derivative
+        in the middle."""
+        middle = self.t - 0.5 * T
+        return np.column_stack([np.interp(middle, self.t, rate) for rate in self.torque_rate.T])
 
     @cached_property
     def link_torque_rates(self) -> tuple[Array, Array]:

@@ -29,8 +29,8 @@ class PreslidingHysteresis(Remembering, OneAJoint):
         "d": Shape(
             0.003,
             POSITION,
-            grid=(0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
-            bounds=(0.0002, 0.05),
+            grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
+            bounds=(0.00005, 0.05),
         )
     }
 

@@ -47,15 +47,20 @@ class TorqueFilter(Effect):
 
 def lagging(x: Array, t: Array, T: float) -> Array:
     """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
-    from scipy.signal import lfilter
+    # scipy.signal.lfilter does it too; its import takes longer than a short search.
+    from scipy.linalg import solve_banded
 
     if len(t) < 2:
         return x
     step = (t[-1] - t[0]) / (len(t) - 1)
     decay = np.exp(-step / T)
     mean = (1.0 - decay) * T / step
-    start = mean * x[:1]
-    return np.asarray(lfilter([1.0 - mean, mean - decay], [1.0, -decay], x, axis=0, zi=start)[0])
+    driven = (1.0 - mean) * x
+    driven[1:] += (mean - decay) * x[:-1]
+    driven[0] += mean * x[0]
+    # y_k - decay y_(k-1) = driven_k.
+    recursion = np.array([[1.0], [-decay]]) * np.ones(len(t))
+    return np.asarray(solve_banded((1, 0), recursion, driven, check_finite=False))
 
 
 def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:

@@ -69,7 +69,7 @@ def estimate_shapes(
     ranges = [effect.shapes[key].on(effect.robot.joints[j].kind).grid for effect, j, key in wanted]
     ends = [(grid[0], grid[-1]) for grid in ranges]
     grids = [_with(effect.shape[key], g) for (effect, _, key), g in zip(wanted, ranges, strict=True)]
-    rows = _Rows(model, wanted, ends, measurements, settings, chosen, workers)
+    rows = _OpenColumns(model, wanted, ends, measurements, settings, chosen, workers)
     profile = rows.at(grids, weighting, FOLDS)
     found = best_shapes(profile.data, profile.base, profile.banks, profile.variance)
     found = confirmed(found, profile.folds, profile.base, profile.banks, profile.variance)
@@ -84,7 +84,7 @@ def _with(value: float, grid: Sequence[float]) -> Array:
     return np.array(sorted({*kept, value}))
 
 
-def _refined(rows: _Rows, found: list[ShapeEstimate], weighting: str) -> list[ShapeEstimate]:
+def _refined(rows: _OpenColumns, found: list[ShapeEstimate], weighting: str) -> list[ShapeEstimate]:
     """Gauss-Newton steps of the constants that have moved and are told more finely than a grid's."""
     free = [
         k
@@ -154,7 +154,7 @@ class _Profile:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _OpenColumns:
     """Measurements in the columns of a model, at any values of its open constants."""
 
     model: Model

@@ -160,11 +160,8 @@ def _linearised(
     # d theta = directions x has x = pinv(directions) d theta.
     rows = slopes @ np.linalg.pinv(directions)
     scale = np.sqrt(task.data.loss(task.ols) / task.data.rows / np.mean(error**2))
-    q, r = np.linalg.qr(scale * rows)
-    right = scale * (rows @ theta - error)
-    rho = q.T @ right
-    rest = float(np.sqrt(max(right @ right - rho @ rho, 0.0)))
-    return LeastSquares(r, rho, rest, float(right @ right), len(right))
+    both = np.column_stack([rows, rows @ theta - error])
+    return LeastSquares.stacked([scale * both], len(both))
 
 
 def _rms(error: Array) -> float:

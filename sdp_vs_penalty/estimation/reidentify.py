@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import (
 from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import compiled
 from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.solvers.objective import Objective
@@ -194,12 +194,6 @@ def _faded(
     root = np.sqrt(fade)
     old = root * np.column_stack([data.R, data.rho])
     end = np.append(np.zeros(p), root * data.residual_norm)[None]
-    triangle = triangular([old, end, *parts])
-    rest = float(abs(triangle[p, p])) if len(triangle) > p else 0.0
-    return LeastSquares(
-        np.ascontiguousarray(triangle[:p, :p]),
-        triangle[:p, p].copy(),
-        rest,
-        fade * data.tau_squared + squared,
-        int(fade * data.rows) + count,
+    return LeastSquares.stacked(
+        [old, end, *parts], int(fade * data.rows) + count, fade * data.tau_squared + squared
     )

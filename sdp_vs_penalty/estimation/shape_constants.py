@@ -9,14 +9,14 @@ uniformly in its own scale: a prior that keeps a constant which data do not show
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.model import Model, turning
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,8 @@ class ShapeSensitivity(Effect):
     """The torque of a unit error of each free shape constant of an effect with parameters theta (k,).
 
     The unit is the standard deviation of the prior, (range) / sqrt(12): a prior of these parameters is
-    a standard normal. Columns are central differences (Y(s + h) - Y(s - h)) theta / 2h.
+    a standard normal. Columns are central differences (Y(s + h) - Y(s - h)) theta / 2h. ``finer`` :
+    effects, with their parameters, whose signs turn over the velocity that this one's constant is.
     """
 
     name = "shape_sensitivity"
@@ -61,23 +62,24 @@ class ShapeSensitivity(Effect):
     explanation = "What an error of an effect's shape constant makes of torque."
     reference = "Seber, Wild, Nonlinear Regression 1989, ch. 5"
 
-    def __init__(self, effect: Effect, theta: Array) -> None:
+    def __init__(self, effect: Effect, theta: Array, finer: Sequence[tuple[Effect, Array]] = ()) -> None:
         super().__init__(effect.robot)
         self.effect, self.theta = effect, np.asarray(theta, float)
-        self.keys = free_constants(effect)
+        self.keys, self.finer = free_constants(effect), tuple(finer)
+        self._all = (effect, *(e for e, _ in finer))
 
     # A property of what is varied, not of the class: instance attributes hide the class's.
     @property
     def has_memory(self) -> bool:  # type: ignore[override]
-        return self.effect.has_memory
+        return any(e.has_memory for e in self._all)
 
     @property
     def needs_torque(self) -> bool:  # type: ignore[override]
-        return self.effect.needs_torque
+        return any(e.needs_torque for e in self._all)
 
     @property
     def needs_links(self) -> bool:  # type: ignore[override]
-        return self.effect.needs_links
+        return any(e.needs_links for e in self._all)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -87,12 +89,18 @@ class ShapeSensitivity(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        out = []
+        columns: dict[tuple[int, int], Array] = {}
         for k, (upper, lower, unit) in enumerate(self._varied):
-            for above, below in zip(upper.blocks(motion), lower.blocks(motion), strict=True):
-                change = (above.columns - below.columns) @ self.theta[above.parameters]
-                out.append(Block(above.joint, np.array([k]), unit * change[:, None]))
-        return out
+            up, down = turning(motion, upper), turning(motion, lower)
+            pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
+            if up is not motion:
+                pairs += [(e.blocks(up), e.blocks(down), theta) for e, theta in self.finer]
+            for above_all, below_all, theta in pairs:
+                for above, below in zip(above_all, below_all, strict=True):
+                    change = unit * (above.columns - below.columns) @ theta[above.parameters]
+                    where = above.joint, k
+                    columns[where] = columns[where] + change if where in columns else change
+        return [Block(j, np.array([k]), column[:, None]) for (j, k), column in columns.items()]
 
     @cached_property
     def _varied(self) -> list[tuple[Effect, Effect, float]]:
@@ -103,24 +111,35 @@ class ShapeSensitivity(Effect):
         ]
 
     def _moved(self, key: str, step: float) -> Effect:
-        effect, value = self.effect, self.effect.shape[key]
-        moved = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
-        shape = {**effect.shape, key: float(moved)}
-        return type(effect)(effect.robot, effect.asked_joints, **shape)
+        return moved(self.effect, {key: step})
+
+
+def moved(effect: Effect, steps: Mapping[str, float]) -> Effect:
+    """The effect with shape constants changed by steps in their own scales."""
+    shape = dict(effect.shape)
+    for key, step in steps.items():
+        value = shape[key]
+        shape[key] = float(value * np.exp(step) if effect.shapes[key].scale == "log" else value + step)
+    return type(effect)(effect.robot, effect.asked_joints, **shape)
 
 
 def sensitivities(effects: Sequence[Effect], thetas: Sequence[Array]) -> tuple[ShapeSensitivity, ...]:
     """One for each of the effects, with its parameters, that has a free shape constant."""
+    both = list(zip(effects, thetas, strict=True))
     return tuple(
-        ShapeSensitivity(effect, theta)
-        for effect, theta in zip(effects, thetas, strict=True)
+        ShapeSensitivity(effect, theta, [b for b in both if effect.name in b[0].refines])
+        for effect, theta in both
         if free_constants(effect)
     )
 
 
-def with_sensitivities(model: Model, theta: Array) -> Model:
-    """The model with a parameter more for each free shape constant; itself where there is none."""
-    extra = sensitivities(model.effects, [theta[k] for k in model.indices])
+def with_sensitivities(
+    model: Model, theta: Array, wanted: Callable[[Effect], bool] = lambda effect: True
+) -> Model:
+    """The model with a parameter more for each free shape constant of the effects that are wanted;
+    itself where there is none."""
+    every = sensitivities(model.effects, [theta[k] for k in model.indices])
+    extra = tuple(e for e in every if wanted(e.effect))
     if not extra:
         return model
     reference = model.reference

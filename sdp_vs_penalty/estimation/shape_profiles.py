@@ -93,6 +93,18 @@ class Normal:
     right: Array
     square: float
 
+    @classmethod
+    def of(cls, rows: Array, torque: Array) -> Normal:
+        """From rows (n, M, p) and torque (n, M) of n joints: columns that are zero on one cost nothing
+        there."""
+        gram, right = np.zeros((rows.shape[2], rows.shape[2])), np.zeros(rows.shape[2])
+        for Y, tau in zip(rows, torque, strict=True):
+            seen = np.flatnonzero(Y.any(axis=0))
+            part = Y[:, seen]
+            gram[np.ix_(seen, seen)] += part.T @ part
+            right[seen] += part.T @ tau
+        return cls(gram, right, float(np.sum(torque**2)))
+
     def __add__(self, other: Normal) -> Normal:
         return Normal(self.gram + other.gram, self.right + other.right, self.square + other.square)
 
@@ -115,6 +127,16 @@ class Normal:
         unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
         inverse, rank = _pseudo_inverse(self.gram / np.outer(unit, unit))
         return (inverse @ (self.right / unit)) / unit, rank
+
+    def taken(self, columns: NDArray[np.intp]) -> Array:
+        """(N,) what least squares takes from |tau|^2 with each of N sets of columns (N, c) alone."""
+        gram = self.gram[columns[:, :, None], columns[:, None, :]]
+        norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 0.0))
+        unit = np.where(norms > 1e-10 * norms.max(axis=1, keepdims=True), norms, np.inf)
+        values, vectors = np.linalg.eigh(gram / unit[:, :, None] / unit[:, None, :])
+        good = values > 1e-12 * values[:, -1:]
+        part = np.einsum("nij,ni->nj", vectors, self.right[columns] / unit)
+        return np.asarray(np.sum(np.where(good, part**2, 0.0) / np.where(good, values, 1.0), axis=1))
 
     def left(self, theta: Array) -> float:
         """|Y theta - tau|^2."""

@@ -24,14 +24,13 @@ from sdp_vs_penalty.estimators.barycentric_envelopes import inner, moment_axes, 
 from sdp_vs_penalty.estimators.catalogue_part import CataloguePart
 from sdp_vs_penalty.estimators.estimator import Fit, Task
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.extremes import Slice
 from sdp_vs_penalty.solvers.identification import largest_margin
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.verified import proves_infeasible
-
-Array = NDArray[np.float64]
 
 #: Inner approximations in a row, each about the last one's centres of mass.
 _INNER_ROUNDS = 3

@@ -20,10 +20,9 @@ from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.regression import LeastSquares, nearest_least_squares
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.objective import Objective
-
-Array = NDArray[np.float64]
 
 #: Called with a short text of where a long computation stands.
 Progress = Callable[[str], None]

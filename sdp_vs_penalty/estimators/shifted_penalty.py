@@ -25,13 +25,11 @@ from typing import Protocol
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.cones import project, projection_curvature
 from sdp_vs_penalty.constraints.constraint import ConstraintStack
 from sdp_vs_penalty.regression.regression import LeastSquares
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 _FIRST_WEIGHT = 0.1  # in units of (scaled loss) / (scaled distance)^2
 _GROWTH = 10.0

@@ -35,7 +35,7 @@ def is_plain(estimate: Estimate) -> bool:
 
 def torque_lines(estimate: Estimate) -> list[str]:
     """Statements that make tau1 ... taun from q1 ..., v1 ... (velocities) and a1 ... (accelerations),
-    with sin, cos and tanh."""
+    with sin, cos and tanh: Python's and C's alike. Effects that are not PLAIN are left out."""
     code, robot = _Code(), estimate.robot
     sums = _friction(estimate)
     none: Vector = [0.0, 0.0, 0.0]
@@ -87,7 +87,23 @@ def torque_lines(estimate: Estimate) -> list[str]:
             p = joint.parent
             force[p] = code.put(f"f{p}", [_sum(*x) for x in zip(force[p], handed, strict=True)])
             moment[p] = code.put(f"n{p}", [_sum(*x) for x in zip(moment[p], bent, strict=True)])
-    return code.lines
+    return _needed(code.lines)
+
+
+def _needed(lines: Sequence[str]) -> list[str]:
+    """Without the statements whose result nothing uses."""
+    used: set[str] = set()
+    out = []
+    for line in reversed(lines):
+        kept = []
+        for statement in line.split("; "):
+            name, value = statement.split(" = ")
+            if name.startswith("tau") or name in used:
+                kept.append(statement)
+                used |= set(re.findall(r"\w+", value))
+        if kept:
+            out.append("; ".join(kept))
+    return out[::-1]
 
 
 def _friction(estimate: Estimate) -> list[list[Scalar]]:
@@ -117,7 +133,7 @@ def _placed(code: _Code, i: int, placement: Array, k: Array, slides: bool) -> tu
             _sum(float(o), _times(float(x), f"q{i + 1}")) for o, x in zip(origin, along, strict=True)
         ]
         return [float(x) for x in fixed.ravel()], code.put(f"p{i}", moved)
-    code.lines.append(f"c{i}, s{i} = cos(q{i + 1}), sin(q{i + 1})")
+    code.lines.append(f"c{i} = cos(q{i + 1}); s{i} = sin(q{i + 1})")
     skew = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
     still = np.outer(k, k)
     parts = (fixed @ still, fixed @ (np.eye(3) - still), fixed @ skew)
@@ -189,7 +205,8 @@ def _factor(a: Scalar) -> str:
 
 
 def _negative(text: str) -> str:
-    return text[1:] if re.fullmatch(r"-\w+", text) else f"-{_factor(text)}"
+    factor = _factor(text)
+    return factor[1:] if factor.startswith("-") else f"-{factor}"
 
 
 def _sum(*terms: Scalar) -> Scalar:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot import inertia
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's inertia.
 _PLACES = {"viscous_friction": "damping", "coulomb_friction": "friction", "rotor_inertia": "armature"}

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Joint, Robot
-
-Array = NDArray[np.float64]
 
 #: MuJoCo's mjMINVAL: moving bodies need a mass and moments of inertia above it.
 _SMALLEST = 1e-15

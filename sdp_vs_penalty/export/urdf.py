@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers, require_consistent
 from sdp_vs_penalty.export.splice import Document
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
-
-Array = NDArray[np.float64]
 
 #: URDF demands a number where a limit is unknown; these do not limit.
 _NO_LIMIT = 1e6

@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from sdp_vs_penalty.page.options import Field
+from sdp_vs_penalty.page.options import FormField
 
 Handler = Callable[..., Any]
 
@@ -82,7 +82,7 @@ def check(label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str =
         tag("span", label)
 
 
-def draw_form(fields: Sequence[Field], values: dict[str, str]) -> None:
+def draw_form(fields: Sequence[FormField], values: dict[str, str]) -> None:
     """Every field with what is written in it; ``values`` follows, without the empty ones."""
 
     def put(name: str, text: str) -> None:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page.state import Notice, State, Working
+from sdp_vs_penalty.page.state import Notice, TabState, Working
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Cancelled
 
 
 @dataclass
-class Doing(State):
+class Doing(TabState):
     """A state with one job at a time."""
 
     _count: int = 0

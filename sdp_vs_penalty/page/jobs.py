@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.datasets import DATASETS
@@ -19,6 +20,7 @@ from sdp_vs_penalty.diagnosis import add, diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.excitation import save_trajectory
 from sdp_vs_penalty.estimation.identify import identify
@@ -83,7 +85,7 @@ def robot(request: Request, progress: Progress) -> Answer:
         "name": problem.name,
         "n": problem.robot.n,
         "joints": list(problem.robot.joint_names),
-        "units": [unit.replace("*", " ") for unit in problem.robot.torque_units],
+        "units": [show.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "torque_side": problem.torque_side,
         "own_gravity": list(problem.robot.gravity),
@@ -195,25 +197,25 @@ def methods(request: Request, progress: Progress) -> Answer:
     rows = []
     for name in request["methods"]:
         begin = time.perf_counter()
+        given: dict[str, Any] = {
+            "effects": current.model.effects,
+            "seed": int(request["seed"]),
+            "progress": lambda text, name=name: progress(f"{name}: {text}"),
+        }
         try:
-            made = identify(
-                current.problem,
-                runs.train,
-                name,
-                effects=current.model.effects,
-                seed=int(request["seed"]),
-                progress=lambda text, name=name: progress(f"{name}: {text}"),  # type: ignore[misc]
-            )
+            made = identify(current.problem, runs.train, name, **given)
+            seconds = time.perf_counter() - begin
+            folds = request["folds"] and cross_validate(current.problem, runs.train, name, **given)
         except InputError as error:
             rows.append({"method": name, "failed": str(error)})
             continue
-        seconds = time.perf_counter() - begin
         c = compare({name: made}, runs.judge, noise_from=runs.whole)[0]
         rows.append(
             {
                 "method": name,
                 "rmse": c.rmse.tolist(),
                 "relative": c.relative_error_percent,
+                "unseen": folds.relative_error_percent if folds else None,
                 "violation": violation(made),
                 "gap": made.certificate.gap,
                 "thickness": made.certificate.smallest_thickness,

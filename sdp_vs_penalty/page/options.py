@@ -11,7 +11,7 @@ from sdp_vs_penalty.errors import InputError
 
 
 @dataclass(frozen=True)
-class Field:
+class FormField:
     """An option of a verb: its parameter's name, flag, help, an example of a value, and what it is."""
 
     name: str
@@ -21,7 +21,7 @@ class Field:
     kind: type
 
 
-def fields_of(verb: Callable[..., Any], *names: str) -> tuple[Field, ...]:
+def fields_of(verb: Callable[..., Any], *names: str) -> tuple[FormField, ...]:
     """Options of a verb by the names of its parameters, as typer reads them from its annotations."""
     hints, parameters = get_type_hints(verb, include_extras=True), inspect.signature(verb).parameters
     out = []
@@ -32,11 +32,11 @@ def fields_of(verb: Callable[..., Any], *names: str) -> tuple[Field, ...]:
         told = option.metavar or ("" if default is None or kind is bool else str(default))
         of = next((k for k in (bool, int, float) if kind is k or k in get_args(kind)), str)
         flag = flags[0].partition("/")[0] if flags else f"--{name.replace('_', '-')}"
-        out.append(Field(name, flag, option.help or "", told, of))
+        out.append(FormField(name, flag, option.help or "", told, of))
     return tuple(out)
 
 
-def words(fields: tuple[Field, ...], values: Mapping[str, str]) -> list[str]:
+def words(fields: tuple[FormField, ...], values: Mapping[str, str]) -> list[str]:
     """The same on the command line."""
     out = []
     for f in fields:

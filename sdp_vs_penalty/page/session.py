@@ -219,13 +219,13 @@ class Session(Doing):
             self.findings = None
         self.changed()
 
-    def compare_methods(self, names: list[str]) -> None:
-        """The current effects by other methods."""
+    def compare_methods(self, names: list[str], folds: bool = False) -> None:
+        """The current effects by other methods; folds : on unseen motion as well."""
 
         async def do() -> None:
             if not names:
                 raise InputError("No method is chosen", "choose at least one to compare")
-            answer = await self._job("methods", model=self._current(), methods=names)
+            answer = await self._job("methods", model=self._current(), methods=names, folds=folds)
             self.methods = answer["rows"]
 
         self._start("Comparing methods", do())

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.page.options import Field, words
+from sdp_vs_penalty.page.options import FormField, words
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.workshop import Work, Workshop
 from sdp_vs_penalty.report.plots import Curves
@@ -53,7 +53,7 @@ class Watcher(Protocol):
 
 
 @dataclass
-class State:
+class TabState:
     """The state of a tab; it is kept while the server runs, also when the tab is closed.
 
     robot : the answer about it, with ``source``; runs : see jobs.read, each with its ``use``; ladder :
@@ -72,7 +72,7 @@ class State:
     frozen: bool = False
     #: What is written in the fields that are the command line's options, and these fields.
     options: dict[str, str] = field(default_factory=dict)
-    asked: tuple[Field, ...] = ()
+    asked: tuple[FormField, ...] = ()
     reading: dict[str, str] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False

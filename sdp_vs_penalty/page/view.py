@@ -10,11 +10,11 @@ from typing import Any
 from nicegui import ui
 from nicegui.client import Client
 
-from sdp_vs_penalty.page.options import Field
+from sdp_vs_penalty.page.options import FormField
 from sdp_vs_penalty.page.session import Session
 
 #: Options of the command line by the step that offers them.
-Forms = Mapping[str, tuple[Field, ...]]
+Forms = Mapping[str, tuple[FormField, ...]]
 
 
 @dataclass
@@ -47,6 +47,7 @@ class View:
     signal: str = "dq"
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
+    folds: bool = False
     separating: dict[str, str] = field(default_factory=dict)
     hiding: Hiding = field(default_factory=Hiding)
 
@@ -70,9 +71,13 @@ class View:
         if self.folder is None:
             return []
         inside = self.folder.resolve()
-        found = [
-            p
-            for p in sorted(inside.iterdir())
-            if p.suffix.lower() in suffixes and p.is_file() and p.resolve().parent == inside
-        ]
-        return found[:50]
+        found = [p for p in sorted(inside.iterdir()) if p.suffix.lower() in suffixes and p.is_file()]
+        return [p for p in found if p.resolve().parent == inside][:50]
+
+    def folder_problems(self) -> list[Path]:
+        """Folders in it, and itself, that hold a problem.toml: a robot with bounds and filters."""
+        if self.folder is None:
+            return []
+        inside = self.folder.resolve()
+        found = [p for p in (inside, *sorted(inside.iterdir())) if (p / "problem.toml").is_file()]
+        return [p for p in found if p.resolve() in (inside, inside / p.name)][:50]

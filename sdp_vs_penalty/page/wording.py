@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.show import plain_unit
 
 
 def figure(value: float | None, digits: int = 3) -> str:
@@ -23,11 +24,6 @@ def figure(value: float | None, digits: int = 3) -> str:
 
 def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
     return f"{figure(value, digits)} {plain_unit(unit)}".strip()
-
-
-def plain_unit(unit: str) -> str:
-    """N*m as N m, kg*m^2 as kg m²; nothing for a pure number."""
-    return "" if unit == "-" else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
 
 
 def plain_name(effect: str) -> str:

@@ -38,7 +38,8 @@ class Workbench:
         self._header()
         with tag("div", style="frame"):
             self._rail()
-            with tag("main", style="page", tabindex="-1") as self._main:
+            # NiceGUI's own layout is the main landmark.
+            with tag("div", style="page", tabindex="-1") as self._main:
                 with tag("div", style="intro"):
                     tag("h1", "Identify your robot, see what the model is missing, add it")
                     tag("p", "Everything is computed on this computer, and no data leave it.", "lead")

@@ -23,10 +23,9 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Rows
-
-Array = NDArray[np.float64]
 
 #: The rows of a data set in the columns of any model: filtered, or exact where states are known.
 RowsOf = Callable[[Model], Rows]

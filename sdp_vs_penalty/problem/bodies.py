@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body, around, balls
 from sdp_vs_penalty.robot.geometry import Geometry
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 #: Half axes of the body over those of the ellipsoid around the link's geometry, and a layer on it [m].
 GEOMETRY_MARGIN, LAYER = 1.2, 0.03

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.problem.bodies import GEOMETRY_MARGIN, LAYER
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.problem.problem import Problem
-
-Array = NDArray[np.float64]
 
 #: Nominal mass per length of a link about which nothing is known [kg/m].
 DEFAULT_LINEAR_DENSITY = 10.0

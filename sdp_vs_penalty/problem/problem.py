@@ -24,12 +24,11 @@ from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-Array = NDArray[np.float64]
 
 #: Defaults that keep the feasible set of a robot without published bounds (a URDF) bounded.
 #: A file's own inertials widen them: three times their mass, twice their extent.

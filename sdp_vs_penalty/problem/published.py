@@ -13,15 +13,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.names import barycentric_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,12 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 VARIABLE = "SDP_VS_PENALTY_DATA"
 

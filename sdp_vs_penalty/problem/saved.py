@@ -11,18 +11,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-Array = NDArray[np.float64]
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:

@@ -14,10 +14,9 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import triangular
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.inertia import parameter_names
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def base_parameters(

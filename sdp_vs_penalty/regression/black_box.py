@@ -16,15 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.data.formats.npz import numeric_arrays
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 _ARRAYS = ("q", "gravity", "mass_matrix")
 #: A library prints a few digits: M(q) may differ from its transpose by this share of its size.

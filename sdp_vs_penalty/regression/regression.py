@@ -24,6 +24,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds
 from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
@@ -31,8 +32,6 @@ from sdp_vs_penalty.signals.preprocessing import (
     filtered_rows,
     rows_per_sample,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,22 @@ class LeastSquares:
     tau_squared: float
     rows: int
 
+    @classmethod
+    def stacked(
+        cls, stack: Sequence[Array], rows: int, tau_squared: float | None = None
+    ) -> LeastSquares:
+        """That of rows [Y, tau] given as arrays (k, p + 1) whose triangle is formed.
+
+        tau_squared: |tau|^2 where it is not that of these rows, as where some hold a prior.
+        """
+        triangle = triangular(stack)
+        p = triangle.shape[1] - 1
+        rest = float(triangle[p, p]) if len(triangle) > p else 0.0
+        if tau_squared is None:
+            tau_squared = float(triangle[:, p] @ triangle[:, p])
+        R, rho = np.ascontiguousarray(triangle[:p, :p]), triangle[:p, p].copy()
+        return cls(R, rho, rest, tau_squared, rows)
+
     def loss(self, theta: ArrayLike) -> float:
         residual = self.R @ np.asarray(theta, float) - self.rho
         return float(residual @ residual) + self.residual_norm**2
@@ -82,15 +97,8 @@ class LeastSquares:
         rows = np.zeros((p, p + 1))
         rows[:, :p] = np.diag(np.sqrt(weight) / size)
         end = np.append(np.zeros(p), self.residual_norm)[None, :]
-        r = triangular([np.column_stack([self.R, self.rho]), end, rows])
-        top = r[:p]
-        return LeastSquares(
-            np.ascontiguousarray(top[:, :-1]),
-            top[:, -1].copy(),
-            float(r[p, p]),
-            self.tau_squared,
-            self.rows,
-        )
+        stack = [np.column_stack([self.R, self.rho]), end, rows]
+        return LeastSquares.stacked(stack, self.rows, self.tau_squared)
 
     @property
     def column_norms(self) -> Array:
@@ -198,16 +206,7 @@ class Regression:
             wide[:, -1] = factor.triangle[:, -1]
             stack.append(scale[factor.joint] * wide)
             rows += factor.rows
-        triangle = triangular(stack)
-        residual_norm = float(abs(triangle[self.p, self.p])) if len(triangle) > self.p else 0.0
-        top = triangle[: self.p]
-        return LeastSquares(
-            np.ascontiguousarray(top[:, :-1]),
-            top[:, -1].copy(),
-            residual_norm,
-            float(triangle[:, -1] @ triangle[:, -1]),
-            rows,
-        )
+        return LeastSquares.stacked(stack, rows)
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""

@@ -104,5 +104,5 @@ def provenance(material: Material) -> Section:
         ):
             rows.append((name, what, value))
     body = table(("model", "", ""), rows, numbers_from=3)
-    body += f"<pre>{escape(chr(10).join(material.commands))}</pre>"
+    body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
     return Section("provenance", "Provenance", body)

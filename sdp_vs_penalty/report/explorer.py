@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable, variable_unit
 from sdp_vs_penalty.report.plots import COLOURS, MEASURED, SIGNALS, band_figure, noise_band, scatter_rows
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Points of a curve's rows, lags of a correlation.
 _POINTS, _LAGS = 700, 40

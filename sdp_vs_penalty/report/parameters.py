@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -15,9 +14,8 @@ from sdp_vs_penalty.export.friction_table import friction_curves
 from sdp_vs_penalty.report.plots import COLOURS, MEASURED, friction_figure
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def parameters(material: Material) -> Section:
@@ -72,7 +70,7 @@ def _row(i: Interval, source: str, nominal: float) -> Row:
 def cells(row: Row) -> tuple[str, ...]:
     """A parameter as text, in the order of HEADS."""
     figures = (number(_seen(row[name])) for name in ("value", "low", "high", "nominal"))
-    unit = row["unit"].replace("*", " ").replace("^2", "²")
+    unit = show.plain_unit(row["unit"])
     return row["name"], row["verdict"], row["source"], *figures, unit
 
 

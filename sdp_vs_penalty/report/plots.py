@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on white and black.
 MEASURED = "#888888"

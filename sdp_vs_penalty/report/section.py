@@ -8,7 +8,6 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import Report
 from sdp_vs_penalty.data.measurements import Measurements
@@ -18,8 +17,6 @@ from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.report.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

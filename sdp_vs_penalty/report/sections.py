@@ -15,8 +15,7 @@ from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.report.plots import POINTS, Curves, ladder_figure, torque_figure
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def summary(material: Material) -> Section:

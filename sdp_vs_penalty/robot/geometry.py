@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.urdf import placed_links, pose_of
-
-Array = NDArray[np.float64]
 
 #: Corners of the polygons that stand for circles, around them.
 _CORNERS = 16

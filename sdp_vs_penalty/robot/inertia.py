@@ -20,9 +20,9 @@ triangle inequalities (Traversaro, Brossette, Escande, Nori, IROS 2016).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: The parameter order of one link.
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

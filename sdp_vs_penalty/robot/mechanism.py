@@ -6,13 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.joint import Joint, Mechanism
 from sdp_vs_penalty.robot.transmission import parse_formula
-
-Array = NDArray[np.float64]
 
 #: A joint that follows: the joint that it follows, by name, multiplier and offset.
 Follower = tuple[str, float, float]

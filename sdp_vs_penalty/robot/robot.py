@@ -18,11 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import compiled, inertia
 from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.dh import dh_joints
 from sdp_vs_penalty.robot.joint import Joint, Mechanism
 from sdp_vs_penalty.robot.transmission import Transmission
-
-Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 

@@ -9,17 +9,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.mechanism import following, mimics
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Joint, Robot
 from sdp_vs_penalty.robot.urdf_transmission import urdf_transmission
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}

@@ -1,25 +1,37 @@
-"""Every link's matrix as L L^T with a positive diagonal: theta from variables without constraints.
+"""Links that are consistent by construction: theta from variables without constraints, in two ways.
 
-The log-Cholesky parametrisation of Rucker and Wensing ("Smooth parameterization of rigid-body
-inertia", RA-L 2022): consistency holds by construction. A link with a minimum thickness gets the 4x4
-matrix of that demand, which contains the pseudo-inertia. L is in units of an interior point.
+Each link has one matrix that must be positive definite, P = G G^T in units of an interior point; of a
+link with a minimum thickness the 4x4 matrix of that demand, which contains the pseudo-inertia.
+
+LogCholesky : G is triangular, the logarithms of its diagonal are variables (Rucker and Wensing, "Smooth
+    parameterization of rigid-body inertia", RA-L 2022).
+Geodesic : G exp(S) G^T with a symmetric S, a geodesic of the affine-invariant metric |S| (Lee, Wensing,
+    Park, "Geometric robot dynamic identification", T-RO 2020); gradient and Hessian in S are Riemannian.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.solvers.conic import svec, unsvec
 
 Array = NDArray[np.float64]
 
 #: Rows and columns of a link's ten variables in L, and which of them are logarithms.
 ROWS, COLUMNS = np.tril_indices(4)
 DIAGONAL = ROWS == COLUMNS
+_SAME_COLUMN = COLUMNS[:, None] == COLUMNS[None, :]
+_BASIS = unsvec(np.eye(10), 4)
+#: (10, 10, 4, 4) symmetrised products of the basis of symmetric matrices.
+_PRODUCTS = 0.5 * (
+    np.einsum("aij,bjk->abik", _BASIS, _BASIS) + np.einsum("bij,ajk->abik", _BASIS, _BASIS)
+)
 
 
 def owners(constraints: Sequence[Constraint]) -> list[Constraint]:
@@ -33,10 +45,10 @@ def owners(constraints: Sequence[Constraint]) -> list[Constraint]:
 
 
 @dataclass(frozen=True)
-class Chart:
-    """x holds ten variables a link, then the other parameters in units of ``scale``.
+class Frame:
+    """What both charts share: ten variables a link, then the other parameters in units of ``scale``.
 
-    maps : (16, 10) from each link's matrix to its parameters; corners : (4,) units of each L's rows.
+    maps : (16, 10) from each link's matrix to its parameters; corners : (4,) units of each G's rows.
     """
 
     size: int
@@ -47,8 +59,8 @@ class Chart:
     scale: Array
 
     @classmethod
-    def at(cls, links: Sequence[Constraint], inside: Array) -> Chart:
-        """The chart in which the strictly feasible ``inside`` has factors with rows of length one."""
+    def at(cls, links: Sequence[Constraint], inside: Array) -> Frame:
+        """The frame in which the strictly feasible ``inside`` has factors with rows of length one."""
         covered = np.concatenate([np.zeros(0, np.intp), *(c.indices for c in links)]).astype(np.intp)
         others = np.setdiff1d(np.arange(len(inside)), covered)
         maps = tuple(np.asarray(np.linalg.pinv(c.coefficients.reshape(10, 16))) for c in links)
@@ -56,61 +68,127 @@ class Chart:
         scale = np.maximum(np.abs(inside[others]), 1e-2)
         return cls(len(inside), tuple(links), maps, corners, others, scale)
 
-    def variables(self, theta: Array) -> Array:
-        """The variables of a strictly feasible theta. Raises LinAlgError for another."""
-        parts = []
-        for c, corner in zip(self.links, self.corners, strict=True):
-            factor = np.linalg.cholesky(c.value(theta) / np.outer(corner, corner))
-            x = factor[ROWS, COLUMNS]
-            x[DIAGONAL] = np.log(x[DIAGONAL])
-            parts.append(x)
-        return np.concatenate([*parts, theta[self.others] / self.scale])
+    def factors(self, theta: Array) -> Array:
+        """(links, 4, 4) the triangular G of a strictly feasible theta. LinAlgError for another."""
+        parts = zip(self.links, self.corners, strict=True)
+        made = [np.linalg.cholesky(c.value(theta) / np.outer(u, u)) for c, u in parts]
+        return np.array(made).reshape(-1, 4, 4)
 
-    def _factors(self, x: Array) -> Array:
-        """(links, 4, 4) L of each link."""
-        entries = x[: 10 * len(self.links)].reshape(-1, 10).copy()
+    def theta(self, factors: Array, others: Array) -> Array:
+        """(p,) from (links, 4, 4) G and the scaled parameters beside the links."""
+        theta = np.zeros(self.size)
+        for c, back, corner, factor in zip(self.links, self.maps, self.corners, factors, strict=True):
+            matrix = factor @ factor.T * np.outer(corner, corner) - c.constant
+            theta[c.indices] = matrix.ravel() @ back
+        theta[self.others] = others * self.scale
+        return theta
+
+    def weights(self, slopes: Array) -> Iterator[Array]:
+        """Of each link (r, 4, 4) symmetric W with slope^T dtheta = <W, d(G G^T)>; slopes (r, p)."""
+        for c, back, corner in zip(self.links, self.maps, self.corners, strict=True):
+            weights = (slopes[:, c.indices] @ back.T).reshape(-1, 4, 4) * np.outer(corner, corner)
+            yield np.asarray(0.5 * (weights + np.swapaxes(weights, 1, 2)))
+
+
+class Point(Protocol):
+    """A place in a chart, and how theta moves with n variables about it.
+
+    theta (p,); pull(J) : (r, n) derivatives from those (r, p) with respect to theta;
+    curvature(slope) : (n, n) sum_k slope_k times the Hessian of theta_k.
+    """
+
+    @property
+    def theta(self) -> Array: ...
+    def pull(self, jacobian: Array) -> Array: ...
+    def curvature(self, slope: Array) -> Array: ...
+    def moved(self, step: Array) -> Point: ...
+
+
+@dataclass(frozen=True)
+class LogCholesky:
+    """The point with variables x: each link's L, its diagonal as logarithms, then the others."""
+
+    frame: Frame
+    x: Array
+
+    @classmethod
+    def of(cls, frame: Frame, theta: Array) -> LogCholesky:
+        entries = frame.factors(theta)[:, ROWS, COLUMNS]
+        entries[:, DIAGONAL] = np.log(entries[:, DIAGONAL])
+        return cls(frame, np.concatenate([entries.ravel(), theta[frame.others] / frame.scale]))
+
+    @property
+    def _factors(self) -> Array:
+        entries = self.x[: 10 * len(self.frame.links)].reshape(-1, 10).copy()
         entries[:, DIAGONAL] = np.exp(np.clip(entries[:, DIAGONAL], -40.0, 40.0))
         factors = np.zeros((len(entries), 4, 4))
         factors[:, ROWS, COLUMNS] = entries
         return factors
 
-    def theta(self, x: Array) -> Array:
-        theta = np.zeros(self.size)
-        parts = zip(self.links, self.maps, self.corners, self._factors(x), strict=True)
-        for c, back, corner, factor in parts:
-            matrix = factor @ factor.T * np.outer(corner, corner) - c.constant
-            theta[c.indices] = matrix.ravel() @ back
-        theta[self.others] = x[10 * len(self.links) :] * self.scale
-        return theta
+    @property
+    def theta(self) -> Array:
+        return self.frame.theta(self._factors, self.x[10 * len(self.frame.links) :])
 
-    def pull(self, x: Array, jacobian: Array) -> Array:
-        """(r, len x) derivatives with respect to x from those (r, p) with respect to theta."""
-        out = np.zeros((len(jacobian), len(x)))
-        parts = zip(self.links, self.maps, self.corners, self._factors(x), strict=True)
-        for k, (c, back, corner, factor) in enumerate(parts):
+    def moved(self, step: Array) -> LogCholesky:
+        return replace(self, x=self.x + step)
+
+    def pull(self, jacobian: Array) -> Array:
+        parts = []
+        for weights, factor in zip(self.frame.weights(jacobian), self._factors, strict=True):
             # d<W, L L^T> = 2 <W L, dL> for a symmetric W
-            pulled = 2.0 * self._weights(jacobian[:, c.indices], back, corner) @ factor
-            part = pulled[:, ROWS, COLUMNS]
+            part = (2.0 * weights @ factor)[:, ROWS, COLUMNS]
             part[:, DIAGONAL] *= factor[ROWS, COLUMNS][DIAGONAL]
-            out[:, 10 * k : 10 * k + 10] = part
-        out[:, 10 * len(self.links) :] = jacobian[:, self.others] * self.scale
-        return out
+            parts.append(part)
+        return np.hstack([*parts, jacobian[:, self.frame.others] * self.frame.scale])
 
-    @staticmethod
-    def _weights(slopes: Array, back: Array, corner: Array) -> Array:
-        """(r, 4, 4) symmetric W with slope^T dtheta = <W, d(L L^T)>."""
-        weights = (slopes @ back.T).reshape(-1, 4, 4) * np.outer(corner, corner)
-        return np.asarray(0.5 * (weights + np.swapaxes(weights, 1, 2)))
-
-    def curvature(self, x: Array, slope: Array) -> Array:
-        """(len x, len x) sum_k slope_k times the Hessian of theta_k: blocks of ten."""
-        out = np.zeros((len(x), len(x)))
-        same_column = COLUMNS[:, None] == COLUMNS[None, :]
-        parts = zip(self.links, self.maps, self.corners, self._factors(x), strict=True)
-        for k, (c, back, corner, factor) in enumerate(parts):
-            (weight,) = self._weights(slope[c.indices][None], back, corner)
+    def curvature(self, slope: Array) -> Array:
+        blocks = []
+        for (weight,), factor in zip(self.frame.weights(slope[None]), self._factors, strict=True):
             grows = np.where(DIAGONAL, factor[ROWS, COLUMNS], 1.0)  # dL / dx, entry by entry
-            block = 2.0 * weight[np.ix_(ROWS, ROWS)] * same_column * np.outer(grows, grows)
+            block = 2.0 * weight[np.ix_(ROWS, ROWS)] * _SAME_COLUMN * np.outer(grows, grows)
             again = np.where(DIAGONAL, 2.0 * (weight @ factor)[ROWS, COLUMNS] * grows, 0.0)
-            out[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block + np.diag(again)
-        return out
+            blocks.append(block + np.diag(again))
+        return _blocks(blocks, len(self.x))
+
+
+@dataclass(frozen=True)
+class Geodesic:
+    """The point with factors G (links, 4, 4); variables are S of each link as svec, zero here."""
+
+    frame: Frame
+    factors: Array
+    others: Array
+
+    @classmethod
+    def of(cls, frame: Frame, theta: Array) -> Geodesic:
+        return cls(frame, frame.factors(theta), theta[frame.others] / frame.scale)
+
+    @property
+    def theta(self) -> Array:
+        return self.frame.theta(self.factors, self.others)
+
+    def moved(self, step: Array) -> Geodesic:
+        """G exp(S / 2): exp(S) is its own square root twice."""
+        count = 10 * len(self.factors)
+        values, vectors = np.linalg.eigh(unsvec(step[:count].reshape(-1, 10), 4))
+        grown = vectors * np.exp(np.clip(0.5 * values, -40.0, 40.0))[:, None, :]
+        turned = self.factors @ grown @ np.swapaxes(vectors, 1, 2)
+        return replace(self, factors=turned, others=self.others + step[count:])
+
+    def pull(self, jacobian: Array) -> Array:
+        pairs = zip(self.frame.weights(jacobian), self.factors, strict=True)
+        parts = [svec(factor.T @ weights @ factor) for weights, factor in pairs]
+        return np.hstack([*parts, jacobian[:, self.frame.others] * self.frame.scale])
+
+    def curvature(self, slope: Array) -> Array:
+        """G exp(t S) G^T bends by G S^2 G^T: <G^T W G, S S> in each link."""
+        pairs = zip(self.frame.weights(slope[None]), self.factors, strict=True)
+        blocks = [np.einsum("abij,ij", _PRODUCTS, g.T @ weight @ g) for (weight,), g in pairs]
+        return _blocks(blocks, 10 * len(blocks) + len(self.others))
+
+
+def _blocks(blocks: Sequence[Any], size: int) -> Array:
+    out = np.zeros((size, size))
+    for k, block in enumerate(blocks):
+        out[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
+    return out

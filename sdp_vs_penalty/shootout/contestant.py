@@ -97,7 +97,8 @@ def certified_gap(instance: Instance, fit: Fit) -> float:
     return (upper - lower) / scale
 
 
-def no_answer(instance: Instance, error: InputError, seconds: float) -> Answer:
+def no_answer(instance: Instance, error: InputError | str, seconds: float) -> Answer:
+    """Nothing, or a claim of infeasibility where the error proves it."""
     nothing = np.full(len(instance.task.bound), np.nan)
     claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
     return Answer(nothing, claims, str(error), 0, 0.0, seconds)

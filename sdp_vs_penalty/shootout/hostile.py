@@ -15,7 +15,7 @@ from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.regression.regression import LeastSquares, triangular
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.shootout import regular
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.signals.preprocessing import filtered_rows
@@ -26,8 +26,7 @@ Change = Callable[[Instance], Instance]
 
 
 def _panda(name: str, shape: str = "gyration", stop: float = 14.0) -> Instance:
-    made = regular.simulated(name, "hostile", "panda", "one-step", shape, stop)
-    return replace(made, hostile=True)
+    return regular.simulated(name, "panda", "one-step", shape, stop)
 
 
 def _with_data(instance: Instance, data: LeastSquares) -> Instance:
@@ -131,17 +130,10 @@ def raw_rows(name: str) -> Instance:
             wide[:, p] = rows.torque[:, joint]
             stack.append(wide)
     raw = np.vstack(stack)
-    triangle = triangular([raw])
-    tau_squared = float(raw[:, p] @ raw[:, p])
-    data = LeastSquares(
-        np.ascontiguousarray(triangle[:p, :p]),
-        triangle[:p, p].copy(),
-        float(abs(triangle[p, p])),
-        tau_squared,
-        len(raw),
-    )
+    data = LeastSquares.stacked([raw], len(raw))
     made = _with_data(_panda(name), data)
-    uncompressed = LeastSquares(np.ascontiguousarray(raw[:, :p]), raw[:, p], 0.0, tau_squared, len(raw))
+    regressor = np.ascontiguousarray(raw[:, :p])
+    uncompressed = LeastSquares(regressor, raw[:, p], 0.0, data.tau_squared, len(raw))
     return replace(made, formulation="rows", raw=uncompressed)
 
 

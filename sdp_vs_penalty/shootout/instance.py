@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.solvers import clarabel
+from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.unscaled import gram_sdp, rows_sdp
@@ -29,16 +31,13 @@ class Instance:
     task : data, constraints and bounds in the instance's own units; what it calls nonconvex is empty.
     formulation : "residual" is ours, centred and scaled; "gram", "gram in float32" and "rows" are what
         users write. raw : the uncompressed rows that the formulation "rows" poses.
-    hostile : whether figures to reach leave it out.
     """
 
     name: str
-    group: str
     task: Task
     objective: Objective
     formulation: str = "residual"
     raw: LeastSquares | None = None
-    hostile: bool = False
 
     @property
     def constraints(self) -> ConstraintSet:
@@ -94,6 +93,11 @@ class Instance:
             self.objective, self.sent, centre, self.task.bound, centre, least_loss=least
         )
 
+    def lower_bound(self, theta: Array, multipliers: Sequence[Array], slopes: Array | None) -> float:
+        """A rigorous bound below the optimum, from any multipliers of all constraints."""
+        bound = self.task.bound
+        return lower_bound(self.objective, self.constraints, multipliers, theta, bound, slopes)
+
     def all_multipliers(self, sent: list[Array]) -> list[Array]:
         """Multipliers of all constraints from those of the constraints that were sent."""
         found = {id(c): m for c, m in zip(self.sent, sent, strict=True)}
@@ -107,13 +111,14 @@ class Instance:
         """
         digest = hashlib.sha256(f"{self.formulation} {self.name}".encode())
         data = self.data
-        # R is fixed only up to the signs of its rows; the columns' sizes and angles to rho are not.
+        # Rounding decides the signs of R's rows and, where R lacks rank, what of the residual stands in
+        # the floor. Not so: the columns' sizes and angles to rho, and the least loss of any theta.
         norms = data.column_norms
         seen = np.where(norms > 0.0, norms, 1.0)
         size = np.sqrt(data.tau_squared) or 1.0
         cosines = np.where(norms > 0.0, data.R.T @ data.rho / seen / size, 0.0)
         digest.update((np.round(cosines, 7) + 0.0).tobytes())
-        arrays = [norms, np.array([data.tau_squared, data.residual_norm]), self.task.bound]
+        arrays = [norms, np.array([data.tau_squared, data.loss(self.task.ols)]), self.task.bound]
         for c in self.constraints.convex:
             digest.update(f"{c.family} {c.name} {c.cone} {c.indices.tolist()}".encode())
             arrays += [c.constant, c.coefficients]

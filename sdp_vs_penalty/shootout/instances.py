@@ -1,10 +1,16 @@
-"""The instances by name, deterministic: which exist is known without building one."""
+"""The instances by name, deterministic: which exist is known without building one.
+
+The library is what `shootout --export` writes; the catalogue is what the shootout runs on by itself.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+
+import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.real_data import real_data_folder
@@ -12,72 +18,172 @@ from sdp_vs_penalty.shootout import hostile, regular
 from sdp_vs_penalty.shootout.instance import Instance
 
 GROUPS = ("panda", "two_link", "ur10e", "chains", "hostile")
+#: Groups of --problems, not among the default: instances on which no criterion of the judge was set.
+FRESH = ("fresh", "fresh-hostile")
+#: What is no news beside the catalogue (equal numbers under another name), or too large for a sample.
+_NOT_FRESH = re.compile(
+    r"two_link simulated (one|two)-step (?!cones)|panda (?!measured [37] s)|"
+    r"chain of (2|7|14) links gyration 0|chain of (20|30|40|60) "
+)
+#: Every so many of them; no divisors of the number of shapes (4) and of changes (14 or 15).
+_EVERY = (5, 4)
+
+_SHAPES = {
+    "plain": "physical consistency and the problem's bounds",
+    "gyration": "links at least 2 cm thick",
+    "regulariser": "an entropic pull to the nominal robot (exponential cones)",
+    "cones": "centres of mass in second-order cones",
+}
+_STEPS = {"one-step": "torque error", "two-step": "distance of the base parameters from least squares"}
+_CHANGES = {
+    "gram kg m": "as the bare quadratic form of the Gram matrix",
+    "gram g mm": "as the bare quadratic form, in grams and millimetres",
+    "gram t km": "as the bare quadratic form, in tons and kilometres",
+    "units g mm": "in grams and millimetres",
+    "units t km": "in tons and kilometres",
+    "no scaling": "without a centre and without scales",
+    "unidentifiable links": "without bounds on size: the optima are unbounded",
+    "rank-deficient": "from twenty rows only",
+    "noise-free": "of exact torques: the optimum is zero",
+    "nearly infeasible 1e-3": "with masses within 0.1 % of the most that their bounds allow",
+    "nearly infeasible 1e-6": "with masses within a millionth of the most that their bounds allow",
+    "infeasible 1e-3": "with 0.1 % more mass than the bounds allow",
+    "infeasible 1e-6": "with a millionth more mass than the bounds allow",
+    "infeasible thickness": "with links thicker than their bounds allow",
+    "float32 data": "from data rounded to single precision",
+}
 
 
 @dataclass(frozen=True)
 class Entry:
-    """name, group and how to build it; quick : part of --quick; measured : needs real data."""
+    """name, group and how to build it; sentence : what it is, in the library; quick : part of --quick;
+    measured : needs real data."""
 
     name: str
     group: str
     build: Callable[[], Instance]
-    quick: bool = False
+    sentence: str = ""
     measured: bool = False
+    quick: bool = False
+
+    @property
+    def folder(self) -> str:
+        return f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
+
+
+def library() -> list[Entry]:
+    """Every instance of the library, measured ones included, in a fixed order."""
+    return [*_robots(), *_chains(), *_changed()]
 
 
 def catalogue() -> dict[str, Entry]:
     """Every instance of the shootout, measured ones included, by name."""
     entries: list[Entry] = []
-    for step in ("one-step", "two-step"):
+    for step in _STEPS:
         for shape in ("plain", "gyration", "regulariser"):
             name = f"two_link {step} {shape}"
-            build = partial(regular.simulated, name, "two_link", "two_link", step, shape)
-            entries.append(Entry(name, "two_link", build, shape == "gyration"))
-        for shape in regular.SHAPES:
-            for source, stop in (
-                ("simulated", 14.0),
-                ("simulated", 1.0),
-                ("measured", 14.0),
-                ("measured", 1.0),
-            ):
-                if stop == 1.0 and step == "two-step" and shape != "gyration":
-                    continue
-                name = f"panda {source} {stop:g} s {step} {shape}"
-                quick = (
-                    source == "simulated" and stop == 14.0 and step == "one-step" and shape != "cones"
-                )
-                maker = regular.simulated if source == "simulated" else regular.measured
-                build = partial(maker, name, "panda", "panda", step, shape, stop)
-                entries.append(Entry(name, "panda", build, quick, source == "measured"))
-    for step in ("one-step", "two-step"):
-        name = f"ur10e simulated {step} gyration"
-        build = partial(regular.simulated, name, "ur10e", "ur10e", step, "gyration")
-        entries.append(Entry(name, "ur10e", build))
-    name = "ur10e measured one-step gyration"
-    build = partial(regular.measured, name, "ur10e", "ur10e", "one-step", "gyration")
-    entries.append(Entry(name, "ur10e", build, measured=True))
+            build = partial(regular.simulated, name, "two_link", step, shape)
+            entries.append(Entry(name, "two_link", build, quick=shape == "gyration"))
+    for entry in _robots():
+        if re.fullmatch(r"panda .* (14 s .*|1 s (one-step .*|two-step gyration))", entry.name):
+            quick = entry.name.startswith("panda simulated 14 s one-step")
+            entries.append(replace(entry, quick=quick and not entry.name.endswith("cones")))
+        elif re.fullmatch("ur10e (simulated (one|two)|measured one)-step gyration", entry.name):
+            entries.append(entry)
     for n in (2, 7, 14, 30, 60):
         name = f"chain of {n} links"
-        entries.append(Entry(name, "chains", partial(regular.chain, name, n), n <= 7))
+        entries.append(Entry(name, "chains", partial(_chain, name, n, "gyration", 0), quick=n <= 7))
     for name, make in hostile.BUILDERS.items():
-        entries.append(Entry(name, "hostile", partial(make, name), name in hostile.QUICK))
+        entries.append(Entry(name, "hostile", partial(make, name), quick=name in hostile.QUICK))
     return {entry.name: entry for entry in entries}
 
 
-def selected(groups: list[str], quick: bool = False) -> tuple[list[Entry], list[Entry]]:
-    """The entries of these groups or names, and of them those whose measurements are absent.
+def fresh() -> list[Entry]:
+    """A sample of the library's instances up to 14 links whose numbers the catalogue lacks."""
+    seen = catalogue()
+    found = [e for e in library() if e.name not in seen and not _NOT_FRESH.match(e.name)]
+    regular_ones = [replace(e, group=FRESH[0]) for e in found if e.group != "hostile"]
+    hostile_ones = [replace(e, group=FRESH[1]) for e in found if e.group == "hostile"]
+    return [*regular_ones[:: _EVERY[0]], *hostile_ones[:: _EVERY[1]]]
+
+
+def _robots() -> Iterator[Entry]:
+    """Simulated and measured robots in every formulation."""
+    stops: dict[str, tuple[float, ...]] = {
+        "two_link": (np.inf,),
+        "panda": (14.0, 7.0, 3.0, 1.0),
+        "ur10e": (np.inf,),
+        "emps": (np.inf,),
+        "tx40": (np.inf,),
+    }
+    for robot, lengths in stops.items():
+        for source in ("simulated",) if robot == "two_link" else ("simulated", "measured"):
+            for stop in lengths:
+                for step, aim in _STEPS.items():
+                    for shape, demand in _SHAPES.items():
+                        seconds = f" {stop:g} s" if np.isfinite(stop) else ""
+                        name = f"{robot} {source}{seconds} {step} {shape}"
+                        make = regular.simulated if source == "simulated" else regular.measured
+                        build = partial(make, name, robot, step, shape, stop)
+                        said = f"{robot}, {source}{seconds}: least {aim}; {demand}."
+                        yield Entry(name, robot, build, said, source == "measured")
+
+
+def _chains() -> Iterator[Entry]:
+    """Random serial arms: every size once in every shape, small ones twice more."""
+    for n in (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 20, 30, 40, 60):
+        for shape, demand in _SHAPES.items():
+            if n > 14 and shape in ("plain", "cones"):
+                continue
+            for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
+                name = f"chain of {n} links {shape} {draw}"
+                said = f"A random arm of {n} revolute joints from 60 random states; {demand}."
+                yield Entry(name, "chains", partial(_chain, name, n, shape, draw), said)
+
+
+def _chain(name: str, n: int, shape: str, draw: int) -> Instance:
+    return regular.posed(name, regular.chain_task(n, draw=draw), "one-step", shape)
+
+
+def _changed() -> Iterator[Entry]:
+    """Regular instances with one thing changed that users or data do."""
+    bases: dict[str, Callable[[], Instance]] = {
+        "two_link": partial(regular.simulated, "", "two_link", "one-step", "gyration"),
+        "panda": partial(regular.simulated, "", "panda", "one-step", "gyration", 14.0),
+        "ur10e": partial(regular.simulated, "", "ur10e", "one-step", "gyration"),
+        "chain of 7 links": partial(_chain, "", 7, "gyration", 0),
+        "chain of 14 links": partial(_chain, "", 14, "gyration", 0),
+    }
+    for robot, build in bases.items():
+        for change, words in _CHANGES.items():
+            if change == "rank-deficient" and robot == "two_link":
+                continue  # its factor has no more rows than that
+            name = f"{robot} {change}"
+            said = f"{robot} with links at least 2 cm thick, {words}."
+            yield Entry(name, "hostile", partial(_apply, name, build, change), said)
+
+
+def _apply(name: str, build: Callable[[], Instance], change: str) -> Instance:
+    return replace(hostile.CHANGES[change](build()), name=name)
+
+
+def selected(
+    groups: Sequence[str], entries: Iterable[Entry], quick: bool = False
+) -> tuple[list[Entry], list[Entry]]:
+    """Of the entries those of these groups or names, and of them those whose measurements are absent.
 
     Raises InputError for a group that does not exist.
     """
-    entries = catalogue()
+    everything = list(entries)
+    known = list(dict.fromkeys(e.group for e in everything))
     for group in groups:
-        if group not in GROUPS and group not in entries:
+        if group not in known and all(group != e.name for e in everything):
             raise InputError(
                 f"--problems {group!r} is unknown",
-                f"choose from {', '.join(GROUPS)} and the names of `sdp-vs-penalty shootout --list`",
+                f"choose from {', '.join(known)} and the names of `sdp-vs-penalty shootout --list`",
             )
     chosen = [
-        e for e in entries.values() if (e.group in groups and (e.quick or not quick)) or e.name in groups
+        e for e in everything if (e.group in groups and (e.quick or not quick)) or e.name in groups
     ]
     here = real_data_folder() is not None
     return [e for e in chosen if here or not e.measured], [e for e in chosen if e.measured and not here]
@@ -86,7 +192,7 @@ def selected(groups: list[str], quick: bool = False) -> tuple[list[Entry], list[
 @lru_cache(maxsize=4)
 def instance(name: str) -> Instance:
     """Build an instance; the last few are kept."""
-    entries = catalogue()
+    entries = {e.name: e for e in library()} | catalogue()
     if name not in entries:
         raise InputError(f"instance {name!r} is unknown", "see `sdp-vs-penalty shootout --list`")
     return entries[name].build()

@@ -31,7 +31,6 @@ from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified
-from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.conic import ConicProblem, svec, unsvec
 
 Array = NDArray[np.float64]
@@ -67,7 +66,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judgement:
     """class of a run; objective_error, violation : of the answer as returned, relative; gap : certified,
     after repair towards a point near the optimum.
 
@@ -86,7 +85,7 @@ class Verdict:
     remark: str = ""
 
 
-def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Verdict:
+def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Judgement:
     """Classify one answer; ``asked`` is the accuracy that was asked for."""
     error, violation, upper = _primal(instance, reference, answer.theta)
     own = _dual(instance, answer)
@@ -95,15 +94,15 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
     gap = (upper - lower) / reference.scale if feasible else np.inf
     numbers = (error, violation, gap, lower, min(upper, reference.upper), own, answer.dimacs)
     if answer.claims in ("failed", "inaccurate"):
-        return Verdict(answer.claims, *numbers)
+        return Judgement(answer.claims, *numbers)
     allowed = SLACK * asked
     kept = answer.own_error is not None and answer.own_error <= allowed
     if answer.claims in ("infeasible", "unbounded"):
         wrong = f"claims {answer.claims}, which is proved wrong"
         if reference.verdict == "infeasible" and answer.claims == "infeasible":
-            return Verdict("right", *numbers)
+            return Judgement("right", *numbers)
         if reference.verdict == "unknown":
-            return Verdict("inaccurate", *numbers, "whether anything is feasible is not proved")
+            return Judgement("inaccurate", *numbers, "whether anything is feasible is not proved")
     elif reference.verdict == "infeasible":
         wrong = "solves what is proved infeasible"
     elif violation > allowed:
@@ -111,12 +110,12 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
     elif not error <= allowed:
         wrong = "the objective lies outside of the proved interval"
     elif reference.gap > allowed and feasible:
-        return Verdict("inaccurate", *numbers, "our interval is wider than what was asked")
+        return Judgement("inaccurate", *numbers, "our interval is wider than what was asked")
     else:
-        return Verdict("right", *numbers)
+        return Judgement("right", *numbers)
     if kept:
-        return Verdict("inaccurate", *numbers, f"{wrong}, within the solver's own tolerance")
-    return Verdict("silently_wrong", *numbers, wrong)
+        return Judgement("inaccurate", *numbers, f"{wrong}, within the solver's own tolerance")
+    return Judgement("silently_wrong", *numbers, wrong)
 
 
 def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float, float]:
@@ -258,14 +257,7 @@ def _dual(instance: Instance, answer: Answer) -> float:
     if slopes is not None and not np.all(np.isfinite(slopes)):
         slopes = None
     try:
-        value = lower_bound(
-            instance.objective,
-            instance.constraints,
-            answer.multipliers,
-            answer.theta,
-            instance.task.bound,
-            slopes,
-        )
+        value = instance.lower_bound(answer.theta, answer.multipliers, slopes)
     except np.linalg.LinAlgError:
         return -np.inf
     return value if np.isfinite(value) else -np.inf

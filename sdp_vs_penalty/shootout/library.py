@@ -12,10 +12,7 @@ import csv
 import hashlib
 import io
 import json
-import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +22,9 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.export.sdp import export_sdp, prove
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.problem.real_data import real_data_folder
-from sdp_vs_penalty.shootout import hostile, regular
 from sdp_vs_penalty.shootout.card import CARD, CITATION
 from sdp_vs_penalty.shootout.instance import Instance
+from sdp_vs_penalty.shootout.instances import Entry
 from sdp_vs_penalty.solvers.conic import ConicProblem
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, write_proof
 from sdp_vs_penalty.solvers.rewrite import linear_objective
@@ -36,130 +32,9 @@ from sdp_vs_penalty.solvers.rewrite import linear_objective
 #: A proved interval of at most this share of the loss makes an instance easy, or of medium difficulty.
 _EASY, _MEDIUM = 1e-8, 1e-6
 
-_SHAPES = {
-    "plain": "physical consistency and the problem's bounds",
-    "gyration": "links at least 2 cm thick",
-    "regulariser": "an entropic pull to the nominal robot (exponential cones)",
-    "cones": "centres of mass in second-order cones",
-}
-_STEPS = {"one-step": "torque error", "two-step": "distance of the base parameters from least squares"}
-_CHANGES = {
-    "gram kg m": "as the bare quadratic form of the Gram matrix",
-    "gram g mm": "as the bare quadratic form, in grams and millimetres",
-    "gram t km": "as the bare quadratic form, in tons and kilometres",
-    "units g mm": "in grams and millimetres",
-    "units t km": "in tons and kilometres",
-    "no scaling": "without a centre and without scales",
-    "unidentifiable links": "without bounds on size: the optima are unbounded",
-    "rank-deficient": "from twenty rows only",
-    "noise-free": "of exact torques: the optimum is zero",
-    "nearly infeasible 1e-3": "with masses within 0.1 % of the most that their bounds allow",
-    "nearly infeasible 1e-6": "with masses within a millionth of the most that their bounds allow",
-    "infeasible 1e-3": "with 0.1 % more mass than the bounds allow",
-    "infeasible 1e-6": "with a millionth more mass than the bounds allow",
-    "infeasible thickness": "with links thicker than their bounds allow",
-    "float32 data": "from data rounded to single precision",
-}
-
-
-@dataclass(frozen=True)
-class Item:
-    """One instance of the library; measured : needs real data."""
-
-    name: str
-    group: str
-    sentence: str
-    build: Callable[[], Instance]
-    measured: bool = False
-
-    @property
-    def folder(self) -> str:
-        return f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
-
-
-def items() -> list[Item]:
-    """Every instance, measured ones included, in a fixed order."""
-    return [*_robots(), *_chains(), *_changed()]
-
-
-def _robots() -> Iterator[Item]:
-    """Simulated and measured robots in every formulation."""
-    stops: dict[str, tuple[float, ...]] = {
-        "two_link": (np.inf,),
-        "panda": (14.0, 7.0, 3.0, 1.0),
-        "ur10e": (np.inf,),
-        "emps": (np.inf,),
-        "tx40": (np.inf,),
-    }
-    for robot, lengths in stops.items():
-        for source in ("simulated",) if robot == "two_link" else ("simulated", "measured"):
-            for stop in lengths:
-                for step, aim in _STEPS.items():
-                    for shape, demand in _SHAPES.items():
-                        seconds = f" {stop:g} s" if np.isfinite(stop) else ""
-                        name = f"{robot} {source}{seconds} {step} {shape}"
-                        make = regular.simulated if source == "simulated" else regular.measured
-                        build = partial(make, name, robot, robot, step, shape, stop)
-                        said = f"{robot}, {source}{seconds}: least {aim}; {demand}."
-                        yield Item(name, robot, said, build, source == "measured")
-
-
-def _chains() -> Iterator[Item]:
-    """Random serial arms: every size once in every shape, small ones twice more."""
-    for n in (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 20, 30, 40, 60):
-        for shape, demand in _SHAPES.items():
-            if n > 14 and shape in ("plain", "cones"):
-                continue
-            for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
-                name = f"chain of {n} links {shape} {draw}"
-                said = f"A random arm of {n} revolute joints from 60 random states; {demand}."
-                yield Item(name, "chains", said, partial(_chain, name, n, shape, draw))
-
-
-def _chain(name: str, n: int, shape: str, draw: int) -> Instance:
-    return regular.posed(name, "chains", regular.chain_task(n, draw=draw), "one-step", shape)
-
-
-def _changed() -> Iterator[Item]:
-    """Regular instances with one thing changed that users or data do."""
-    bases: dict[str, Callable[[], Instance]] = {
-        "two_link": partial(regular.simulated, "", "two_link", "two_link", "one-step", "gyration"),
-        "panda": partial(regular.simulated, "", "panda", "panda", "one-step", "gyration", 14.0),
-        "ur10e": partial(regular.simulated, "", "ur10e", "ur10e", "one-step", "gyration"),
-        "chain of 7 links": partial(_chain, "", 7, "gyration", 0),
-        "chain of 14 links": partial(_chain, "", 14, "gyration", 0),
-    }
-    for robot, build in bases.items():
-        for change, words in _CHANGES.items():
-            if change == "rank-deficient" and robot == "two_link":
-                continue  # its factor has no more rows than that
-            name = f"{robot} {change}"
-            said = f"{robot} with links at least 2 cm thick, {words}."
-            yield Item(name, "hostile", said, partial(_apply, name, build, change))
-
-
-def _apply(name: str, build: Callable[[], Instance], change: str) -> Instance:
-    return replace(hostile.CHANGES[change](build()), name=name, group="hostile", hostile=True)
-
-
-def chosen(groups: Sequence[str]) -> list[Item]:
-    """The items of these groups or names, without those whose measurements are absent.
-
-    Raises InputError for a group that does not exist.
-    """
-    everything = items()
-    known = {i.group for i in everything} | {i.name for i in everything}
-    for group in groups:
-        if group not in known:
-            there = ", ".join(dict.fromkeys(i.group for i in everything))
-            raise InputError(f"group {group!r} is unknown", f"choose from {there}", "--problems")
-    here = real_data_folder() is not None
-    wanted = [i for i in everything if i.group in groups or i.name in groups]
-    return [i for i in wanted if here or not i.measured]
-
 
 def write_library(
-    folder: Path, wanted: Sequence[Item], progress: Callable[[str, int, int], None]
+    folder: Path, wanted: Sequence[Entry], progress: Callable[[str, int, int], None]
 ) -> list[dict[str, Any]]:
     """Write the instances, their index and the data card; returns the rows of the index.
 
@@ -186,7 +61,7 @@ def write_library(
     return rows
 
 
-def write_instance(folder: Path, item: Item, instance: Instance) -> dict[str, Any]:
+def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
     """The files of one instance; returns its row of the index."""
     status, proof = proved(instance)
     interval = (proof["lower"], proof["upper"]) if proof and status == "optimum proved" else None

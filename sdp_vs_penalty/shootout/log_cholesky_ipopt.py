@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint
-from sdp_vs_penalty.shootout.chart import COLUMNS, DIAGONAL, ROWS, Chart, owners
+from sdp_vs_penalty.shootout.chart import COLUMNS, DIAGONAL, ROWS, Frame, LogCholesky, owners
+from sdp_vs_penalty.shootout.contestant import no_answer
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
 
@@ -42,16 +43,15 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     start = time.perf_counter()
     interior = instance.interior
     if interior is None:
-        nothing = np.full(len(instance.task.bound), np.nan)
-        return Answer(nothing, "failed", "no interior point to start from", 0, 0.0, 0.0)
+        return no_answer(instance, "no interior point to start from", 0.0)
     data = instance.data
     size = max(data.loss(instance.task.ols), 1e-9 * data.tau_squared, 1e-300)
-    chart = Chart.at(owners(instance.sent), interior)
-    taken = {id(c) for c in chart.links}
+    frame = Frame.at(owners(instance.sent), interior)
+    taken = {id(c) for c in frame.links}
     rows = [c for c in instance.sent if id(c) not in taken and c.cone != "psd"]
-    begin = chart.variables(interior)
+    begin = LogCholesky.of(frame, interior).x
     x = ca.SX.sym("x", len(begin))
-    theta = _theta(ca, chart, x)
+    theta = _theta(ca, frame, x)
     demands = [_demand(ca, c, theta, interior) for c in rows]
     problem = {"x": x, "f": _objective(ca, instance, theta) / size}
     if demands:
@@ -59,12 +59,12 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     settings = {f"ipopt.{key}": value for key, value in options(accuracy).items()}
     program = ca.nlpsol("program", "ipopt", problem, {"print_time": 0, **settings})
     limit = np.full(len(begin), np.inf)
-    limit[: 10 * len(chart.links)][np.tile(DIAGONAL, len(chart.links))] = _LOGARITHM
+    limit[: 10 * len(frame.links)][np.tile(DIAGONAL, len(frame.links))] = _LOGARITHM
     ready = time.perf_counter()
     found = program(x0=begin, lbx=-limit, ubx=limit, **({"lbg": 0.0} if demands else {}))
     end = time.perf_counter()
     said = program.stats()
-    best = chart.theta(np.array(found["x"]).ravel())
+    best = LogCholesky(frame, np.array(found["x"]).ravel()).theta
     return Answer(
         best,
         "optimal" if said["success"] else "failed",
@@ -76,9 +76,9 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     )
 
 
-def _theta(ca: Any, chart: Chart, x: Any) -> Any:
-    theta = [ca.SX(0.0)] * chart.size
-    for k, (c, back, corner) in enumerate(zip(chart.links, chart.maps, chart.corners, strict=True)):
+def _theta(ca: Any, frame: Frame, x: Any) -> Any:
+    theta = [ca.SX(0.0)] * frame.size
+    for k, (c, back, corner) in enumerate(zip(frame.links, frame.maps, frame.corners, strict=True)):
         factor = ca.SX.zeros(4, 4)
         for e, (i, j) in enumerate(zip(ROWS.tolist(), COLUMNS.tolist(), strict=True)):
             factor[i, j] = ca.exp(x[10 * k + e]) if i == j else x[10 * k + e]
@@ -86,8 +86,8 @@ def _theta(ca: Any, chart: Chart, x: Any) -> Any:
         part = ca.mtimes(ca.DM(back.T), ca.reshape(matrix.T, 16, 1))
         for row, index in enumerate(c.indices):
             theta[int(index)] = part[row]
-    for row, index in enumerate(chart.others):
-        theta[int(index)] = x[10 * len(chart.links) + row] * float(chart.scale[row])
+    for row, index in enumerate(frame.others):
+        theta[int(index)] = x[10 * len(frame.links) + row] * float(frame.scale[row])
     return ca.vertcat(*theta)
 
 

@@ -21,16 +21,16 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.shootout.contestant import Contestant
+from sdp_vs_penalty.shootout.contestant import Contestant, no_answer
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import instance
-from sdp_vs_penalty.shootout.judge import Answer, Verdict, judge
+from sdp_vs_penalty.shootout.judge import Answer, Judgement, judge
 from sdp_vs_penalty.shootout.reference import Reference, reference
 
 #: Seconds that the proof of a reference may take.
@@ -124,31 +124,21 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
     if kind == "ended":
         answer = _unpack(payload)
         verdict = judge(made, known, answer, asked)
-        taken = answer.setup_seconds + answer.solve_seconds
-        return {
-            "claimed": answer.claims,
-            "status": answer.status,
-            "iterations": answer.iterations,
-            "attempts": answer.attempts,
-            "setup_seconds": answer.setup_seconds,
-            "solve_seconds": answer.solve_seconds,
-            "seconds": taken,
-            **_verdict(verdict, known),
-        }
-    none = Verdict(kind, np.inf, np.inf, np.inf, known.lower, known.upper, -np.inf)
+    else:
+        answer = replace(
+            no_answer(made, payload.decode(errors="replace"), seconds), claims="", attempts=0
+        )
+        verdict = Judgement(kind, np.inf, np.inf, np.inf, known.lower, known.upper, -np.inf)
+    told = ("status", "iterations", "attempts", "setup_seconds", "solve_seconds")
     return {
-        "claimed": "",
-        "status": payload.decode(errors="replace"),
-        "iterations": 0,
-        "attempts": 0,
-        "setup_seconds": 0.0,
-        "solve_seconds": seconds,
-        "seconds": seconds,
-        **_verdict(none, known),
+        "claimed": answer.claims,
+        "seconds": answer.setup_seconds + answer.solve_seconds,
+        **{name: getattr(answer, name) for name in told},
+        **_verdict(verdict, known),
     }
 
 
-def _verdict(verdict: Verdict, known: Reference) -> dict[str, Any]:
+def _verdict(verdict: Judgement, known: Reference) -> dict[str, Any]:
     row = asdict(verdict)
     own = (verdict.upper - row.pop("own_lower")) / known.scale
     row["class"] = row.pop("kind")
@@ -256,44 +246,24 @@ def _kill(pid: int) -> None:
 
 
 def _pack(answer: Answer) -> bytes:
-    head = {
-        "claims": answer.claims,
-        "status": answer.status,
-        "iterations": answer.iterations,
-        "setup_seconds": answer.setup_seconds,
-        "solve_seconds": answer.solve_seconds,
-        "dual": answer.multipliers is not None,
-        "dimacs": answer.dimacs,
-        "own_error": answer.own_error,
-        "attempts": answer.attempts,
-    }
-    arrays = {"theta": np.asarray(answer.theta, float)}
-    for k, multiplier in enumerate(answer.multipliers or ()):
-        arrays[f"m{k}"] = np.asarray(multiplier, float)
-    if answer.entropy_slopes is not None:
-        arrays["slopes"] = np.asarray(answer.entropy_slopes, float)
+    head = {k: v for k, v in vars(answer).items() if isinstance(v, str | int | float)}
+    arrays = {"theta": answer.theta, "entropy_slopes": answer.entropy_slopes}
+    if answer.multipliers is not None:
+        head["multipliers"] = len(answer.multipliers)
+        arrays |= {f"m{k}": m for k, m in enumerate(answer.multipliers)}
+    found = {name: np.asarray(a, float) for name, a in arrays.items() if a is not None}
     file = io.BytesIO()
-    np.savez(file, head=np.frombuffer(json.dumps(head).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+    np.savez(file, head=np.frombuffer(json.dumps(head).encode(), np.uint8), **found)  # type: ignore[arg-type]
     return file.getvalue()
 
 
 def _unpack(payload: bytes) -> Answer:
     with np.load(io.BytesIO(payload), allow_pickle=False) as file:
         head = json.loads(file["head"].tobytes())
-        count = sum(1 for name in file.files if name[0] == "m" and name[1:].isdigit())
-        return Answer(
-            file["theta"],
-            head["claims"],
-            head["status"],
-            int(head["iterations"]),
-            float(head["setup_seconds"]),
-            float(head["solve_seconds"]),
-            [file[f"m{k}"] for k in range(count)] if head["dual"] else None,
-            file["slopes"] if "slopes" in file.files else None,
-            head["dimacs"],
-            head["own_error"],
-            int(head["attempts"]),
-        )
+        if "multipliers" in head:
+            head["multipliers"] = [file[f"m{k}"] for k in range(head["multipliers"])]
+        arrays = {name: file[name] for name in ("theta", "entropy_slopes") if name in file.files}
+        return Answer(**head, **arrays)
 
 
 if __name__ == "__main__":

@@ -15,11 +15,21 @@ LINKS, ACCURACY = 7, 1e-6
 _LOOP = " certified"
 
 
+def milliseconds(seconds: float) -> str:
+    """Three digits, all digits above a second; a dash for what is none."""
+    if not np.isfinite(seconds):
+        return "-"
+    return f"{1e3 * seconds:.3g}" if seconds < 1.0 else f"{1e3 * seconds:.0f}"
+
+
 def links(row: Row) -> int | None:
     """How many links a regular problem has; None for a hostile one."""
-    known = {"two_link": 2, "ur10e": 6, "panda": 7}
-    named = re.search(r"chain of (\d+)", row["problem"])
-    return int(named.group(1)) if named else known.get(row["group"])
+    if "hostile" in row["group"]:
+        return None
+    known = {"emps": 1, "two_link": 2, "tx40": 6, "ur10e": 6, "panda": 7}
+    named = re.match(r"chain of (\d+)", row["problem"])
+    robot = row["group"] if row["group"] in known else row["problem"].partition(" ")[0]
+    return int(named.group(1)) if named else known.get(robot)
 
 
 def ranking(rows: Sequence[Row], number: int = LINKS, accuracy: float = ACCURACY) -> list[Row]:
@@ -56,21 +66,22 @@ def answer(rows: Sequence[Row]) -> str:
     enough = [r for r in table if r["right"] >= 0.9 * best["right"] and not r["silently wrong"]]
     quick = min(enough, key=lambda r: r["seconds"], default=best)
     text = [
+        f"## Which solver for {LINKS} links at {ACCURACY:.0e}",
+        "",
         f"Take **{best['solver']}**: right on {best['right']} of {best['problems']} problems of "
         f"{LINKS} links at {ACCURACY:.0e}, {best['silently wrong']} times silently wrong, "
-        f"{1e3 * best['seconds']:.3g} ms (median), {best['attempts']:.1f} attempts on average.",
+        f"{milliseconds(best['seconds'])} ms (median), {best['attempts']:.1f} attempts on average.",
         f"The fastest of those never silently wrong and right at least nine tenths as often is "
         f"**{quick['solver']}**: {quick['right']} of {quick['problems']}, "
-        f"{1e3 * quick['seconds']:.3g} ms.",
+        f"{milliseconds(quick['seconds'])} ms.",
         "",
         "| solver | right | silently wrong | median [ms] | attempts |",
         "| --- | --- | --- | --- | --- |",
     ]
     for r in table:
-        median = f"{1e3 * r['seconds']:.3g}" if np.isfinite(r["seconds"]) else "-"
         text.append(
-            f"| {r['solver']} | {r['right']} of {r['problems']} | {r['silently wrong']} | {median} | "
-            f"{r['attempts']:.1f} |"
+            f"| {r['solver']} | {r['right']} of {r['problems']} | {r['silently wrong']} | "
+            f"{milliseconds(r['seconds'])} | {r['attempts']:.1f} |"
         )
     return "\n".join(text) + "\n"
 
@@ -93,8 +104,8 @@ def alone_and_in_the_loop(rows: Sequence[Row]) -> str:
         cells = [name if loop != "lmi-sdp" else "clarabel (lmi-sdp)", str(len(inside))]
         for runs in ([r for r in alone if r["accuracy"] == tightest], inside):
             wrong = sum(r["class"] == "silently_wrong" for r in runs)
-            mean = 1e3 * float(np.mean([r["seconds"] for r in runs]))
-            cells += [str(sum(reached(r, tightest) for r in runs)), str(wrong), f"{mean:.3g}"]
+            mean = milliseconds(float(np.mean([r["seconds"] for r in runs])))
+            cells += [str(sum(reached(r, tightest) for r in runs)), str(wrong), mean]
         cells.append(f"{np.mean([r['attempts'] for r in inside]):.1f}")
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
@@ -138,7 +149,7 @@ def _solver_line(runs: Sequence[Row], asked: Sequence[float]) -> str:
         row = runs[0] if runs[0]["settings"] == "default" else by_accuracy.get(accuracy)
         said = "" if row is None else row["class"].replace("_", " ")
         said = "**silently wrong**" if said == "silently wrong" else said
-        cells.append("" if row is None else f"{said} {1e3 * row['seconds']:.3g}")
+        cells.append("" if row is None else f"{said} {milliseconds(row['seconds'])}")
     last = min(runs, key=lambda r: r["accuracy"])
     for name in ("objective_error", "violation", "own_gap"):
         cells.append(f"{last[name]:.0e}" if np.isfinite(last[name]) else "-")

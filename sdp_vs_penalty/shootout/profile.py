@@ -20,8 +20,8 @@ from sdp_vs_penalty.shootout.judge import SLACK
 from sdp_vs_penalty.shootout.results import Row
 
 COLUMNS = ("class", "accuracy", "solver", "ratio", "share")
-#: Curves in a panel of the figure: those that bring the most problems to the accuracy.
-_CURVES = 9
+#: Solvers in the figure: those that were right most often.
+_CURVES = 11
 
 
 def reached(row: Row, accuracy: float) -> bool:
@@ -77,7 +77,7 @@ def profile_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def plot_profile(rows: Sequence[Row], path: Path) -> bool:
-    """SVG: regular problems above, hostile ones below, an accuracy a column.
+    """SVG: regular problems above, hostile ones below, an accuracy a column; the same solvers in each.
 
     False where matplotlib (extra [plot]) is absent.
     """
@@ -88,28 +88,37 @@ def plot_profile(rows: Sequence[Row], path: Path) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
+    shown = _shown(rows)
     parts = {
-        "regular": [r for r in rows if r["group"] != "hostile"],
-        "hostile": [r for r in rows if r["group"] == "hostile"],
+        "regular": [r for r in rows if "hostile" not in r["group"]],
+        "hostile": [r for r in rows if "hostile" in r["group"]],
     }
     parts = {name: part for name, part in parts.items() if part}
     columns = accuracies(rows) or [1e-8]
-    palette = matplotlib.colormaps["tab20"]
-    colours = {s: palette(k % 20) for k, s in enumerate(sorted({r["solver"] for r in rows}))}
-    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 8}):
+    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
         figure, axes = plt.subplots(
-            len(parts), len(columns), figsize=(3.6 * len(columns), 3.2 * len(parts)), squeeze=False,
-            sharex=True, sharey=True, layout="constrained",
+            len(parts), len(columns), figsize=(3.2 * len(columns) + 1.6, 2.8 * len(parts)),
+            squeeze=False, sharex=True, sharey=True, layout="constrained",
         )  # fmt: skip
         for down, (name, part) in enumerate(parts.items()):
             for across, accuracy in enumerate(columns):
                 panel = axes[down][across]
-                _panel(panel, profile(part, accuracy), colours)
+                curves = profile(part, accuracy)
+                for solver, style in shown.items():
+                    ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
+                    if len(ratios):
+                        ends = np.append(ratios, 1e5), np.append(shares, shares[-1])
+                        panel.step(*ends, where="post", label=solver, **style)
                 panel.set_title(f"{name}, {accuracy:.0e}")
+                panel.grid(alpha=0.3)
+        axes[0][0].set(xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03))
         for panel in axes[-1]:
             panel.set_xlabel("time over the fastest that was right")
         for panel in axes[:, 0]:
             panel.set_ylabel("share of problems got right")
+        named = {t: h for a in axes.flat for h, t in zip(*a.get_legend_handles_labels(), strict=True)}
+        order = [solver for solver in shown if solver in named]
+        figure.legend([named[s] for s in order], order, loc="outside right upper", frameon=False)
         file = io.BytesIO()
         figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)
@@ -117,22 +126,14 @@ def plot_profile(rows: Sequence[Row], path: Path) -> bool:
     return True
 
 
-def _panel(panel, curves: dict[str, tuple[np.ndarray, np.ndarray]], colours: dict[str, Any]) -> None:  # type: ignore[no-untyped-def]
-    ranked = sorted(curves, key=lambda s: (-len(curves[s][0]), s))[:_CURVES]
-    for solver in ranked:
-        ratios, shares = curves[solver]
-        if len(ratios):
-            panel.step(
-                np.append(ratios, 1e5),
-                np.append(shares, shares[-1]),
-                where="post",
-                label=f"{solver} {100 * shares[-1]:.0f} %",
-                color=colours[solver],
-                linestyle="--" if "certified" in solver else "-",
-                linewidth=2.2 if solver == "lmi-sdp" else 1.1,
-            )
-    panel.set_xscale("log")
-    panel.set_xlim(1.0, 1e4)
-    panel.set_ylim(0.0, 1.02)
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize="x-small", loc="lower right")
+def _shown(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
+    """The solvers by themselves that get most right, best first, and how each is drawn."""
+    right: dict[str, int] = {}
+    for r in rows:
+        if not r["solver"].endswith((" certified", " untuned")):
+            right[r["solver"]] = right.get(r["solver"], 0) + reached(r, r["accuracy"])
+    runs = {s: sum(r["solver"] == s for r in rows) for s in right}
+    best = sorted(right, key=lambda s: (-right[s] / runs[s], s))[:_CURVES]
+    ours = {"lmi-sdp": {"color": "black", "linewidth": 2.2, "zorder": 3}}
+    styles = [{"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"} for k in range(len(best))]
+    return {s: ours.get(s, style) for s, style in zip(best, styles, strict=True)}

@@ -12,7 +12,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.solvers import clarabel, verified
-from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
 
 Array = NDArray[np.float64]
@@ -72,17 +71,7 @@ def _attempts(instance: Instance, interior: Array):  # type: ignore[no-untyped-d
         fit = solve_sdp(task, objective, instance.constraints, "clarabel", 1e-10)
         assert fit.multipliers is not None
         around = fit.theta
-        yield (
-            fit.theta,
-            lower_bound(
-                objective,
-                instance.constraints,
-                fit.multipliers,
-                fit.theta,
-                task.bound,
-                fit.entropy_slopes,
-            ),
-        )
+        yield fit.theta, instance.lower_bound(fit.theta, fit.multipliers, fit.entropy_slopes)
     except InputError:
         pass
     data = instance.data
@@ -95,12 +84,8 @@ def _attempts(instance: Instance, interior: Array):  # type: ignore[no-untyped-d
             theta = sdp.theta(solution)
             if solution.claims in ("infeasible", "unbounded") or not np.all(np.isfinite(theta)):
                 continue
-            slopes = sdp.entropy_slopes(solution)
-            multipliers = sdp.multipliers(solution)
-            yield (
-                theta,
-                lower_bound(objective, instance.constraints, multipliers, theta, task.bound, slopes),
-            )
+            multipliers, slopes = sdp.multipliers(solution), sdp.entropy_slopes(solution)
+            yield theta, instance.lower_bound(theta, multipliers, slopes)
 
 
 def _proved_infeasible(instance: Instance) -> bool:

@@ -21,7 +21,7 @@ from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import measured_run, real_data_folder
-from sdp_vs_penalty.regression.regression import LeastSquares, compress, triangular
+from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.shootout.instance import Instance
@@ -30,8 +30,6 @@ from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 Array = NDArray[np.float64]
 
-#: What is demanded of a link's shape beside physical consistency and the problem's bounds.
-SHAPES = ("plain", "gyration", "regulariser", "cones")
 #: Weight of the entropic regulariser in units of the mean squared residual.
 _ENTROPY_WEIGHT = 1.0
 #: Noise of the random chains relative to each joint's torque.
@@ -39,19 +37,17 @@ _CHAIN_NOISE = 0.01
 _CHAIN_SEED = 20191015
 
 
-def simulated(
-    name: str, group: str, robot: str, step: str, shape: str, stop: float = np.inf
-) -> Instance:
+def simulated(name: str, robot: str, step: str, shape: str, stop: float = np.inf) -> Instance:
     """From the problem's simulated experiment; stop [s] of the run."""
-    return posed(name, group, _simulated_task(robot, stop), step, shape)
+    return posed(name, _simulated_task(robot, stop), step, shape)
 
 
-def measured(name: str, group: str, robot: str, step: str, shape: str, stop: float = np.inf) -> Instance:
+def measured(name: str, robot: str, step: str, shape: str, stop: float = np.inf) -> Instance:
     """From real measurements; InputError where they are absent."""
-    return posed(name, group, _measured_task(robot, stop), step, shape)
+    return posed(name, _measured_task(robot, stop), step, shape)
 
 
-def posed(name: str, group: str, task: Task, step: str, shape: str) -> Instance:
+def posed(name: str, task: Task, step: str, shape: str) -> Instance:
     """One-step (torque) or two-step (base parameters) form of a task, with a demand on shape."""
     demands: list[Constraint] = []
     if shape == "gyration":
@@ -67,7 +63,7 @@ def posed(name: str, group: str, task: Task, step: str, shape: str) -> Instance:
         spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
         entropy = Entropy(_ENTROPY_WEIGHT * spread, links, nominal)
-    return Instance(name, group, replace(task, data=data), Objective(data, entropy))
+    return Instance(name, replace(task, data=data), Objective(data, entropy))
 
 
 def shape_cones(task: Task) -> list[Constraint]:
@@ -151,11 +147,6 @@ def _task(problem: Problem, run: Measurements, effects: tuple[str, ...] | None =
     return replace(task, constraints=ConstraintSet(task.constraints.convex))
 
 
-def chain(name: str, n: int) -> Instance:
-    """A random serial arm of n revolute joints from 60 random states a row of thin, random links."""
-    return posed(name, "chains", chain_task(n), "one-step", "gyration")
-
-
 def chain_problem(n: int, draw: int = 0) -> Problem:
     """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
     rng = np.random.default_rng(_seeds(_CHAIN_SEED, n, draw))
@@ -202,14 +193,9 @@ def chain_task(n: int, samples: int = 60, draw: int = 0) -> Task:
         wide[:, p] = torque / spread + rng.normal(size=samples)
         stack.append(wide)
         rows += samples
-    triangle = triangular(stack)
-    residual_norm = float(abs(triangle[p, p])) if len(triangle) > p else 0.0
-    rho = triangle[:p, p].copy()
-    torque_squared = float(triangle[:, p] @ triangle[:, p])
-    data = LeastSquares(np.ascontiguousarray(triangle[:p, :p]), rho, residual_norm, torque_squared, rows)
     return Task(
         model,
-        data,
+        LeastSquares.stacked(stack, rows),
         ConstraintSet(problem.constraints(model).convex),
         problem.parameter_bound(model),
         problem.nominal(model),

@@ -16,7 +16,8 @@ from scipy import sparse
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.penalty import fit_penalty
-from sdp_vs_penalty.shootout import log_cholesky, log_cholesky_ipopt
+from sdp_vs_penalty.shootout import log_cholesky_ipopt, newton
+from sdp_vs_penalty.shootout.chart import Geodesic, LogCholesky
 from sdp_vs_penalty.shootout.contestant import (
     DEFAULT_ACCURACY,
     Contestant,
@@ -45,7 +46,8 @@ def rivals() -> list[Contestant]:
         _cvxpy("CLARABEL"),
         _penalty(),
         _certified_penalty(),
-        _log_cholesky(),
+        _newton("log-cholesky", "log-Cholesky variables", LogCholesky),
+        _newton("riemannian", "geodesics of the affine-invariant metric, entropic barrier", Geodesic),
         _log_cholesky_ipopt(),
     ]
 
@@ -85,8 +87,7 @@ def _cvxpy(solver: str | None) -> Contestant:
                 warnings.simplefilter("ignore")
                 dimacs, own = _solved(problem, solver)
         except cp.error.SolverError as error:
-            nothing = np.full(len(instance.task.bound), np.nan)
-            return Answer(nothing, "failed", str(error), 0, 0.0, time.perf_counter() - start)
+            return no_answer(instance, str(error), time.perf_counter() - start)
         total = time.perf_counter() - start
         stats = problem.solver_stats
         inside = float(stats.solve_time or 0.0)
@@ -192,10 +193,13 @@ def _certified_penalty() -> Contestant:
     )
 
 
-def _log_cholesky() -> Contestant:
-    words = "log-Cholesky variables, exact Hessians, Newton's method (no SDP solver)"
+def _newton(name: str, words: str, chart: type[LogCholesky | Geodesic]) -> Contestant:
     return Contestant(
-        "log-cholesky", words, log_cholesky.solve, lambda _: None, lambda: metadata.version("scipy")
+        name,
+        f"{words}, exact Hessians, Newton's method (no SDP solver)",
+        lambda instance, accuracy: newton.solve(instance, accuracy, chart),
+        lambda _: None,
+        lambda: metadata.version("scipy"),
     )
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.shootout.contestant import Contestant
 from sdp_vs_penalty.shootout.contestants import chosen
-from sdp_vs_penalty.shootout.instances import GROUPS, Entry, instance, selected
+from sdp_vs_penalty.shootout.instances import GROUPS, Entry, catalogue, fresh, instance, selected
 from sdp_vs_penalty.shootout.results import Results
 from sdp_vs_penalty.shootout.work import Assignment, perform
 
@@ -70,7 +69,7 @@ def run(setup: Shootout, progress: Progress | None = None) -> Outcome:
 
 def _run(setup: Shootout, say: Progress) -> Outcome:
     contestants, missing = chosen(setup.solvers)
-    entries, unmeasured = selected(setup.problems, setup.quick)
+    entries, unmeasured = selected(setup.problems, [*catalogue().values(), *fresh()], setup.quick)
     results = Results(setup.out)
     notes = ["a torn last row of runs.csv was dropped"] if results.torn else []
     absent = {c.name: str(c.absent) for c in missing}
@@ -122,7 +121,8 @@ def _references(
             raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
     current = {e.name: instance(e.name).hash for e in entries}
     todo = [n for n, h in current.items() if known.get(n, {}).get("hash") != h]
-    tasks = [_task(setup, n, "", (), (), current[n], None) for n in todo]
+    limits = setup.time_limit, setup.memory
+    tasks = [Assignment(n, "", (), (), current[n], None, *limits) for n in todo]
     say("proving intervals", 0, len(tasks))
     for done, (task, replies) in enumerate(
         spread(perform, tasks, setup.scheduler, jobs, threads=True), start=1
@@ -168,9 +168,8 @@ def _pending(
             if pairs:
                 accuracies, settings = zip(*pairs, strict=True)
                 known = references[entry.name]["reference"]
-                tasks.append(
-                    _task(setup, entry.name, contestant.name, accuracies, settings, made.hash, known)
-                )
+                what = entry.name, contestant.name, accuracies, settings, made.hash, known
+                tasks.append(Assignment(*what, setup.time_limit, setup.memory))
     return tasks, left_out
 
 
@@ -179,41 +178,3 @@ def _asked(contestant: Contestant, accuracies: Iterable[float]) -> list[tuple[fl
     if not contestant.tunable:
         return [(contestant.promise, contestant.settings(contestant.promise))]
     return [(a, contestant.settings(a)) for a in sorted(set(accuracies), reverse=True)]
-
-
-def _task(
-    setup: Shootout,
-    problem: str,
-    solver: str,
-    accuracies: tuple[float, ...],
-    settings: tuple[str, ...],
-    digest: str,
-    known: dict[str, Any] | None,
-) -> Assignment:
-    return Assignment(
-        problem, solver, accuracies, settings, digest, known, setup.time_limit, setup.memory
-    )
-
-
-@contextmanager
-def progress_bar() -> Iterator[Progress]:
-    """A bar on stderr; silent where nobody watches."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda what, done, total: None
-        return
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Bar(*columns, console=console) as bar:
-        line = bar.add_task("", total=None)
-        yield lambda what, done, total: bar.update(
-            line, description=what, completed=done, total=total or None
-        )

@@ -99,7 +99,7 @@ def _short(name: str, value: object) -> str:
     if not isinstance(value, float):
         return str(value)
     if name == "mean_seconds":
-        return f"{1e3 * value:.3g}"
+        return pages.milliseconds(value)
     if name == "success_percent":
         return f"{value:.0f}"
     return "-" if np.isnan(value) else f"{value:.1e}"
@@ -140,7 +140,8 @@ def sentences(rows: Sequence[Row], time_limit: float) -> list[str]:
     best = max(table, key=lambda r: (r["success_percent"], -r["silently_wrong"], -r["mean_seconds"]))
     first = (
         f"Most often right is {_named(best)}: {best['right']} of {best['runs']} runs, "
-        f"{best['silently_wrong']} silently wrong, {1e3 * best['mean_seconds']:.3g} ms on average."
+        f"{best['silently_wrong']} silently wrong, {pages.milliseconds(best['mean_seconds'])} ms on "
+        "average."
     )
     safe = [r for r in table if r["silently_wrong"] == 0 and r["right"] > 0]
     reliable = [r for r in safe if r["success_percent"] >= 0.8 * best["success_percent"]]
@@ -148,7 +149,7 @@ def sentences(rows: Sequence[Row], time_limit: float) -> list[str]:
         quick = min(reliable, key=lambda r: r["mean_seconds"])
         second = (
             f"Of those never silently wrong and nearly as often right the fastest is "
-            f"{_named(quick)} with {1e3 * quick['mean_seconds']:.3g} ms."
+            f"{_named(quick)} with {pages.milliseconds(quick['mean_seconds'])} ms."
         )
     else:
         second = "No solver was both often right and never silently wrong."
@@ -188,8 +189,6 @@ def write_summary(
         f"- All runs together took {sum(r['seconds'] for r in rows) / 60.0:.1f} minutes; the limit of "
         f"each is {time_limit:g} s.",
         "",
-        f"## Which solver for {pages.LINKS} links at {pages.ACCURACY:.0e}",
-        "",
         pages.answer(rows),
         "## How runs are judged",
         "",
@@ -201,8 +200,8 @@ def write_summary(
         "a claim of success that is further off and also misses the solver's own promise, errors "
         "of that conic problem relative to all terms, by a factor of 10; where it is kept the "
         "answer is inaccurate. Contestants without a conic problem of their own (penalty, "
-        "log-cholesky) have no such promise to measure: they are held to what was asked. Times are "
-        f"those of set-up and solve, a run that is not right counts {time_limit:g} s. A "
+        "log-cholesky, riemannian) have no such promise to measure: they are held to what was asked. "
+        f"Times are those of set-up and solve, a run that is not right counts {time_limit:g} s. A "
         "solver alone finds the conic form and an interior point made when its clock starts; lmi-sdp, "
         "the other loops, cvxpy and the penalty make theirs. Made by "
         "`sdp-vs-penalty shootout`; the runs are in runs.csv.",

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 Row = dict[str, Any]
@@ -115,17 +115,7 @@ def _runs(task: Assignment) -> Iterator[Row]:
                 "remark": f"not run: {stopped} exceeded the time limit",
             }
             continue
-        request = {
-            "do": "run",
-            "problem": task.problem,
-            "solver": task.solver,
-            "accuracy": accuracy,
-            "hash": task.hash,
-            "reference": task.reference,
-            "time_limit": task.time_limit,
-            "memory": task.memory,
-        }
-        row = nursery().ask(request)
+        row = nursery().ask({**asdict(task), "do": "run", "accuracy": accuracy})
         if row["class"] == "timeout":
             stopped = settings
         yield {"settings": settings, "accuracy": accuracy, **row}

@@ -3,45 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 ORDER = 4
 #: Lags after which the noise has forgotten, and steps of its estimate beside other columns.
 _MEMORY, _STEPS = 64, 4
 
 
+class Pieces(tuple[NDArray[np.intp], ...]):
+    """Index arrays of uninterrupted rows of a series, in order, and where an autoregression predicts."""
+
+    @cached_property
+    def predicted(self) -> NDArray[np.intp]:
+        """The rows that have a past of ORDER rows in their piece."""
+        return np.concatenate([np.arange(0), *(p[ORDER:] for p in self)])
+
+    @cached_property
+    def past(self) -> list[NDArray[np.intp]]:
+        """The rows 1, 2, ... ORDER before each of those."""
+        lags = range(1, ORDER + 1)
+        return [np.concatenate([np.arange(0), *(p[ORDER - k : -k] for p in self)]) for k in lags]
+
+    @cached_property
+    def unpredicted(self) -> NDArray[np.bool_] | None:
+        """(last row + 1,) all others; None where rows within a piece are not neighbours."""
+        if any(np.any(self.predicted - before != k) for k, before in enumerate(self.past, 1)):
+            return None
+        out = np.ones(max((p[-1] + 1 for p in self if len(p)), default=0), bool)
+        out[self.predicted] = False
+        return out
+
+
 def innovations(values: Array, ar: Array, pieces: Sequence[NDArray[np.intp]]) -> Array:
     """values (M, ...) less what the autoregression predicts; zero on the first ORDER rows of a piece."""
-    out = np.zeros_like(values)
-    for piece in pieces:
-        if len(piece) <= ORDER:
-            continue
-        x = values[piece]
-        y = x[ORDER:].copy()
-        for lag, a in enumerate(ar, start=1):
-            y -= a * x[ORDER - lag : -lag]
-        out[piece[ORDER:]] = y
+    pieces = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
+    out, skipped = np.zeros_like(values), pieces.unpredicted
+    if skipped is None:
+        y = values[pieces.predicted]
+        for before, a in zip(pieces.past, ar, strict=True):
+            y -= a * values[before]
+        out[pieces.predicted] = y
+        return out
+    x, y = values[: len(skipped)], out[: len(skipped)]
+    y[:] = x
+    for lag, a in enumerate(ar, start=1):
+        y[lag:] -= a * x[:-lag]
+    y[skipped] = 0.0
     return out
 
 
 def autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array, float, float]:
     """AR coefficients (ORDER,), standard deviation of the innovations, degrees of freedom."""
-    past, now = [], []
-    for piece in pieces:
-        if len(piece) > ORDER:
-            y = x[piece]
-            past.append(np.column_stack([y[ORDER - lag : -lag] for lag in range(1, ORDER + 1)]))
-            now.append(y[ORDER:])
-    count = sum(len(y) for y in now)
+    pieces = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
+    count = len(pieces.predicted)
     if count < 4 * ORDER:
         every = np.concatenate([x[p] for p in pieces]) if pieces else x
         return np.zeros(ORDER), max(float(every.std()), 1e-12), max(len(every) - 1.0, 1.0)
-    matrix, target = np.concatenate(past), np.concatenate(now)
+    matrix, target = np.column_stack([x[k] for k in pieces.past]), x[pieces.predicted]
     a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
     rest = target - matrix @ a
     sigma = float(np.sqrt(rest @ rest / (count - ORDER)))
@@ -119,17 +143,12 @@ def _expected_products(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -
     covariance, G = _autocovariance(a), _with_covariance(a, pieces, Q)
     H = Q.T @ G
     lags = range(ORDER + 1)
-    out = np.zeros((ORDER + 1, ORDER + 1))
-    for piece in pieces:
-        length = len(piece) - ORDER
-        if length <= 0:
-            continue
-        q = np.stack([Q[piece][ORDER - lag : len(piece) - lag] for lag in lags])
-        g = np.stack([G[piece][ORDER - lag : len(piece) - lag] for lag in lags])
-        mixed = np.einsum("itr,ktr->ik", q, g)
-        out += length * covariance[np.abs(np.subtract.outer(lags, lags))]
-        out += np.einsum("itr,ktr->ik", q @ H, q) - mixed - mixed.T
-    return out
+    pieces = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
+    lagged = [pieces.predicted, *pieces.past]
+    q, g = Q[lagged], G[lagged]
+    mixed = np.tensordot(q, g, axes=([1, 2], [1, 2]))
+    own = len(pieces.predicted) * covariance[np.abs(np.subtract.outer(lags, lags))]
+    return np.asarray(own + np.tensordot(q @ H, q, axes=([1, 2], [1, 2])) - mixed - mixed.T)
 
 
 def _expected_energy(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> float:

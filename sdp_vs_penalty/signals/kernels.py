@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, sparse
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 class LowPass:

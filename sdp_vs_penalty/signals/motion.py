@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import stretches
-
-Array = NDArray[np.float64]
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
 #: kept more coarsely, with a distance that grows alike; beyond the last distance, not at all.

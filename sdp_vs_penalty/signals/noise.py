@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects.effect import smooth_sign
-from sdp_vs_penalty.signals.autoregression import ORDER, autoregression, beside, innovations
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.autoregression import ORDER, Pieces, autoregression, beside, innovations
 from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
@@ -31,8 +32,6 @@ from sdp_vs_penalty.signals.repetition import (
     new_differences,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-Array = NDArray[np.float64]
 
 #: What the noise is known from.
 REPETITION, RESIDUAL = "repetition", "residual"
@@ -119,7 +118,7 @@ def _from_repetition(
     difference = _differences(runs, residual, repeats)
     index = np.concatenate([r.rows for r in repeats])
     gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
-    pieces = consecutive(repeats)
+    pieces = Pieces(consecutive(repeats))
     share = min(1.0, new_differences(runs, repeats) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
     rates_shown = rates if shown is None else rate_features(shown)
@@ -129,7 +128,7 @@ def _from_repetition(
     for j in range(n):
         drift = _drift_columns(t, gap, speed[:, j])
         rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
-        steady = [p[good[p]] for p in pieces]
+        steady = Pieces(p[good[p]] for p in pieces)
         floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
         degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
         # Known on the rows that repeat, wanted on all.
@@ -174,7 +173,7 @@ def _without_events(
     good = np.ones(len(x), bool)
     for _ in range(3):
         rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
-        ar = autoregression(rest, [p[good[p]] for p in pieces])[0]
+        ar = autoregression(rest, Pieces(p[good[p]] for p in pieces))[0]
         white = innovations(rest, ar, pieces)
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)

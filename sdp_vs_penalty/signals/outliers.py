@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
+
 Mask = NDArray[np.bool_]
 
 #: Family-wise probability of a false event in one record of Gaussian noise. Small, because a log's

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Track, repeat_lag, repeat_period
 from sdp_vs_penalty.signals.runs import interpolated, sample_rate
-
-Array = NDArray[np.float64]
 
 #: Positions are compared at this rate [Hz] at most: they hold little above. Those of a run that would
 #: have more instants, at the second one.

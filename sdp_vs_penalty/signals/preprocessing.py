@@ -29,19 +29,18 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion, Sampling
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.runs import (
     Movement,
     Stretch,
-    highest_harmonic,
     movement,
     moving_joints,
     no_motion,
     sample_rate,
     stretches,
 )
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.signals.spectrum import highest_harmonic, unbent_cutoff
 
 #: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4 cut-offs.
 _OVERSAMPLING = 4.0
@@ -52,6 +51,8 @@ _COLUMN_RATE = 30.0
 _LONGER = 1.5
 #: Raw samples worked on at a time: bounds the memory for the columns whatever a run's length.
 _CHUNK = 4096
+#: Filtered instants at a time: each has a row as long as the kernel.
+_FILTERED = 512
 #: Samples of a stretch of which a few are chosen.
 _MOST_SAMPLES = 1 << 19
 
@@ -60,10 +61,11 @@ _MOST_SAMPLES = 1 << 19
 class Preprocessing:
     """Settings of the filters; None is chosen from the data by :meth:`resolve`.
 
-    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation harmonic. Higher
-        lets position noise into ddq, lower bends the motion. On the slow Panda run: 5 Hz.
-    torque_cutoff : [Hz] of columns and torque. Default: 1.6 times the former (Panda: 8 Hz), so that
-        friction at reversals, sharper than the motion, stays visible.
+    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation harmonic (on the slow
+        Panda run: 5 Hz), or more where that bends the motion by more than the positions' noise allows:
+        a robot that sticks at its reversals moves more sharply than it was told to.
+    torque_cutoff : [Hz] of columns and torque. Default: 16 times the highest harmonic (Panda: 8 Hz), or
+        1.6 times the state_cutoff that is given, so that friction at reversals stays visible.
     standstill : rows are dropped where no joint has moved faster than this share of its own
         maximum for half a second: they repeat one static friction state that no model of
         sliding friction explains.
@@ -89,12 +91,14 @@ class Preprocessing:
     def resolve(self, measurements: Measurements) -> Preprocessing:
         """The same settings with every number filled in for these measurements."""
         rate = min(sample_rate(run) for run in measurements.runs())
-        state = self.state_cutoff
+        state, highest = self.state_cutoff, rate / 10.0
         if state is None:
             state = 10.0 * max(highest_harmonic(run) for run in measurements.runs())
-        state = min(state, rate / 10.0)
-        torque = 1.6 * state if self.torque_cutoff is None else self.torque_cutoff
-        return replace(self, state_cutoff=state, torque_cutoff=min(torque, rate / 5.0))
+        state = min(state, highest)
+        torque = min(1.6 * state if self.torque_cutoff is None else self.torque_cutoff, rate / 5.0)
+        if self.state_cutoff is None:
+            state = unbent_cutoff(list(measurements.runs()), state, torque, highest)
+        return replace(self, state_cutoff=state, torque_cutoff=torque)
 
 
 class RunFilter:
@@ -152,7 +156,7 @@ class RunFilter:
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""
         half, out = self.column.half, []
-        for few in np.split(at, range(_CHUNK, len(at), _CHUNK)):
+        for few in np.split(at, range(_FILTERED, len(at), _FILTERED)):
             begin, end = few[0] - half, few[-1] + half + 1
             around = part.resampled(part.tau, begin, end)
             out.append(self.column.decimator(end - begin, few - begin) @ around)

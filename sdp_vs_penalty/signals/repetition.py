@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csgraph
 
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 
-Array = NDArray[np.float64]
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
 
@@ -134,7 +134,14 @@ def is_part(window: Segment, whole: Segment) -> bool:
 
 
 def find_repeats(runs: SegmentedRuns) -> tuple[Repeat, ...]:
-    """Every pair of stretches with the same motion, inside segments and between them."""
+    """Every pair of stretches with the same motion, inside segments and between them; found once."""
+    if "repeats" not in runs.derived:
+        runs.derived["repeats"] = _repeats(runs)
+    found: tuple[Repeat, ...] = runs.derived["repeats"]
+    return found
+
+
+def _repeats(runs: SegmentedRuns) -> tuple[Repeat, ...]:
     out = []
     starts = np.cumsum([0, *(len(s.t) for s in runs.segments)])
     for k, segment in enumerate(runs.segments):

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, parts, release
 from sdp_vs_penalty.errors import InputError
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle one's noise.
 _LARGEST_NOISE = 0.01
@@ -22,8 +20,6 @@ _LARGEST_NOISE = 0.01
 _PAUSE, _FINEST = 0.05, 10.0
 #: Time steps of which a median is taken, in stretches that are spread over a longer run.
 _MOST_STEPS = 1 << 20
-#: Samples of one spectrum; a longer stretch has the mean of the spectra of so many samples each.
-_SPECTRUM = 1 << 18
 
 
 def sample_rate(run: Measurements) -> float:
@@ -160,45 +156,6 @@ def stretches(run: Measurements) -> Iterator[Stretch]:
         if stop - start >= 2:
             part = run.rows(slice(start, stop))
             yield Stretch(part.t, part.q, part.tau, dt, part.temperature)
-
-
-def highest_harmonic(run: Measurements) -> float:
-    """Highest frequency [Hz] at which some joint's position has 1 % of its largest amplitude.
-
-    Raises InputError for a run without motion, or with gaps everywhere.
-    """
-    highest = 0.0
-    moving = moving_joints(run)
-    for part in stretches(run):
-        count = part.count
-        if count < 16:
-            continue
-        for j in np.flatnonzero(moving).tolist():
-            length = min(count, _SPECTRUM)
-            amplitude = _amplitude(part, j, length)
-            present = np.flatnonzero(amplitude > 0.01 * amplitude.max())
-            if len(present):
-                highest = max(highest, int(present[-1]) / (length * part.dt))
-    if highest == 0.0:
-        if not moving.any():
-            raise no_motion(run)
-        raise InputError(
-            f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time",
-            "record longer",
-            run.names[0],
-        )
-    return highest
-
-
-def _amplitude(part: Stretch, j: int, length: int) -> Array:
-    """Amplitudes of a joint's position, at multiples of 1 / (length dt): the root of the sum of squares
-    over pieces of that many samples (Welch 1967)."""
-    starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
-    power = np.zeros(length // 2 + 1)
-    for start in starts:
-        q = part.resampled(part.q[:, j : j + 1], start, start + length)[:, 0]
-        power += np.abs(fft.rfft(np.hanning(length) * (q - q.mean()))) ** 2 if np.ptp(q) else 0.0
-    return np.sqrt(power)
 
 
 def no_motion(run: Measurements) -> InputError:

@@ -14,20 +14,23 @@ follow (a step in acceleration): there the states are wrong, not the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
-
-Array = NDArray[np.float64]
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
@@ -62,7 +65,8 @@ class SegmentedRuns:
     """All segments of all runs, their rows stacked in order (M in all); rate : rows a second.
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
-    gains (n,) : what the torque channels read over the true torque, where the model knows it.
+    gains (n,) : what the torque channels read over the true torque, where the model knows it;
+    derived : what follows from the motion alone, whatever is masked and whatever the model.
     """
 
     segments: tuple[Segment, ...]
@@ -72,51 +76,58 @@ class SegmentedRuns:
     names: tuple[str, ...]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
+    derived: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
-    @property
+    @cached_property
     def t(self) -> Array:
         return np.concatenate([s.t for s in self.segments])
 
-    @property
+    @cached_property
     def run(self) -> NDArray[np.int64]:
         return np.concatenate([np.full(len(s.t), s.run) for s in self.segments])
 
-    @property
+    @cached_property
     def segment(self) -> NDArray[np.int64]:
         return np.concatenate([np.full(len(s.t), k) for k, s in enumerate(self.segments)])
 
-    @property
+    @cached_property
     def dq(self) -> Array:
         """(M, n) filtered velocities."""
         return np.concatenate([s.low_pass @ s.motion.dq for s in self.segments])
 
-    @property
+    @cached_property
     def torque(self) -> Array:
         """(M, n) filtered measured torque."""
         return np.concatenate([s.torque for s in self.segments])
 
-    @property
+    @cached_property
     def residual(self) -> Array:
         """(M, n) filtered measured less modelled torque."""
         return np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in self.segments])
 
-    @property
+    @cached_property
     def dense_residuals(self) -> list[Array]:
         """The same on the dense grid, per segment (D, n)."""
         return [s.torque_dense - s.dense @ s.motion.model_torque for s in self.segments]
 
-    @property
+    @cached_property
     def keep(self) -> NDArray[np.bool_]:
         """(M, n) which rows count for which joint."""
         keep = np.repeat(np.concatenate([s.keep for s in self.segments])[:, None], self.n, axis=1)
         return keep & ~self.masked if self.masked.size else keep
 
-    def pieces(self, joint: int) -> list[NDArray[np.intp]]:
+    def pieces(self, joint: int) -> Pieces:
         """Index arrays of consecutive rows that count for a joint."""
-        segment, keep = self.segment, self.keep[:, joint]
-        index = np.arange(len(segment))
-        same = (segment[1:] == segment[:-1]) & (keep[1:] == keep[:-1])
-        return [p for p in np.split(index, np.flatnonzero(~same) + 1) if keep[p[0]]]
+        return self._pieces[joint]
+
+    @cached_property
+    def _pieces(self) -> list[Pieces]:
+        index, out = np.arange(len(self.t)), []
+        apart = np.diff(self.segment) != 0
+        for keep in self.keep.T:
+            ends = np.flatnonzero(apart | (keep[1:] != keep[:-1])) + 1
+            out.append(Pieces(p for p in np.split(index, ends) if keep[p[0]]))
+        return out
 
     def with_masked(self, masked: NDArray[np.bool_]) -> SegmentedRuns:
         return replace(self, masked=masked)
@@ -128,13 +139,29 @@ class SegmentedRuns:
 
     def blocks(self, effect: Effect) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k)."""
-        blocks = self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
-        return [replace(b, columns=self.gain(effect, b.joint) * b.columns) for b in blocks]
+        blocks = self._true_blocks(effect)
+        if self.gains is None or effect.needs_torque:
+            return blocks
+        return [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
 
-    def gain(self, effect: Effect, joint: int) -> float:
-        """What a joint's channel makes of an effect's torque; a share of the modelled torque, as the
-        channels read it, needs no more."""
-        return 1.0 if self.gains is None or effect.needs_torque else self.gains[joint]
+    def _true_blocks(self, effect: Effect) -> list[Block]:
+        """The same of the true torque; what the motion alone decides is worked out once."""
+        if (
+            effect.needs_torque
+            or effect.needs_links
+            or effect_types().get(effect.name) is not type(effect)
+        ):
+            return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
+        # What a joint can have several times may look at other joints, but for what joins its own.
+        joints = effect.joints if effect.joins or not effect.several else range(self.n)
+        widths = tuple(self.segments[0].motion.width(j) for j in joints)
+        key = effect.name, effect.joints, tuple(effect.shape.items()), widths, id(effect.robot)
+        if key not in self.derived:
+            self.derived[key] = self._stack(
+                [(s.low_pass, effect.blocks(s.motion)) for s in self.segments]
+            )
+        found: list[Block] = self.derived[key]
+        return found
 
     def column(self, effect: Effect, joint: int) -> Array:
         """(M, k) columns of a joint's own torque only."""

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.files import read_toml
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_friction, published_links, published_trajectory
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.simulate import (
     Sensor,
@@ -25,8 +25,6 @@ from sdp_vs_penalty.simulation.simulate import (
     sigmoid_friction,
     simulate,
 )
-
-Array = NDArray[np.float64]
 
 #: Of a robot that describes no experiment: friction and noise relative to the torque it moves with.
 _FRICTION_SHARE, _NOISE_SHARE, _POSITION_STEP = 0.02, 0.001, 1e-5

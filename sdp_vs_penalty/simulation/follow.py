@@ -23,9 +23,9 @@ from sdp_vs_penalty.estimation.courses import Course, courses_of
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
 
-Array = NDArray[np.float64]
 Drive = Literal["torque", "pd"]
 
 #: Seconds of a window, how many windows at most, and the longest step of the simulation [s].

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, interp1d
 
 from sdp_vs_penalty.data.measurements import Measurements
@@ -20,11 +19,10 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.hidden import HiddenEffect, Maker, TrueRobot
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
-
-Array = NDArray[np.float64]
 
 DURATION = 20.0  # s of each run
 PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run

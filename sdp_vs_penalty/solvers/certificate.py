@@ -19,16 +19,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def dual_evidence(
     constraints = ConstraintSet(tuple(c for c, _, _ in balanced))
     dual = [project(c.cone, multiplier) for c, multiplier, _ in balanced]
     spread = _spread(constraints)
-    rows = _Rows.of(constraints, len(bound))
+    rows = _AffineMap.of(constraints, len(bound))
     tangents = _Tangent.candidates(objective, theta, bound, entropy_slopes)
     tangent = max(tangents, key=lambda t: t.bound(rows, dual)[0]) if len(tangents) > 1 else tangents[0]
     best, kept = -np.inf, list(dual)
@@ -184,7 +182,7 @@ class _Tangent:
     def _pull(self) -> Array:
         return 2.0 * self.data.R.T
 
-    def bound(self, rows: _Rows, dual: Sequence[Array]) -> tuple[float, Array]:
+    def bound(self, rows: _AffineMap, dual: Sequence[Array]) -> tuple[float, Array]:
         """The bound for multipliers inside their cones, and the slope (p,) that they leave over."""
         flat = np.concatenate([np.zeros(0), *(multiplier.ravel() for multiplier in dual)])
         slope = self.slope - rows.matrix.T @ flat
@@ -197,14 +195,14 @@ class _Tangent:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _AffineMap:
     """All entries of all convex constraints as one affine map: F(theta) = constant + matrix theta."""
 
     matrix: sparse.csr_matrix
     constant: Array
 
     @classmethod
-    def of(cls, constraints: ConstraintSet, p: int) -> _Rows:
+    def of(cls, constraints: ConstraintSet, p: int) -> _AffineMap:
         row, column, value, constant, start = [], [], [], [np.zeros(0)], 0
         for c in constraints.convex:
             flat = c.coefficients.reshape(len(c.indices), -1)

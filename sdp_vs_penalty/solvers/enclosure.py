@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
+
 #: Extended precision where the machine has it, plain doubles elsewhere; the error bounds follow.
 Long = np.longdouble
 Extended = Any  # an array or a number of Long

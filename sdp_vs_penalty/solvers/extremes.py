@@ -18,18 +18,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints.cones import project
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, svec, unsvec
 from sdp_vs_penalty.solvers.identification import largest_margin
-
-Array = NDArray[np.float64]
 
 #: Share of the largest singular value below which an equality repeats the others.
 _RANK = 1e-10

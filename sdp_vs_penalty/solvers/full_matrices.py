@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 from sdp_vs_penalty.solvers.rewrite import Rewritten
-
-Array = NDArray[np.float64]
 
 
 def full_matrices(problem: ConicProblem) -> tuple[Rewritten, dict[str, object]]:

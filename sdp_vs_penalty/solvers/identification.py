@@ -18,10 +18,9 @@ from scipy import sparse
 
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.regression.regression import nearest_least_squares
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-
-Array = NDArray[np.float64]
 
 #: A unit of a scaled parameter that the data do not see moves no matrix farther than this, in the
 #: matrix's size: its bound alone (100 kg, metres) can make columns of a million beside those of one.
@@ -124,7 +123,7 @@ def least_squares_sdp(
 
     rows, rho, out_of_reach = _independent_rows(data.R * scale, data.rho - data.R @ centre)
     r, offset = len(rho), data.residual_norm**2 + out_of_reach
-    pieces = _Rows(p + r)
+    pieces = _RowBuilder(p + r)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     pieces.dense("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
     placed = []
@@ -166,7 +165,7 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: A
     x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all constraints.
     """
     p = len(scale)
-    pieces = _Rows(p + 1)
+    pieces = _RowBuilder(p + 1)
     placed = []
     for constraint in constraints:
         start, cone_scale = pieces.constraint(constraint, np.zeros(p), scale, reference, slack=p)
@@ -180,7 +179,7 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: A
     return SdpProblem(conic, np.zeros(p), scale, 1.0, tuple(placed))
 
 
-class _Rows:
+class _RowBuilder:
     """Collects the rows of A and b cone by cone."""
 
     def __init__(self, width: int) -> None:

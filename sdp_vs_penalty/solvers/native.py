@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.compiled import MODULE, VARIABLE, core
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
-
-Array = NDArray[np.float64]
 
 NAME = "native"
 EXTRA = "the folder native/ of the repository"
@@ -72,8 +71,9 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     read = _Read.of(problem)
     ready = time.perf_counter()
     theta, multipliers = np.zeros(read.p), np.zeros((read.core.blocks, ORDER, ORDER))
+    # Accuracy is relative to 1 + the objective, as other solvers': 1 stands where the data have a floor.
     steps, converged, gap = read.core.solve(
-        read.R, read.rho, 0.0, np.zeros(read.p), 1.0, accuracy, ITERATIONS, theta, multipliers
+        read.R, read.rho, 1.0, np.zeros(read.p), 1.0, accuracy, ITERATIONS, theta, multipliers
     )
     seconds = time.perf_counter() - ready
     claims = "optimal" if converged else "inaccurate" if gap < 1e-6 else "failed"

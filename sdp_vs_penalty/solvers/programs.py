@@ -10,13 +10,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, reorder
 from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
-
-Array = NDArray[np.float64]
 
 #: From what a program printed and its exit code to (claims, its own words, iterations).
 Judge = Callable[[str, int], tuple[str, str, int]]

@@ -19,16 +19,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.certificate import DualEvidence, dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
-Array = NDArray[np.float64]
 Proof = dict[str, Any]
 
 #: How often y is shifted by what is left of the slope; each time the rest shrinks to rounding.

@@ -51,7 +51,6 @@ def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
     full, _ = full_matrices(p)
     made = full.problem
     equal = sum(c.size for c in p.cones if c.kind == "zero")
-    rows = np.arange(len(made.b))
     signs = np.ones(len(made.b))
     cones = []
     at = equal
@@ -67,7 +66,7 @@ def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
             cones.append(qics.cones.ClassRelEntr(1))
             signs[at] = -1.0
         at += 0 if cone.kind == "zero" else cone.size**2 if cone.kind == "psd" else cone.size
-    matrix = sparse.diags(signs) @ made.A.tocsr()[rows]
+    matrix = sparse.diags(signs) @ made.A.tocsr()
     right = signs * made.b
     model = qics.Model(
         made.q[:, None],

@@ -41,8 +41,8 @@ def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
 
     start = time.perf_counter()
     ordered = reorder(problem, ("zero", "nonnegative", "soc", "psd", "exp"))
-    lower = np.concatenate(_lower_triangles(ordered.problem) or [np.zeros(0, np.intp)])
     p = ordered.problem
+    lower = _placed(p.cones, _from_upper)
     count = {kind: [c.size for c in p.cones if c.kind == kind] for kind in CONES}
     data = {"P": p.P, "A": p.A.tocsr()[lower].tocsc(), "b": p.b[lower], "c": p.q}
     cone = {
@@ -64,24 +64,20 @@ def solve(problem: ConicProblem, accuracy: float | None = 1e-9) -> Solution:
     return Solution(x, z, claims, info["status"], int(info["iter"]), ready - start, end - ready)
 
 
-def _lower_triangles(problem: ConicProblem) -> list[np.ndarray]:
-    """Our rows in SCS's order: a matrix's lower triangle column by column."""
-    return _placed(problem.cones, _from_upper)
-
-
 def upper_triangles(cones: Sequence[Cone]) -> NDArray[np.intp]:
     """SCS's rows in our order: a matrix's upper triangle column by column."""
-    return np.concatenate(_placed(cones, lambda d: np.argsort(_from_upper(d))))
+    return _placed(cones, lambda d: np.argsort(_from_upper(d)))
 
 
 def _from_upper(d: int) -> NDArray[np.intp]:
+    """Of SCS's entries, a matrix's lower triangle column by column, our numbers."""
     i, j = np.triu_indices(d)  # entry (j, i), j >= i: column i of the lower triangle
     return np.asarray(j * (j + 1) // 2 + i)
 
 
-def _placed(cones: Sequence[Cone], order: Callable[[int], NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    rows, start = [], 0
+def _placed(cones: Sequence[Cone], order: Callable[[int], NDArray[np.intp]]) -> NDArray[np.intp]:
+    rows, start = [np.zeros(0, np.intp)], 0
     for cone in cones:
         rows.append(start + (order(cone.size) if cone.kind == "psd" else np.arange(cone.rows)))
         start += cone.rows
-    return rows
+    return np.concatenate(rows)

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.native import ITERATIONS, ORDER, structured
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
-
-Array = NDArray[np.float64]
 
 #: A warm start's way towards the interior, and its complementarity as a share of the objective (of 25
 #: resamples of the Panda's data each: 6 iterations instead of 13).

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.enclosure import (
     ROUNDOFF,
     Enclosure,
@@ -33,8 +34,6 @@ from sdp_vs_penalty.solvers.enclosure import (
     up,
 )
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-
-Array = NDArray[np.float64]
 
 
 class _Affine:

@@ -7,6 +7,7 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -191,16 +192,22 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
     "no motion": (still, "no motion", "no joint moves", "error"),
     "an idle joint": (idle_joint, "idle joints", "joint 7", "warning"),
     "few samples": (sparse, "low sample rate", "too few", "warning"),
-    "another arm's torque": (unrelated, "torque not explained", "nothing to do", "error"),
+    "another arm's torque": (unrelated, "torque not explained", "No inertia and friction", "error"),
     "a dead channel": (dead, "dead channel", "tau5 is 0.25", "error"),
 }
 
 
-@pytest.mark.parametrize("name", SPOILED)
-def test_what_is_wrong_is_named(name: str, simulated: tuple[Problem, Measurements]) -> None:
+@pytest.fixture(scope="module")
+def checked(simulated: tuple[Problem, Measurements]) -> Callable[[str], Report]:
+    """What the check says of a spoiled run, by its name; each is checked once."""
     problem, run = simulated
-    spoil, kind, words, severity = SPOILED[name]
-    report = check(problem, spoil(run))[0]
+    return cache(lambda name: check(problem, SPOILED[name][0](run))[0])
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_what_is_wrong_is_named(name: str, checked: Callable[[str], Report]) -> None:
+    _, kind, words, severity = SPOILED[name]
+    report = checked(name)
     found = {f.kind: f for f in report.problems}
     assert kind in found, [f.kind for f in report.problems]
     finding = found[kind]
@@ -243,12 +250,13 @@ def test_only_what_is_certain_is_fixed(simulated: tuple[Problem, Measurements]) 
 
 @pytest.mark.parametrize("name", MENDABLE)
 def test_what_is_mended_is_clean(
-    name: str, simulated: tuple[Problem, Measurements], unspoiled: float
+    name: str,
+    checked: Callable[[str], Report],
+    simulated: tuple[Problem, Measurements],
+    unspoiled: float,
 ) -> None:
     """The mended copy has no problem left, and explains itself as well as the data before."""
-    problem, run = simulated
-    mended = check(problem, SPOILED[name][0](run))[0].mended
-    again = check(problem, mended)[0]
+    again = check(simulated[0], checked(name).mended)[0]
     assert not again.problems, [f.what for f in again.problems]
     assert again.unexplained is not None
     assert again.unexplained < 1.2 * unspoiled
@@ -297,7 +305,8 @@ def test_silence_on_simulated_data() -> None:
     for name in ("panda", "two_link", "ur10e"):
         problem = load_problem(name)
         setup = experiment(problem)
-        for run in (setup.training_run(1), *setup.validation_runs(2)[:2]):
+        setup = replace(setup, validation=(1, setup.validation[1]))
+        for run in (setup.training_run(1), *setup.validation_runs(2)):
             assert not check(problem, run)[0].problems, (name, run.names)
 
 
@@ -330,7 +339,7 @@ def test_silence_on_real_ur10e_and_emps(data_folder: Path) -> None:
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize("joint", range(1, 8))
+@pytest.mark.parametrize("joint", [1, 2, 4, 7])
 def test_a_flipped_sign_is_named_on_the_real_panda(
     joint: int, panda: Problem, panda_run: Measurements
 ) -> None:

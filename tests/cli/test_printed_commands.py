@@ -6,7 +6,7 @@ import asyncio
 import json
 import re
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.cli.verbs.list import Kind
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.diagnosis import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, load_diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -27,6 +28,7 @@ from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.workshop import Workshop
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.simulation import hidden_runs
 from sdp_vs_penalty.simulation.experiment import experiment
 
 PROGRAM = "sdp-vs-penalty"
@@ -76,23 +78,46 @@ def robot(kind: str, folder: Path) -> str:
     return write_urdf(folder / "scara.urdf", "scara", SCARA).name if kind == "SCARA" else kind
 
 
-_SLOW = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("panda", "folder", "SCARA")]
+#: Arms, and whether what they miss is searched for (in half a minute) or told.
+KINDS = [
+    ("URDF named two_link", True), ("folder", False), ("SCARA", False),
+    *(pytest.param(kind, True, marks=pytest.mark.slow) for kind in ("panda", "folder", "SCARA")),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["URDF named two_link", *_SLOW])
+@pytest.mark.parametrize(("kind", "searched"), KINDS)
 def test_from_simulated_runs_to_a_model_with_what_was_missing(
-    kind: str, run: Run, tmp_path: Path
+    kind: str, searched: bool, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """simulate prints identify; diagnose prints add, as text and from its file, which do the same."""
     source = robot(kind, tmp_path)
+    found = []
+    if not searched:
+        found.append(told(load_problem(source), ["joint_spring:2"]))
+        monkeypatch.setattr(hidden_runs, "DURATION", 6.0)
+        monkeypatch.setattr(hidden_runs, "PERIOD", 4.0)
+
+    searched_in: dict[tuple[str, ...], Diagnosis] = {}
+
+    def diagnosed(*given: object, **options: object) -> Diagnosis:
+        """The same runs are searched once at most."""
+        if found:
+            return found[0]
+        runs = tuple(str(getattr(g, "data_hash", "")) for g in given)
+        if runs not in searched_in:
+            searched_in[runs] = diagnose(*given, **options)  # type: ignore[arg-type]
+        return searched_in[runs]
+
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", diagnosed)
     quoted = shlex.quote(source)
     out = run(f"{PROGRAM} simulate {quoted} --hide joint_spring:2 --seed 7 --out 'my runs'")
     assert len(printed(out)) == 1
     run(f"{PROGRAM} check 'my runs/run1.csv' --problem {quoted}")
     run(f"{PROGRAM} compare model.json --data 'my runs/test.csv'")
     data = "--data 'my runs/run1.csv' 'my runs/run2.csv' --test 'my runs/test.csv'"
-    (as_text,) = printed(run(f"{PROGRAM} diagnose model.json {data}"))
-    (from_file,) = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
+    as_text, *tell = printed(run(f"{PROGRAM} diagnose model.json {data}"))
+    assert all(" excite " in command for command in tell)
+    from_file, *_ = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
     assert " joint_spring:2" in as_text
     assert "--from 'the findings.json'" in from_file
     written = [shlex.split(command)[-1] for command in (as_text, from_file)]
@@ -153,11 +178,13 @@ def test_lists_name_one_to_look_at(kind: str, run: Run) -> None:
     )
 
 
-def twelve(problem: Problem, frozen: bool = False) -> Diagnosis:
-    """A diagnosis with springs and hysteresis on many joints."""
+TWELVE = [f"presliding_hysteresis:{j}@d=0.00312345" for j in range(1, 8)]
+TWELVE += [f"joint_spring:{j}" for j in range(1, 6)]
+
+
+def told(problem: Problem, texts: Sequence[str], frozen: bool = False) -> Diagnosis:
+    """A diagnosis that found these effects, each on one joint."""
     n = problem.robot.n
-    texts = [f"presliding_hysteresis:{j}@d=0.00312345" for j in range(1, 8)]
-    texts += [f"joint_spring:{j}" for j in range(1, 6)]
 
     def finding(text: str) -> Finding:
         name, _, rest = text.partition(":")
@@ -177,7 +204,7 @@ def twelve(problem: Problem, frozen: bool = False) -> Diagnosis:
 def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Diagnosis:
     """What every diagnosis says; a model.json and a run.csv of the Panda beside it."""
     write_run(tmp_path / "run.csv", panda)
-    found = twelve(panda)
+    found = told(panda, TWELVE)
     monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", lambda *_, **__: found)
     return found
 
@@ -220,7 +247,7 @@ def test_what_a_held_model_misses_is_added_to_it_held(
     twelve_found: Diagnosis, run: Run, panda: Problem
 ) -> None:
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
-    (Path("held.json")).write_text(_json(twelve(panda, frozen=True)))
+    (Path("held.json")).write_text(_json(told(panda, TWELVE, frozen=True)))
     run(f"{PROGRAM} add model.json --from held.json --only 8,9 --data run.csv --out model2.json")
     before, after = (load_estimate(Path(name)) for name in ("model.json", "model2.json"))
     np.testing.assert_array_equal(after.theta[: len(before.theta)], before.theta)

@@ -273,9 +273,9 @@ def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> n
     """The feasible point farthest in a random direction among the parameters' axes."""
     from sdp_vs_penalty.solvers import solver
     from sdp_vs_penalty.solvers.conic import ConicProblem
-    from sdp_vs_penalty.solvers.identification import _Rows
+    from sdp_vs_penalty.solvers.identification import _RowBuilder
 
-    pieces = _Rows(p)
+    pieces = _RowBuilder(p)
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
     for c in demands.convex:
         pieces.constraint(c, np.zeros(p), np.ones(p), inside)

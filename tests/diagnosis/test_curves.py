@@ -12,7 +12,7 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
-from sdp_vs_penalty.diagnosis.curves.held_out import HeldOut, _falls
+from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, _falls
 from sdp_vs_penalty.effects import effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
@@ -110,9 +110,9 @@ def test_the_added_curve_takes_the_error_to_the_noise(made: Made) -> None:
 
 
 def test_the_share_is_what_data_left_out_show() -> None:
-    assert HeldOut(0.5, 0.3, True).share(0.1) == pytest.approx((0.25 - 0.09) / (0.25 - 0.01))
-    assert HeldOut(0.5, 0.6, False).share(0.1) == 0.0
-    assert HeldOut(0.5, 0.05, True).share(0.1) == 1.0
+    assert CurveErrors(0.5, 0.3, True).share(0.1) == pytest.approx((0.25 - 0.09) / (0.25 - 0.01))
+    assert CurveErrors(0.5, 0.6, False).share(0.1) == 0.0
+    assert CurveErrors(0.5, 0.05, True).share(0.1) == 1.0
 
 
 def test_an_error_that_falls_in_one_stretch_only_has_not_fallen() -> None:

@@ -17,7 +17,7 @@ from sdp_vs_penalty.diagnosis.block_test import (
 from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Library
-from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
+from sdp_vs_penalty.diagnosis.scoring import _Scored, cross_validate, evidence, solve_group
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.autoregression import autoregression, beside
@@ -275,3 +275,13 @@ def test_the_block_robust_test_does_not_depend_on_units() -> None:
     expected = wald(BlockSums.of(fit, Z, 2))
     for unit in (1e-6, 1e6):
         np.testing.assert_allclose(wald(BlockSums.of(fit, unit * Z, 2)), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("columns", [[[0], [3]], [[0, 1], [4, 2]], [[5, 1, 2]]])
+def test_groups_of_any_size_are_partialled(columns: list[list[int]]) -> None:
+    rng = np.random.default_rng(0)
+    Q = np.linalg.qr(rng.normal(size=(40, 3)))[0]
+    Z = rng.normal(size=(40, 6))
+    rest = Z - Q @ (Q.T @ Z)
+    wanted = [rest[:, c].T @ rest[:, c] for c in columns]
+    np.testing.assert_allclose(_Scored(Q, Z, rng.normal(size=40)).grams(np.array(columns)), wanted)

@@ -77,6 +77,7 @@ def test_what_comes_back_remains(repeating: float, sign: float, remains: bool) -
     np.testing.assert_allclose(found.share, shares, rtol=1e-9)
     assert found.p == pytest.approx(min(1.0, 4.0 * min(p)), rel=1e-6)
     assert found.remains == remains == (found.p < FALSE_UNKNOWN)
+    assert found.joints == ((0,) if remains else ())
 
 
 def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from random_robots import uicker_torques
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
-from sdp_vs_penalty.effects.bristles import dahl
+from sdp_vs_penalty.effects.bristles import Bristles, Law, dahl, stop
 from sdp_vs_penalty.effects.drift_offset import DriftOffset
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects.measured_curve import corners
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.presliding_hysteresis import bristle
+from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -131,6 +133,33 @@ def test_dahl_is_the_solution_of_its_differential_equation() -> None:
     assert np.all(
         np.sign(dahl(q, 1e-9)[np.abs(speed) > 1e-3][1:]) == np.sign(speed[np.abs(speed) > 1e-3][1:])
     )
+
+
+def test_a_shape_constant_of_a_slider_is_in_metres() -> None:
+    shape = Shape(1.0, grid=(1.0, 2.0), bounds=(0.5, 4.0), metres=0.1)
+    assert shape.on("revolute") is shape
+    slider = shape.on("prismatic")
+    assert (slider.grid, slider.bounds, slider.metres) == ((0.1, 0.2), (0.05, 0.4), 1.0)
+
+
+@pytest.mark.parametrize("knots", [1, 2, 5])
+def test_a_table_is_interpolated_inside_and_held_outside(knots: int) -> None:
+    x, values = np.linspace(-1.0, 3.0, 101), np.random.default_rng(0).normal(size=knots)
+    weights, at = corners(x, 0.5, 2.0, knots)
+    wanted = np.interp(x, np.linspace(0.5, 2.0, knots), values)
+    np.testing.assert_allclose(np.sum(weights * values[at], axis=1), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", [dahl, stop])
+def test_states_advanced_step_by_step_are_those_along_the_path(law: Law) -> None:
+    """What a simulation does, and what columns are made of."""
+    steps = 0.02 * np.random.default_rng(0).normal(size=(200, 2))
+    bristles = Bristles(np.array([[1.0, 0.0], [0.5, -1.0]]), np.array([0.02, 0.05]), law)
+    path, z = np.cumsum(np.vstack([np.zeros(2), steps]), axis=0), np.zeros((1, 2))
+    along = [law(path @ row, d, 0.0) for row, d in zip(bristles.directions, (0.02, 0.05), strict=True)]
+    for k, step in enumerate(steps, start=1):
+        z = bristles.advanced(z, step[None])
+        np.testing.assert_allclose(z[0], [state[k] for state in along], atol=1e-12)
 
 
 def test_the_hidden_bristle_slides_at_the_stribeck_curve() -> None:
@@ -345,4 +374,4 @@ def test_a_delay_of_all_joints_needs_more_than_one() -> None:
     kind = effect_types()["global_delay"]
     for n in (1, 2, 3):
         robot = Robot.from_dh("r", [0.0] * n, [0.0] * n, [0.2] * n, "modified")
-        assert len(list(kind.starts(robot, 0))) == (n > 1)
+        assert bool(list(kind.starts(robot, 0))) == (n > 1)

@@ -91,6 +91,8 @@ def test_a_sign_stands_for_all_samples_of_the_log(stride: int) -> None:
     for shift in np.linspace(-0.47, 0.41, 7) * stride * dt:
         sampled = np.sign(rate * (log - shift))
         weights = Sampling(stride, dt).weights
+        np.testing.assert_allclose(weights, weights[::-1])
+        assert weights.sum() == pytest.approx(1.0)
         half = len(weights) // 2
         at = np.arange(half, len(log) - half, stride)
         expected = np.array([weights @ sampled[k - half : k + half + 1] for k in at])

@@ -42,7 +42,7 @@ def check(path: Path, chosen: str, seed: int, method: str, units: tuple[float, f
     task = make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)))
     objective, constraints = make_estimator(method).posed(task)  # type: ignore[attr-defined]
     convex = ConstraintSet(constraints.convex)
-    made = in_units(Instance("x", "x", replace(task, constraints=convex), objective), *units)
+    made = in_units(Instance("x", replace(task, constraints=convex), objective), *units)
     fit = solve_sdp(made.task, made.objective, made.task.constraints, "clarabel", 1e-10)
     _, certificate = certify(made.task, fit)
     assert certificate.worst == 0.0

@@ -752,6 +752,7 @@ def test_c_header_makes_the_same_torques(name: str, tmp_path: Path) -> None:
     robot, header, source = estimate.robot, tmp_path / "arm.h", tmp_path / "arm.c"
     assert export(estimate, header) == ()
     (function,) = re.findall(r"static void (\w+_torque)\(", header.read_text())
+    assert function == f"{re.sub(r'[^a-zA-Z0-9]', '_', robot.name)}_torque"
     source.write_text(
         '#include "arm.h"\nvoid torque(double *q, double *v, double *a, double *t) '
         f"{{ {function}(q, v, a, t); }}"

@@ -200,6 +200,18 @@ def errors(page: Page) -> list[list[float]]:
     return [[float(cell) for cell in row.locator("td").all_inner_texts()[:-2]] for row in rows]
 
 
+def barriers(page: Page) -> list[str]:
+    """What axe-core calls a serious or critical fault of accessibility on what is shown now."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [
+        f"{v['id']}: {v['nodes'][0]['html'][:200]}"
+        for v in found
+        if v["impact"] in ("serious", "critical")
+    ]
+
+
 def no_sideways_scrolling(page: Page) -> None:
     inside, width = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
     assert inside <= width

@@ -15,6 +15,7 @@ from page_driver import (
     Server,
     a_context,
     alert,
+    barriers,
     choose,
     errors,
     expect,
@@ -48,6 +49,7 @@ def story(
         page.click(key("identify"))
         page.wait_for_selector("[data-step=fit] .js-line")
         seen["fit"] = page.inner_text("[data-step=fit]")
+        seen["barriers"] = barriers(page)
         begin = time.perf_counter()
         page.click(key("joint-2"))
         page.wait_for_function(
@@ -58,6 +60,7 @@ def story(
         page.click(key("diagnose"))
         page.wait_for_selector(key("add-0"))
         seen["findings"] = page.inner_text("[data-step=findings]")
+        seen["barriers"] += barriers(page)
         page.click(key("add-0"))
         page.wait_for_selector("table.ladder")
         idle(page)
@@ -67,6 +70,7 @@ def story(
         page.wait_for_selector("table.methods")
         seen["methods"] = page.locator("table.methods tbody tr").all_inner_texts()
         go(page, "take-away")
+        seen["barriers"] += barriers(page)
         folder = tmp_path_factory.mktemp("taken")
         for name in ("model.json", "robot.urdf", "robot.xml", "model.py", "report.html"):
             with page.expect_download() as waiting:
@@ -87,6 +91,13 @@ def test_what_is_shown_of_the_fit(story: dict[str, Any]) -> None:
     for words in ("Joint 1", "N m", "noise", "test.npz", "all hold", "Where it fails", "velocity"):
         assert words in text
     assert story["click"] < 2.0  # 0.3 s where nothing else runs
+
+
+def test_the_page_and_the_report_are_accessible(story: dict[str, Any]) -> None:
+    report = story["context"].new_page()
+    report.goto(f"file://{story['folder'] / 'report.html'}")
+    assert story["barriers"] + barriers(report) == []
+    report.close()
 
 
 def test_the_hidden_effect_is_named_and_explained(story: dict[str, Any]) -> None:

@@ -271,10 +271,21 @@ def test_the_folder_is_offered_and_kept_as_it_is(
         shutil.copy(path, folder)
     (folder / "arm.urdf").write_text(ARM)
     (folder / "elsewhere.csv").symlink_to("/etc/hosts")
+    mine = folder / "with_bounds"
+    mine.mkdir()
+    (mine / "problem.toml").write_text('title = "An arm"\n[kinematics]\nurdf = "../arm.urdf"\n')
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "problem.toml").write_text("")
+    (folder / "not_mine").symlink_to(tmp_path / "elsewhere")
     before = {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
     with serving(temporary, str(folder)) as server, a_context(browser) as context:
         page = open_page(context, server)
-        assert "arm.urdf" in page.inner_text("[data-step=robot]")
+        offered = page.inner_text("[data-step=robot]")
+        assert "arm.urdf" in offered
+        assert "not_mine" not in offered
+        pick(page, "with_bounds")
+        go(page, "robot")
+        page.wait_for_selector("text=with_bounds has 2 joints")
         pick(page, "two_link")
         page.wait_for_selector(key("read-folder"))
         assert "elsewhere.csv" not in page.inner_text("[data-step=runs]")

@@ -24,6 +24,7 @@ import pytest
 
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.page import archive, uploads, worker
 from sdp_vs_penalty.page.charts import asked_span, torque_chart
@@ -75,7 +76,9 @@ def drop(session: Session, path: Path, name: str | None = None) -> None:
     session.arrived[name or path.name] = path
 
 
-def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp_path: Path) -> None:
+def test_the_story_without_a_browser(
+    sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
+) -> None:
     """The same models, numbers and files as the functions of the command line give."""
     for run, name in zip(hidden.runs, ("a.csv", "b.csv", "c.csv", "my test.csv"), strict=True):
         save(run, tmp_path / name)
@@ -116,6 +119,12 @@ def test_the_story_without_a_browser(sessions: Sessions, hidden: HiddenRuns, tmp
     assert again.ladder[1].comparison["rmse"] == pytest.approx(after, rel=1e-9)
     assert again.findings is not None
     assert again.findings.to_dict() == s.findings.to_dict()
+    asyncio.run(finish(s, lambda: s.compare_methods(["ols"], folds=True)))
+    assert s.methods is not None
+    runs = [tmp_path / f"{name}.csv" for name in "abc"]
+    effects = estimate.model.effects
+    unseen = cross_validate(two_link, runs, "ols", effects=effects).relative_error_percent
+    assert s.methods[0]["unseen"] == pytest.approx(unseen, rel=1e-9)
     s.undo()
     assert len(s.ladder) == 1
     assert len(s.models) == 2

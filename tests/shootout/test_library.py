@@ -16,7 +16,7 @@ from sdp_readers import read_cbf, read_sdpa
 
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.shootout import library
+from sdp_vs_penalty.shootout import instances, library
 from sdp_vs_penalty.solvers import clarabel, csdp, verify_proof
 from sdp_vs_penalty.solvers.rewrite import reorder
 
@@ -47,14 +47,14 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
 
 
 def test_two_hundred_instances_need_no_measurements() -> None:
-    everything = library.items()
+    everything = instances.library()
     assert sum(not item.measured for item in everything) >= 200
     assert len({item.folder for item in everything}) == len(everything)
     assert len({item.name for item in everything}) == len(everything)
     for robot in ("panda", "ur10e", "emps", "tx40"):
         assert {item.measured for item in everything if item.group == robot} == {True, False}
     with pytest.raises(InputError, match="gurobi"):
-        library.chosen(["gurobi"])
+        instances.selected(["gurobi"], everything)
 
 
 def test_every_file_is_its_sum_and_every_proof_is_accepted(written) -> None:  # type: ignore[no-untyped-def]
@@ -115,7 +115,7 @@ def test_arrays_are_the_problem_of_the_text(written) -> None:  # type: ignore[no
 
 def test_the_same_bytes_come_again(written, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     folder, _ = written
-    wanted = [i for i in library.chosen(["two_link"]) if i.name in NAMES][:2]
+    wanted = [i for i in instances.library() if i.name in NAMES][:2]
     library.write_library(tmp_path, wanted, lambda *_: None)
     for item in wanted:
         for path in (tmp_path / item.folder).iterdir():

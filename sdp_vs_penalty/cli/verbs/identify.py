@@ -11,6 +11,7 @@ import typer
 from sdp_vs_penalty.cli import options
 from sdp_vs_penalty.cli.checking import refuse_meaningless
 from sdp_vs_penalty.data.texts import numbers, time_windows
+from sdp_vs_penalty.errors import Infeasible
 
 
 def verb(
@@ -71,18 +72,23 @@ def verb(
             progress("checking the measurements")
             refuse_meaningless(robot, given, gains=bool(known_load))
         begin = time.perf_counter()
-        estimate = run_identification(
-            robot,
-            given,
-            estimator,
-            effects=effects,
-            seed=seed,
-            progress=progress,
-            proof=proof,
-            gain_uncertainty=gain_uncertainty or 0.0,
-            known_loads=[parsed_known_load(text) for text in known_load or []],
-            workers=Workers(jobs, scheduler, progress),
-        )
+        try:
+            estimate = run_identification(
+                robot,
+                given,
+                estimator,
+                effects=effects,
+                seed=seed,
+                progress=progress,
+                proof=proof,
+                gain_uncertainty=gain_uncertainty or 0.0,
+                known_loads=[parsed_known_load(text) for text in known_load or []],
+                workers=Workers(jobs, scheduler, progress),
+            )
+        except Infeasible as error:
+            if proof is not None and error.proof:
+                console.written(proof, "it proves that nothing satisfies all constraints")
+            raise
         seconds = time.perf_counter() - begin
         estimate.save(out)
         # A black box's answers are no torque along a motion: the certificate's loss is all there is.

@@ -72,8 +72,8 @@ def verb(
         scheduler,
         jobs,
     )
-    with runner.progress_bar() as progress:
-        outcome = runner.run(setup, progress)
+    with console.progress("proving intervals") as say:
+        outcome = runner.run(setup, lambda what, done, total: say(f"{done} of {total}: {what}"))
     for note in outcome.notes:
         console.warn(note)
     written = summary.write_summary(
@@ -87,12 +87,14 @@ def verb(
 
 def _export(folder: Path, groups: list[str] | None) -> None:
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.shootout import library, runner
+    from sdp_vs_penalty.shootout import instances, library
 
-    everything = list(dict.fromkeys(item.group for item in library.items()))
-    wanted = library.chosen(everything if groups is None else groups)
-    with runner.progress_bar() as progress:
-        rows = library.write_library(folder, wanted, progress)
+    everything = instances.library()
+    wanted, _ = instances.selected(groups or [e.group for e in everything], everything)
+    with console.progress("writing instances") as say:
+        rows = library.write_library(
+            folder, wanted, lambda what, done, total: say(f"{done} of {total}: {what}")
+        )
     proved = sum(row["status"] != "not proved" for row in rows)
     console.say(f"{len(rows)} instances, {proved} with a proof")
     console.next_step(["verify", folder])
@@ -102,9 +104,9 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 def _list() -> None:
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.shootout.contestants import contestants
-    from sdp_vs_penalty.shootout.instances import catalogue
+    from sdp_vs_penalty.shootout.instances import catalogue, fresh
 
-    rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
+    rows = [(e.name, e.group, "quick" if e.quick else "") for e in (*catalogue().values(), *fresh())]
     console.listing(("instance", "group", ""), rows)
     people = [(c.name, c.absent or "here", c.description) for c in contestants().values()]
     console.listing(("solver", "here", "what it is"), people)

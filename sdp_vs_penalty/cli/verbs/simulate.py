@@ -42,7 +42,7 @@ def verb(
     ] = None,
     drive: Annotated[
         str,
-        typer.Option(help="What drives it: torque (as measured), or pd (and a loop on the motion)."),
+        typer.Option(help="Drive: torque (as measured), or pd (torque and a loop on the motion)."),
     ] = "torque",
     json_file: Annotated[Path | None, json_option("errors of --follow")] = None,
     seed: Seed = 0,

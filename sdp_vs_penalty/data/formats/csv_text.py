@@ -9,15 +9,13 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.robot import compiled
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Characters of a line above which a file is no table.
 _LONGEST = 1_000_000

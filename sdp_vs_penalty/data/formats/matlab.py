@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats.columns import Choice, check_size, from_columns
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".mat",)
-Array = NDArray[np.float64]
 
 
 def read(path: Path, choice: Choice) -> Measurements:

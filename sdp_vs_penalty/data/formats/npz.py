@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats.columns import (
     Choice,
@@ -21,8 +20,7 @@ from sdp_vs_penalty.data.formats.columns import (
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import opened, writing
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".npz",)
 

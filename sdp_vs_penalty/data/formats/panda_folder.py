@@ -6,14 +6,12 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats import csv_text
 from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = ()
 

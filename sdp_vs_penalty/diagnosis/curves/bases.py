@@ -82,11 +82,7 @@ class Basis:
 
     def at(self, *values: Array) -> Array:
         """(N, size) at given values of the variables."""
-        out = np.ones((len(values[0]), 1))
-        for axis, x in zip(self.axes, values, strict=True):
-            own = axis.columns(x)
-            out = (out[:, :, None] * own[:, None, :]).reshape(len(x), -1)
-        return out
+        return _products([axis.columns(x) for axis, x in zip(self.axes, values, strict=True)])
 
     def of_motion(self, motion: Motion, joint: int) -> Array:
         """(N, size) along a motion."""
@@ -116,6 +112,14 @@ class Basis:
         return np.array(list(product(*self.grid)))
 
 
+def _products(columns: Sequence[Array]) -> Array:
+    """(N, size) every product of one column (N, k) of each."""
+    out = columns[0]
+    for own in columns[1:]:
+        out = (out[:, :, None] * own[:, None, :]).reshape(len(out), -1)
+    return out
+
+
 def pairs_of(j: int, n: int, warm: bool = False) -> list[tuple[Variable, ...]]:
     """Everything that a curve of joint j may run over, one variable first; warm : with temperatures."""
     others = [i for i in range(n) if i != j]
@@ -139,6 +143,7 @@ class Variables:
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
         self.warm = all(s.motion.temperature is not None for s in rows.segments)
         self._rows: dict[Variable, Array] = {}
+        self._axes: dict[Axis, Array] = {}
 
     def on_rows(self, v: Variable) -> Array:
         """(M,) low-passed."""
@@ -165,7 +170,13 @@ class Variables:
 
     def coarse(self, basis: Basis) -> Array:
         """(M, size) of the filtered variables: nearly the filtered splines."""
-        return basis.at(*(self.on_rows(a.variable) for a in basis.axes))
+        return _products([self._splines(a) for a in basis.axes])
+
+    def _splines(self, axis: Axis) -> Array:
+        """(M, count) of one variable on the rows; kept."""
+        if axis not in self._axes:
+            self._axes[axis] = axis.columns(self.on_rows(axis.variable))
+        return self._axes[axis]
 
     def exact(self, basis: Basis, joint: int) -> Array:
         """(M, size) filtered splines."""

@@ -20,7 +20,7 @@ from scipy import special
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, effect_of
-from sdp_vs_penalty.diagnosis.curves.held_out import HeldOut, Judge
+from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, Judge
 from sdp_vs_penalty.diagnosis.curves.smooth import agreement, block_scores
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.ladder import FALSE_CLAIM, MIN_GAIN, MIN_SHARE, TOLD_APART
@@ -40,13 +40,13 @@ _SIMPLER = 2.0
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundCurve:
     """A curve as an effect, what it was fitted to, and what it does to the error on data left out."""
 
     fitted: Fitted
     effect: MeasuredCurve
     look: Look
-    held_out: HeldOut
+    held_out: CurveErrors
 
 
 def _convincing(look: Look, joint: int, taken: Sequence[Fitted], seed: int) -> list[Fitted]:
@@ -155,10 +155,10 @@ def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> Search
 
 def search_curves(
     state: SearchState, variables: Variables, joint: int, seed: int, judge: Judge
-) -> tuple[SearchState, list[Found], Judge]:
+) -> tuple[SearchState, list[FoundCurve], Judge]:
     """Curves of a joint (from 0) one after the other, each refitted once what it explains no longer
     counts as error, as long as one lowers the error on data left out."""
-    found: list[Found] = []
+    found: list[FoundCurve] = []
     judge = judge.beside(state)
     while len(found) < _MOST:
         look = Look(state, variables)
@@ -171,7 +171,7 @@ def search_curves(
             after, held_out = judge.tried(fitted, effect, again)
             if held_out.lowers:
                 state, judge = with_curve(bare, effect, best.gain), after
-                found.append(Found(fitted, effect, again, held_out))
+                found.append(FoundCurve(fitted, effect, again, held_out))
                 break
         else:
             break

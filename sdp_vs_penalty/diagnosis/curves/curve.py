@@ -16,6 +16,7 @@ from sdp_vs_penalty.effects.measured_curve import (
     variable_unit,
 )
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import plain_unit
 
 Array = NDArray[np.float64]
 #: What a finding cannot be told apart from where a curve stands instead of it.
@@ -92,7 +93,7 @@ class Curve:
 
     def sentence(self, torque_units: Sequence[str]) -> str:
         """What was measured, in one or two sentences; torque_units : of all joints."""
-        unit = torque_units[self.joint - 1].replace("*", " ")
+        unit = plain_unit(torque_units[self.joint - 1])
         units = [variable_unit(torque_units, *parse_variable(v)) for v in self.of]
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         ranges = " and ".join(

@@ -20,6 +20,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable_name, variable_unit
+from sdp_vs_penalty.show import plain_unit
 
 Array = NDArray[np.float64]
 
@@ -103,12 +104,12 @@ def _gains(law: _Fit, f: Fitted, look: Look) -> float:
     """What a law with its constants gains on data left out, its amplitudes from the others."""
     Z = look.law(law.law.columns, law.constants, f)
     factors, C = Factors.of(look.fit, Z, f.joint)
-    P = factors.prior((), ())
+    (P,) = factors.priors((), np.zeros((1, 0)))
     return float(held_out_gains(look.fit, Z, C, factors, P, f.joint).sum())
 
 
 def _written(law: _Fit, f: Fitted, torque_units: Sequence[str]) -> str:
-    unit = torque_units[f.joint].replace("*", " ")
+    unit = plain_unit(torque_units[f.joint])
     units = {v: variable_unit(torque_units, *parse_variable(v)) for v in f.basis.of}
     said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
     text = law.law.text(law.amplitudes, law.constants)

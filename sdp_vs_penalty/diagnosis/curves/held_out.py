@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.curves.curve import table_effect
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.smooth import fold_coefficients
 from sdp_vs_penalty.diagnosis.library import spread_columns
@@ -31,7 +30,7 @@ _MOST = 0.5
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class CurveErrors:
     """Root mean square error of a curve's joint without it and with it, on a test run or on folds;
     lowers : whether on folds most of it beyond the noise goes, not by chance, and it falls on a test
     run."""
@@ -108,14 +107,14 @@ class Judge:
             there=there,
         )
 
-    def tried(self, found: Fitted, effect: MeasuredCurve, look: Look) -> tuple[Judge, HeldOut]:
+    def tried(self, found: Fitted, effect: MeasuredCurve, look: Look) -> tuple[Judge, CurveErrors]:
         """With one more curve, and what it does to the error of its joint."""
         rows, f = self.state.stage.rows, found
         points = look.variables.supported(f.basis)
         fit = replace(look.fit, rows=replace(look.fit.rows, fold=self.fold))
         each = fold_coefficients(fit, f.Z, f.C, f.factors, f.smooth.P, f.joint)
         grid = f.basis.at(*points.T)
-        tables = [table_effect(effect.robot, f.joint, f.basis.of, points, grid @ c) for c in each]
+        tables = [effect.valued(grid @ c) for c in each]
 
         def joined(old: Array, rows: SegmentedRuns, new: MeasuredCurve) -> Array:
             return np.concatenate([old, spread_columns(rows, new)], axis=2)
@@ -126,13 +125,13 @@ class Judge:
             all_curves=joined(self.all_curves, rows, effect),
         )
         lowers = _falls(self._squares(f.joint), after._squares(f.joint))
-        out = HeldOut(self.error(f.joint), after.error(f.joint), lowers)
+        out = CurveErrors(self.error(f.joint), after.error(f.joint), lowers)
         if out.share(known_floor(self.state.stage.noise, f.joint)) < _MOST:
             out = replace(out, lowers=False)
         if self.test is not None:
             after = replace(after, curves_there=joined(self.curves_there, self.test[0], effect))
             before, rest = self._there(f.joint), after._there(f.joint)
-            out = HeldOut(before, rest, out.lowers and rest < before)
+            out = CurveErrors(before, rest, out.lowers and rest < before)
         return after, out
 
     def error(self, joint: int) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.curves.bases import Variables
-from sdp_vs_penalty.diagnosis.curves.choose import Found, search_curves
+from sdp_vs_penalty.diagnosis.curves.choose import FoundCurve, search_curves
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.formula import formula_of
 from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun, known_floor
@@ -53,7 +53,7 @@ def measured_curves(
         return Measured()
     seed, variables = state.stage.seed, Variables(state.stage.rows)
     places = list(range(len(state.picks)))
-    judge, every, replaced = Judge.of(state, test), list[Found](), set[int]()
+    judge, every, replaced = Judge.of(state, test), list[FoundCurve](), set[int]()
     for joint in joints:
         beside, found, judged = search_curves(state, variables, joint, seed, judge)
         own = [k for k in places if state.picks[places.index(k)].candidate.key[1] == joint]
@@ -95,7 +95,7 @@ def _explains(state: SearchState, joint: int) -> bool:
     )
 
 
-def _cost(state: SearchState, joint: int, found: Sequence[Found]) -> float:
+def _cost(state: SearchState, joint: int, found: Sequence[FoundCurve]) -> float:
     """The information criterion of a joint's rows: deviance and the price of what explains them."""
     fit = state.fit
     degrees, noise = float(fit.degrees[joint]), float(fit.weighting.noise_variance[joint])
@@ -108,7 +108,7 @@ def _cost(state: SearchState, joint: int, found: Sequence[Found]) -> float:
     return degrees * np.log(variance) + chi2 / variance + freedom * np.log(degrees)
 
 
-def _curve(found: Found, seed: int) -> Curve:
+def _curve(found: FoundCurve, seed: int) -> Curve:
     f, look = found.fitted, found.look
     points = look.variables.supported(f.basis)
     grid = f.basis.at(*points.T)

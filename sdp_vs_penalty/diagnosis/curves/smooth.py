@@ -50,12 +50,12 @@ class Factors:
         raw = Z.T @ Z
         return cls(raw - C.T @ C, Z.T @ fit.residual[mine], raw, float(fit.rows.count[joint])), C
 
-    def prior(self, penalties: Sequence[Array], weights: Sequence[float]) -> Array:
-        """P (k, k)."""
-        out = self.raw / max(self.count, 1.0) + 1e-10 * np.trace(self.raw) * np.eye(len(self.s))
-        for S, w in zip(penalties, weights, strict=True):
-            out = out + w * np.trace(self.raw) / max(np.trace(S), 1e-300) * S
-        return np.asarray(out)
+    def priors(self, penalties: Sequence[Array], weights: Array) -> Array:
+        """(W, k, k) P for each of W sets of weights, one a penalty."""
+        total = float(np.trace(self.raw))
+        own = self.raw / max(self.count, 1.0) + 1e-10 * total * np.eye(len(self.s))
+        rough = [(total / max(float(np.trace(S)), 1e-300)) * S for S in penalties]
+        return np.asarray(own + np.tensordot(weights, np.reshape(rough, (-1, *own.shape)), axes=1))
 
 
 @dataclass(frozen=True)
@@ -73,22 +73,17 @@ class Smooth:
 def smooth(f: Factors, penalties: Sequence[Array], fine: bool = False) -> Smooth:
     """The penalised fit with the most evidence."""
     if fine and len(penalties) > 1:
-        weights = list(product(_FINE_PAIR, repeat=len(penalties)))
+        weights = np.array(list(product(_FINE_PAIR, repeat=len(penalties))))
     else:
-        weights = [(w,) * len(penalties) for w in (_FINE if fine else _COARSE)]
-    weights = weights if penalties else [()]
-    best: tuple[float, Array, Array] | None = None
-    for w in weights:
-        P = f.prior(penalties, w)
-        A = scipy.linalg.cho_factor(f.D + P, lower=True, check_finite=False)
-        c = scipy.linalg.cho_solve(A, f.s, check_finite=False)
-        size = 2.0 * np.sum(np.log(np.diagonal(A[0])))
-        before = 2.0 * np.sum(np.log(np.diagonal(np.linalg.cholesky(P))))
-        value = float(f.s @ c - size + before)
-        if best is None or value > best[0]:
-            best = value, P, c
-    assert best is not None
-    value, P, c = best
+        weights = np.repeat((_FINE if fine else _COARSE)[:, None], len(penalties), axis=1)
+    P = f.priors(penalties, weights if penalties else np.zeros((1, 0)))
+    after, before = (np.linalg.cholesky(X) for X in (f.D + P, P))
+    half = np.linalg.solve(after, np.tile(f.s, (len(P), 1))[:, :, None])[:, :, 0]
+    size = [2.0 * np.sum(np.log(np.diagonal(L, axis1=1, axis2=2)), axis=1) for L in (after, before)]
+    values = np.sum(half**2, axis=1) - size[0] + size[1]
+    best = int(np.argmax(values))
+    P, value = P[best], float(values[best])
+    c = np.linalg.solve(f.D + P, f.s)
     edf = float(np.trace(np.linalg.solve(f.D + P, f.D)))
     return Smooth(c, P, value, float(2.0 * c @ f.s - c @ f.D @ c), edf)
 
@@ -138,7 +133,7 @@ def _without(
     held = out[:M]
     Z_out, target = Z[held], fit.target[joint * M : (joint + 1) * M][held]
     Q_out = fit.Q[out]
-    own = Q_out.reshape(n, -1, Q_out.shape[1])[joint]
+    own = Q_out.reshape(n, len(Q_out) // n, Q_out.shape[1])[joint]  # of a frozen model: no columns
     overlap = C - own.T @ Z_out
     gram = f.raw - Z_out.T @ Z_out - overlap.T @ inverse @ overlap
     pull = pull_all - Z_out.T @ target - overlap.T @ theta

@@ -17,7 +17,6 @@ from sdp_vs_penalty.page.wording import (
     figure,
     physics,
     plain_name,
-    plain_unit,
     where,
     with_unit,
 )
@@ -93,7 +92,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         with tag("div", style="head"):
             tag("h3", f"{plain_name(finding.effect)} · {where(finding.joints)}")
             tag("span", finding.confidence, f"badge {finding.confidence}")
-        unit = plain_unit(finding.unit)
+        unit = show.plain_unit(finding.unit)
         size = f"{finding.size:.4g} ± {finding.std:.1g} {unit}".strip()
         said = finding.constants
         tag("p", f"Size {size}" + (f"; {said}" if said else ""), "size")

@@ -38,15 +38,29 @@ def _draw(view: View) -> None:
 
     def compare() -> None:
         names = [m["name"] for m in view.catalogue["methods"] if m["name"] in chosen]
-        session.compare_methods(names)
+        session.compare_methods(names, view.folds)
 
+    def fold(on: bool) -> None:
+        view.folds = on
+
+    check(
+        "On unseen motion too: five folds, takes five times as long",
+        view.folds,
+        fold,
+        "folds",
+        "Each fold leaves out a stretch of the motion and all its repetitions",
+    )
     button("Compare methods", compare, "compare")
     if session.methods is None:
         return
+    heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
+    folded = any(row.get("unseen") is not None for row in session.methods)
+    if folded:
+        heads.append("error on unseen motion")
     rows = []
     for row in session.methods:
         if "failed" in row:
-            rows.append([row["method"], row["failed"], "", "", "", "", ""])
+            rows.append([row["method"], row["failed"], *[""] * (len(heads) - 2)])
             continue
         thick, share = row["thickness"], row["body_share"]
         rows.append(
@@ -58,9 +72,9 @@ def _draw(view: View) -> None:
                 "-" if share is None else f"{share:.2g}",
                 figure(row["gap"], 2),
                 f"{row['seconds']:.2g} s",
+                *([f"{row['unseen']:.4g} %"] if folded else []),
             ]
         )
-    heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
     table(heads, rows, "Methods compared", "numbers methods")
     tag(
         "p",

@@ -21,33 +21,14 @@ def _depends(session: Session) -> Any:
 
 def _draw(view: View) -> None:
     session, robot = view.session, view.session.robot
-    chosen = "" if robot is None else robot["source"]
     with tag("div", style="tiles", role="group", aria_label="Built-in robots"):
         for problem in view.catalogue["problems"]:
             name = problem["name"]
-            on = name == chosen
-            made = button(
-                "",
-                lambda name=name: session.choose_robot(name),  # type: ignore[misc]
-                f"robot-{name}",
-                "tile on" if on else "tile",
-                aria_pressed="true" if on else "false",
-            )
-            with made:
-                tag("strong", name)
-                tag("span", problem["title"])
+            _tile(view, name, name, problem["title"])
+        for folder in view.folder_problems():
+            _tile(view, str(folder), folder.name, "with the bounds and filters of its problem.toml")
         for file in view.folder_files(ROBOT_SUFFIXES):
-            on = str(file) == chosen
-            made = button(
-                "",
-                lambda file=file: session.choose_robot(str(file), file.name),  # type: ignore[misc]
-                f"robot-{file.name}",
-                "tile on" if on else "tile",
-                aria_pressed="true" if on else "false",
-            )
-            with made:
-                tag("strong", file.name)
-                tag("span", "from your folder")
+            _tile(view, str(file), file.name, "from your folder", file.name)
     drop("Your robot's URDF", "drop a file here, or choose one", "robot", ROBOT_SUFFIXES, False)
     with details("Or go on with a saved session", "open-session"):
         drop("Your session.zip", "drop a file here, or choose one", "session", (".zip",), False)
@@ -59,6 +40,21 @@ def _draw(view: View) -> None:
         if gravity is not None:
             now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
             text_field(gravity.help, now, session.mount, "gravity", gravity.example)
+
+
+def _tile(view: View, source: str, name: str, said: str, file: str | None = None) -> None:
+    """A robot to choose by its name or path; file : its shown name where it is a URDF."""
+    on = view.session.robot is not None and view.session.robot["source"] == source
+    made = button(
+        "",
+        lambda: view.session.choose_robot(source, file),
+        f"robot-{name}",
+        "tile on" if on else "tile",
+        aria_pressed="true" if on else "false",
+    )
+    with made:
+        tag("strong", name)
+        tag("span", said)
 
 
 def _joints(robot: dict[str, Any]) -> str:

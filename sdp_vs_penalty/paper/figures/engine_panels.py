@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from sdp_vs_penalty.paper.figures.style import LOOKS, Array, pretty
+from sdp_vs_penalty.paper.figures.style import LOOKS
 from sdp_vs_penalty.paper.tables.engine_runs import EngineResult
 from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.show import plain_unit
 from sdp_vs_penalty.simulation.engines.comparison import EngineRun
 
 
@@ -36,7 +38,7 @@ def draw_engines(
         axis = axes.flat[j]
         for run in present(results):
             axis.plot(run.t, values(run, j), label=run.engine, **LOOKS[run.engine])
-        axis.set_ylabel(f"joint {j + 1}\n{what} [{pretty(unit)}]")
+        axis.set_ylabel(f"joint {j + 1}\n{what} [{plain_unit(unit)}]")
         axis.margins(x=0)
     for axis in axes.flat[max(robot.n - axes.shape[1], 0) : robot.n]:
         axis.set_xlabel("time [s]")

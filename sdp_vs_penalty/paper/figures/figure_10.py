@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.paper.figures.style import BLACK, ORANGE, RED, SKY, new_figure, pretty, title
+from sdp_vs_penalty.paper.figures.style import BLACK, ORANGE, RED, SKY, new_figure, title
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.wrench_runs import wrench_study
 from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS
+from sdp_vs_penalty.show import plain_unit
 
 NUMBER = 10
 PROBLEM = "two_link"
@@ -43,7 +44,7 @@ def draw(study: Study) -> Any:
             axis.plot(w.t, w.true[:, j, k], color=BLACK, linewidth=1.4, label="p_real")
             _window(axis, w.intervals.lower[:, j, k], w.intervals.upper[:, j, k])
             what = " = torque" if component == "nz" else ""
-            axis.set_ylabel(f"{_NAMES[component]}{what} [{pretty(UNITS[k])}]")
+            axis.set_ylabel(f"{_NAMES[component]}{what} [{plain_unit(UNITS[k])}]")
             axis.margins(x=0)
         axes[0, j].set_title(f"joint {j + 1}")
         axes[-1, j].set_xlabel("time [s]")

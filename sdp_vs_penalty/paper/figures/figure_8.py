@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.convex_pieces import solve_pieces
@@ -15,11 +14,10 @@ from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 
 NUMBER = 8
 PROBLEM = "two_link"
-
-Array = NDArray[np.float64]
 
 #: Pose that is drawn [rad].
 _POSE = (0.6, 0.7)

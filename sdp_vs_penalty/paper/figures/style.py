@@ -6,10 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.show import plain_unit
 
 #: Full width of a two-column page [inch].
 WIDTH = 7.16
@@ -62,15 +59,10 @@ def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[
 def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
     """Joint number and unit on the left of each row; time below the last row."""
     for j, unit in enumerate(units):
-        axes[j, 0].set_ylabel(f"joint {j + 1}\n{what} [{pretty(unit)}]")
+        axes[j, 0].set_ylabel(f"joint {j + 1}\n{what} [{plain_unit(unit)}]")
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     axes[0, 0].figure.align_ylabels(axes[:, 0])
-
-
-def pretty(unit: str) -> str:
-    """N*m and m^2 as one prints them."""
-    return unit.replace("*", " ").replace("^2", "²")
 
 
 def legend_below(figure: Any, axis: Any, extra: Sequence[Any] = ()) -> None:

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.paper.figures.style import LOOKS
 from sdp_vs_penalty.paper.tables.study import Data, Study
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

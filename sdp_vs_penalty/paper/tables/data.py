@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, LmiSdpEntropic, LmiSdpPlain
@@ -29,8 +28,6 @@ from sdp_vs_penalty.signals.phases import PhaseFolds
 
 NAME = "data"
 SLOW = True
-
-Array = NDArray[np.float64]
 
 #: One start of `penalty` stands for all; it has no prior on friction, unlike `lmi-sdp`.
 _ESTIMATORS: dict[str, Estimator] = {

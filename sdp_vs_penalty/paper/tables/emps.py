@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
@@ -17,12 +16,11 @@ from sdp_vs_penalty.paper.tables.study import FOLDS, Study, torque_errors
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.problem.real_data import VARIABLE, real_data_folder
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 
 NAME = "emps"
 SLOW = True
 PROBLEMS = ("emps",)
-
-Array = NDArray[np.float64]
 
 #: The authors' least-squares values: M [kg], F_v [N s/m], F_c [N], offset [N], and viscous friction's
 #: difference between the directions [N s/m], which their model lacks.

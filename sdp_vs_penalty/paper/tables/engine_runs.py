@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.tables.study import Data, Study
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Rows, filtered_torque
 from sdp_vs_penalty.simulation.engines import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import (
@@ -19,8 +19,6 @@ from sdp_vs_penalty.simulation.engines.comparison import (
     inverse_dynamics_error,
     play,
 )
-
-Array = NDArray[np.float64]
 
 #: Of the sinusoidal motion [s].
 DURATION = {"quick": 10.0, "paper": 30.0}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimation.determined import DATA, data_share
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
@@ -13,8 +12,7 @@ from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table, text
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.robot import inertia
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Of a parameter's size, or of the mass, for numerical derivatives.
 _STEP = 1e-4

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Effect
@@ -29,11 +28,10 @@ from sdp_vs_penalty.registration import by_word
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
-
-Array = NDArray[np.float64]
 
 BUDGETS = ("quick", "paper")
 _PLACED = by_word(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
@@ -19,12 +18,11 @@ from sdp_vs_penalty.paper.sigmoid_friction import (
 from sdp_vs_penalty.paper.tables.study import Data, Study, sentence, torque_errors
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque, rows_per_sample
 
 NAME = "I"
 PROBLEMS = ("panda",)
-
-Array = NDArray[np.float64]
 
 _UNITS = ("N*m", "s/rad", "rad/s")
 #: Simulated runs with different noise from which the coverage of the intervals is counted.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimation.excitation import BaseRegressor, Excitation, Limits, excite
 from sdp_vs_penalty.paper.tables.study import Study
@@ -15,8 +14,6 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
 NAME = "II"
 PROBLEMS = ("panda",)
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = {"quick": 25, "paper": 150}
 

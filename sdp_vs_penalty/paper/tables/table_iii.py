@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
@@ -15,8 +14,6 @@ from sdp_vs_penalty.problem.published import box_tables
 from sdp_vs_penalty.regression.base_parameters import base_parameter_names, base_parameter_symbols
 
 NAME = "III"
-
-Array = NDArray[np.float64]
 
 _CONDITION, _ERROR = "condition number", "relative error [%]"
 #: Figures of the paper's two fits that are in its text: condition number, relative error [%].

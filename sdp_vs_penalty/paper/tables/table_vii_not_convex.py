@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.estimators.barycentric import barycentric_box
@@ -19,11 +18,10 @@ from sdp_vs_penalty.paper.tables.study import Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.regression.regression import nearest_least_squares
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 
 NAME = "VII_not_convex"
 PROBLEMS = ("two_link",)
-
-Array = NDArray[np.float64]
 
 _PIECES = {"quick": 400, "paper": 3000}
 #: Certified gap at which the search over pieces stops, relative to the loss.

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.paper.tables.study import Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
 from sdp_vs_penalty.paper.tables.wrench_runs import WrenchStudy, wrench_study
 from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS, spread
+from sdp_vs_penalty.robot.arrays import Array
 
 NAME = "wrenches"
 PROBLEMS = ("two_link",)
-
-Array = NDArray[np.float64]
 
 
 def build(study: Study) -> Table:

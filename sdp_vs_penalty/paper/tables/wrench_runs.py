@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty import Penalty
@@ -19,9 +18,8 @@ from sdp_vs_penalty.paper.wrenches import (
     wrench_intervals,
 )
 from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.extremes import Slice
-
-Array = NDArray[np.float64]
 
 #: Instants of the intervals, and relaxed retrievals of each kind.
 INSTANTS = {"quick": 81, "paper": 201}

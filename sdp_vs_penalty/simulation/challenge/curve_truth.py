@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
@@ -25,8 +24,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.simulation.challenge.truth import true_floor
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
 from sdp_vs_penalty.simulation.worlds.world import Logged
-
-Array = NDArray[np.float64]
 
 #: Relative error of a formula's constants.
 CLOSE = 0.05

@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.fit import orthonormal
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import model_columns, white_rows
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import noise_in
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.simulation.worlds.world import Logged
-
-Array = NDArray[np.float64]
 
 
 def energies(logged: Sequence[Logged], estimate: Estimate, frozen: bool) -> list[float]:

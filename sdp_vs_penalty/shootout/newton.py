@@ -1,11 +1,11 @@
-"""Identification without an SDP solver: log-Cholesky variables, exact Hessians, Newton's method.
+"""Identification without an SDP solver: descent in a chart, with exact Hessians, by Newton's method.
 
 Links are consistent by construction (:mod:`chart`). What remains (bounds, cones) is imposed by a
 logarithmic barrier whose weight falls to what the accuracy needs; the links' determinants take part
-in it, because a variable that has run to minus infinity no longer feels any slope. In theta each
-barrier problem is convex, and the chart maps one to one onto the interior: there is one stationary
-point, whatever the start. The Hessian in x is indefinite all the same, hence the damping. Rounding
-may end a run early; then it is started again from another point.
+in it (the entropy of Lee, Wensing, Park), because a variable that has run to minus infinity no longer
+feels any slope. In theta each barrier problem is convex, and both charts map one to one onto the
+interior: there is one stationary point, whatever the start. The Hessian is indefinite all the same,
+hence the damping. Rounding may end a run early; then it is started again from another point.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet, ConstraintStack
-from sdp_vs_penalty.shootout.chart import Chart, owners
+from sdp_vs_penalty.shootout.chart import Frame, Geodesic, LogCholesky, Point, owners
+from sdp_vs_penalty.shootout.contestant import no_answer
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
 from sdp_vs_penalty.solvers.objective import Objective
@@ -35,21 +36,20 @@ _FALL = 0.1
 _ENOUGH = 0.1
 
 
-def solve(instance: Instance, accuracy: float) -> Answer:
+def solve(instance: Instance, accuracy: float, chart: type[LogCholesky | Geodesic]) -> Answer:
     """Minimise the objective to a relative accuracy; its multipliers are those of the barrier."""
     start = time.perf_counter()
     interior = instance.interior
     if interior is None:
-        nothing = np.full(len(instance.task.bound), np.nan)
-        return Answer(nothing, "failed", "no interior point to start from", 0, 0.0, 0.0)
+        return no_answer(instance, "no interior point to start from", 0.0)
     barrier = Barrier.of(instance, interior)
     rng = np.random.default_rng(instance.task.seed)
     ready = time.perf_counter()
     best, steps, attempts = None, 0, 0
     for attempt in range(_STARTS):
-        begin = barrier.chart.variables(interior)
+        begin: Point = chart.of(barrier.frame, interior)
         if attempt:
-            begin = barrier.inside(begin, begin + 0.5 * rng.normal(size=len(begin)))
+            begin = barrier.inside(begin, 0.5 * rng.normal(size=len(interior)))
         run = barrier.minimise(begin, accuracy)
         steps, attempts = steps + run.steps, attempt + 1
         if best is None or (run.converged, -run.loss) > (best.converged, -best.loss):
@@ -57,7 +57,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
         if run.converged:
             break
     assert best is not None
-    theta = barrier.chart.theta(best.x)
+    theta = best.point.theta
     end = time.perf_counter()
     sent = {id(c): barrier.size * best.weight * m for c, m in barrier.duals(theta)}
     multipliers = [sent.get(id(c), np.zeros_like(c.constant)) for c in instance.constraints.convex]
@@ -80,7 +80,7 @@ class Run:
     weight : of the last barrier; promised : what another step would gain there; loss : without barrier.
     """
 
-    x: Array
+    point: Point
     converged: bool
     loss: float
     weight: float
@@ -97,7 +97,7 @@ class Barrier:
 
     objective: Objective
     size: float
-    chart: Chart
+    frame: Frame
     stacks: tuple[ConstraintStack, ...]
     order: int
     twice: Array
@@ -109,13 +109,13 @@ class Barrier:
         sent = ConstraintSet(tuple(instance.sent))
         ranks = {"psd": lambda d: d, "soc": lambda _: 2, "nonnegative": lambda d: d}
         order = sum(ranks[c.cone](len(c.constant)) for c in sent.convex)
-        chart = Chart.at(owners(sent.convex), interior)
+        frame = Frame.at(owners(sent.convex), interior)
         twice = 2.0 * data.R.T @ data.R / size
-        return cls(instance.objective, size, chart, sent.stacks, order, twice)
+        return cls(instance.objective, size, frame, sent.stacks, order, twice)
 
-    def value(self, x: Array, weight: float) -> float:
+    def value(self, point: Point, weight: float) -> float:
         """Infinite outside of the constraints."""
-        theta = self.chart.theta(x)
+        theta = point.theta
         total = 0.0
         for stack in self.stacks:
             total += _log_barrier(stack, theta)
@@ -123,9 +123,9 @@ class Barrier:
                 return np.inf
         return self.objective.value(theta) / self.size + weight * total
 
-    def derivatives(self, x: Array, weight: float) -> tuple[Array, Array, Array]:
-        """Slope (len x,) and Hessian (len x, len x) in two parts: convex, and the chart's curvature."""
-        theta = self.chart.theta(x)
+    def derivatives(self, point: Point, weight: float) -> tuple[Array, Array, Array]:
+        """Slope (n,) and Hessian (n, n) in two parts: convex, and the chart's curvature."""
+        theta = point.theta
         slope, hessian = self.objective.gradient(theta) / self.size, self.twice.copy()
         if self.objective.entropy is not None:
             entropy = self.objective.entropy
@@ -139,38 +139,37 @@ class Barrier:
                 hessian[:width, :width] += weight * scaled.T @ scaled
             else:
                 _add_cones(stack.members, theta, weight, slope, hessian)
-        half = self.chart.pull(x, hessian)
-        inner = self.chart.pull(x, half.T)
-        return self.chart.pull(x, slope[None])[0], inner, self.chart.curvature(x, slope)
+        inner = point.pull(point.pull(hessian).T)
+        return point.pull(slope[None])[0], inner, point.curvature(slope)
 
-    def minimise(self, x: Array, accuracy: float) -> Run:
+    def minimise(self, point: Point, accuracy: float) -> Run:
         """Barrier problem after barrier problem, until its weight is a tenth of what was asked."""
         data, steps = self.objective.least_squares, 0
-        weight = 0.1 * self.objective.value(self.chart.theta(x)) / self.size / self.order
+        weight = 0.1 * self.objective.value(point.theta) / self.size / self.order
         while True:
-            x, promised, taken = self._newton(x, weight)
+            point, promised, taken = self._newton(point, weight)
             steps += taken
-            theta = self.chart.theta(x)
+            theta = point.theta
             goal = max(data.loss(theta), 1e-12 * data.tau_squared) / self.size
             last = 0.1 * accuracy * goal / self.order
             solved = 0.0 <= promised <= _ENOUGH * self.order * weight
             if not solved or weight <= last:
                 value = self.objective.value(theta)
-                return Run(x, solved and weight <= last, value, weight, promised, steps)
+                return Run(point, solved and weight <= last, value, weight, promised, steps)
             weight = max(_FALL * weight, 0.999 * last)
 
-    def _newton(self, x: Array, weight: float) -> tuple[Array, float, int]:
-        """Damped Newton steps until the next one promises little; beside x that promise, and the steps.
+    def _newton(self, point: Point, weight: float) -> tuple[Point, float, int]:
+        """Damped Newton steps until the next one promises little; the point, that promise, the steps.
 
         The promise of an undamped step is Newton's decrement: free of units, unlike the slope.
         """
-        value, damping, promised = self.value(x, weight), 0.0, np.inf
-        slope, convex, bend = self.derivatives(x, weight)
+        value, damping, promised = self.value(point, weight), 0.0, np.inf
+        slope, convex, bend = self.derivatives(point, weight)
         for taken in range(_STEPS):
             step, promised = _newton_step(slope, convex, bend, damping)
             if damping == 0.0 and 0.0 <= promised <= _ENOUGH * self.order * weight:
-                return x, promised, taken
-            trial, reached = self._lowest(x, step, weight)
+                return point, promised, taken
+            trial, reached = self._lowest(point, step, weight)
             share = (value - reached) / promised if promised > 0.0 else -1.0
             largest = float(np.diagonal(convex).max())
             if share < 0.1:
@@ -178,33 +177,30 @@ class Barrier:
                 if abs(promised) <= 1e-15 * abs(value):
                     break  # nothing that rounding would not hide
                 continue
-            x, value = trial, reached
-            slope, convex, bend = self.derivatives(x, weight)
+            point, value = trial, reached
+            slope, convex, bend = self.derivatives(point, weight)
             damping = 0.1 * damping if share > 0.5 else damping
             damping = 0.0 if damping < 1e-11 * largest else damping
         _, promised = _newton_step(slope, convex, bend, 0.0)
-        return x, promised, taken
+        return point, promised, taken
 
-    def _lowest(self, x: Array, step: Array, weight: float) -> tuple[Array, float]:
-        """x + step, or what a second-order correction makes of it: theta as far as the slope promised.
+    def _lowest(self, point: Point, step: Array, weight: float) -> tuple[Point, float]:
+        """The point after a step, or after a second-order correction: theta as far as was promised.
 
         Along what the data see sharply the chart is a bent valley, in which straight steps stay short.
         """
-        jacobian = self.chart.pull(x, np.eye(len(x)))
-        trial, before = x + step, self.chart.theta(x)
-        missed = self.chart.theta(trial) - before - jacobian @ step
-        found = [(self.value(trial, weight), trial)]
-        bent = trial - np.linalg.solve(jacobian, missed)
-        found.append((self.value(bent, weight), bent))
-        value, best = min(found, key=lambda pair: pair[0])
-        return best, value
+        jacobian = point.pull(np.eye(len(step)))
+        trial = point.moved(step)
+        missed = trial.theta - point.theta - jacobian @ step
+        bent = point.moved(step - np.linalg.solve(jacobian, missed))
+        value, straight = self.value(bent, weight), self.value(trial, weight)
+        return (bent, value) if value < straight else (trial, straight)
 
-    def inside(self, x: Array, aim: Array) -> Array:
-        """The last of x + (aim - x) / 2^k that satisfies every constraint."""
-        step = aim - x
-        while not np.isfinite(self.value(x + step, 1.0)):
+    def inside(self, point: Point, step: Array) -> Point:
+        """The first point after a step / 2^k that satisfies every constraint."""
+        while not np.isfinite(self.value(point.moved(step), 1.0)):
             step = 0.5 * step
-        return np.asarray(x + step)
+        return point.moved(step)
 
     def duals(self, theta: Array) -> list[tuple[Constraint, Array]]:
         """Each constraint with the slope of its barrier's logarithm: multipliers for weight one."""

@@ -1,0 +1,72 @@
+"""Which picks are weighed against each other, and on which rows a search is judged."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.diagnosis import held_out, parsimony
+
+
+def state_of(*picks: tuple[int | None, float]) -> Any:
+    """A search with picks on joints, each with its gain; on two joints nothing is left but noise."""
+    weighting = SimpleNamespace(noise_variance=np.ones(2), level=np.ones(2))
+    fit = SimpleNamespace(
+        degrees=np.array([100.0, 100.0]), weighting=weighting, joint_chi2=np.full(2, 100.0)
+    )
+    made = [
+        SimpleNamespace(candidate=SimpleNamespace(key=(f"effect {k}", joint)), gain=gain)
+        for k, (joint, gain) in enumerate(picks)
+    ]
+    return SimpleNamespace(picks=tuple(made), fit=fit)
+
+
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> set[frozenset[int]]:
+    """Pairs of picks that take each other's energy; picks of the whole robot act on both joints."""
+    pairs: set[frozenset[int]] = set()
+    monkeypatch.setattr(parsimony, "_taken", lambda _, a, b: float(frozenset((a, b)) in pairs))
+    monkeypatch.setattr(
+        parsimony, "joints_of", lambda _, c: np.array([0, 1] if c.key[1] is None else [c.key[1]])
+    )
+    return pairs
+
+
+def test_one_law_is_sought_for_correlated_picks_of_one_joint(taken: set[frozenset[int]]) -> None:
+    state = state_of((0, 1.0), (0, 1.0), (1, 1.0), (None, 1.0), (None, 1.0), (0, 1.0))
+    taken |= {frozenset(pair) for pair in ((0, 1), (0, 2), (0, 3), (3, 4))}
+    assert parsimony._pairs(state) == [(0, 1)]
+    taken.add(frozenset((1, 5)))
+    assert parsimony._pairs(state) == [(0, 1), (1, 5)]
+
+
+def test_what_stands_beside_a_pick(taken: set[frozenset[int]]) -> None:
+    """What takes its energy, what explains far more on its joint, and what nothing explains there."""
+    state = state_of((0, 100.0), (0, 0.5 * parsimony.LAW * 100.0), (1, 1e6))
+    taken.add(frozenset((0, 1)))
+    small, large = parsimony.company(state, 1), parsimony.company(state, 0)
+    assert small.correlated == (state.picks[0],)
+    assert small.overshadowed is state.picks[0]
+    assert large.overshadowed is None
+    assert parsimony.company(state, 2).correlated == ()
+    assert not small.drowned
+    state.fit.joint_chi2[0] = 100.0 * (parsimony.MISFIT + 1.0)
+    assert parsimony.company(state, 1).drowned
+    assert not parsimony.company(state, 2).drowned
+
+
+def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = SimpleNamespace(labels=SimpleNamespace(fold=np.arange(40) // 4))
+    monkeypatch.setattr(held_out, "_stage_on", lambda _, train, keys: train)
+    monkeypatch.setattr(held_out, "_looked_for", lambda picks: picks)
+    start = SimpleNamespace(start=lambda train: train)
+    monkeypatch.setattr(held_out, "SearchState", start)
+    monkeypatch.setattr(held_out, "climbed", lambda train, thorough: SimpleNamespace(picks=(train,)))
+    found: Any = SimpleNamespace(state=SimpleNamespace(stage=stage, picks=()))
+    searched = held_out.OnFolds(found)._searched
+    assert len(searched) > 2
+    np.testing.assert_array_equal(sum(~train for train, _ in searched), 1)
+    assert all(own == (train,) for train, own in searched)

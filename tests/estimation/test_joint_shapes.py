@@ -1,0 +1,59 @@
+"""Constants of several effects on one joint end where they together explain most."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_robots import sines
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.estimation.joint_shapes import settled
+from sdp_vs_penalty.estimation.shape_constants import free_constants, prior_deviation, with_sensitivities
+from sdp_vs_penalty.problem.problem import Problem
+
+RIGID = "rigid_body,viscous_friction,torque_offset"
+WANTED = [
+    ("coulomb_friction", 1, "v_s"),
+    ("stribeck_friction", 1, "vs"),
+    ("stribeck_friction", 1, "delta"),
+]
+
+
+def texts(width: float, vs: float, delta: float) -> str:
+    return f"{RIGID},coulomb_friction:2@v_s={width},stribeck_friction:2@vs={vs}@delta={delta}"
+
+
+@pytest.mark.parametrize("truth", [(0.025, 0.07, 1.0), (0.025, 0.1, 2.0), (0.004, 0.05, 2.0)])
+@pytest.mark.parametrize("start", [(0.01, 0.13, 2.0), (0.02, 0.09, 1.0)])
+def test_exact_data_give_exact_constants(two_link: Problem, truth: tuple, start: tuple) -> None:
+    model = two_link.model(texts(*truth))
+    theta = two_link.nominal(model)
+    theta[len(model.rigid_indices) :] = 0.5
+    motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3), 0.1, 5)
+    data = Measurements(motion.t, motion.q, model.torque(theta, motion))
+    begin = two_link.model(texts(*start))
+    settings = two_link.preprocessing.resolve(data)
+    found = settled(begin, theta, WANTED, data, settings)
+    shapes = [effect.shape for effect in found.model.effects[-2:]]
+    assert (shapes[0]["v_s"], shapes[1]["vs"]) == pytest.approx(truth[:2], rel=1e-4)
+    assert shapes[1]["delta"] == truth[2]
+    assert set(found.std) == set(WANTED[:2])
+
+
+def test_a_width_moves_all_signs_that_turn_over_it(two_link: Problem) -> None:
+    """What a model's torque changes by, Stribeck's column with it, is what its sensitivity says."""
+    effects = parse_effects(texts(0.02, 0.05, 2.0), two_link.robot)
+    model = two_link.model(effects)
+    theta = np.full(len(model.parameters), 0.7)
+    motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3), 0.1, 5)
+    change = 1e-3
+    other = two_link.model(texts(0.02 * np.exp(change), 0.05, 2.0))
+    truly = other.torque(theta, motion) - model.torque(theta, motion)
+    coulomb = next(e for e in effects if e.name == "coulomb_friction")
+    wide = with_sensitivities(model, theta)
+    unit = np.zeros(len(wide.parameters))
+    names = [p.name for p in wide.parameters]
+    unit[names.index(f"v_s of {coulomb.text}")] = change / prior_deviation(coulomb, "v_s")
+    assert free_constants(coulomb) == ("v_s",)
+    np.testing.assert_allclose(wide.torque(unit, motion), truly, atol=1e-3 * np.abs(truly).max())

@@ -1,0 +1,37 @@
+"""The state filter's cut-off follows the motion, and stops at the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+NOISE = 3e-6
+
+
+def _resolved(sticks: bool, noise: float = NOISE) -> Preprocessing:
+    """Of a joint that swings, and does not move for 60 ms at its reversals if it sticks."""
+    t = np.arange(0.0, 20.0, 0.002)
+    phase = 2.0 * np.pi * 0.5 * t
+    q = np.sin(phase)
+    if sticks:
+        q = np.clip(q, -np.cos(0.1), np.cos(0.1))
+    q = q + np.random.default_rng(1).normal(0.0, noise, len(t))
+    return Preprocessing().resolve(Measurements(t, q[:, None], np.cos(phase)[:, None]))
+
+
+def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to() -> None:
+    smooth, sharp = _resolved(False), _resolved(True)
+    assert smooth.state_cutoff is not None
+    assert sharp.state_cutoff is not None
+    assert smooth.torque_cutoff == 1.6 * smooth.state_cutoff
+    assert sharp.state_cutoff > 2.0 * smooth.state_cutoff
+    assert sharp.torque_cutoff == smooth.torque_cutoff
+
+
+def test_noise_of_the_positions_is_not_let_through_for_it() -> None:
+    fine, coarse = _resolved(True), _resolved(True, 300.0 * NOISE)
+    assert fine.state_cutoff is not None
+    assert coarse.state_cutoff is not None
+    assert coarse.state_cutoff < fine.state_cutoff
