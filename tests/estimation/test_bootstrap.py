@@ -88,10 +88,8 @@ def test_draws_do_not_depend_on_how_they_are_shared_out(two_link_blocks) -> None
 @pytest.mark.parametrize("unit", [1.0, 1e-3, 1e3])
 def test_real_draws_are_certified_in_every_unit(panda, panda_run, unit: float) -> None:  # type: ignore[no-untyped-def]
     task, blocks, _, _ = prepared(panda, panda_run.window(0.0, 14.0))
-    moved = [
-        in_units(Instance("b", "g", replace(task, data=b), Objective(b)), unit, unit) for b in blocks
-    ]
-    whole = in_units(Instance("w", "g", task, Objective(task.data)), unit, unit).task
+    moved = [in_units(Instance("b", replace(task, data=b), Objective(b)), unit, unit) for b in blocks]
+    whole = in_units(Instance("w", task, Objective(task.data)), unit, unit).task
     draws = bootstrap.bootstrap(whole, [m.data for m in moved], draws=10)
     assert np.all(draws.gap >= 0.0)
     assert draws.gap.max() <= 1e-8  # proved, in every system of units
