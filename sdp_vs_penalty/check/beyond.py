@@ -11,14 +11,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.evidence import solve
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import Motion
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Velocities over which Coulomb friction may turn [rad/s, m/s].
 _WIDTHS = (0.002, 0.03, 0.1)

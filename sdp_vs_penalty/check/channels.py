@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check import events
 from sdp_vs_penalty.check.evidence import solve
 from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, best_number, propose
-from sdp_vs_penalty.check.issue import Array, joints_text
+from sdp_vs_penalty.check.issue import joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)

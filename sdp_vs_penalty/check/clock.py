@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import stamps
-from sdp_vs_penalty.check.issue import Array, Issue
+from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.stamps import LONG
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import moving_joints
 
 

@@ -19,8 +19,9 @@ from sdp_vs_penalty.check.hypothesis import (
     Hypothesis,
     few_rows,
 )
-from sdp_vs_penalty.check.issue import Array, Issue
+from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Above this share of the energy, half of the torque, the arm's dynamics do not make these torques.
 _UNRELATED = 0.25

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.check import beyond
-from sdp_vs_penalty.check.issue import Array, Issue, joints_text
+from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, solve
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 
 #: A delay is named where it makes at least a fifth of the squared error ...
 _BETTER = 0.8

@@ -18,11 +18,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.regression.regression import Regression
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
 _RIDGE = 1e-9

@@ -6,12 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sdp_vs_penalty.data.measurements import Measurements
-
-Array = NDArray[np.float64]
 
 #: Repairs one run; the issue's ``remedy`` says in words what it does.
 Repair = Callable[[Measurements], Measurements]

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
 from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_number, propose
-from sdp_vs_penalty.check.issue import Array, Repair, joints_text
+from sdp_vs_penalty.check.issue import Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signals import angle_scale
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
+from sdp_vs_penalty.robot.arrays import Array
 
 #: What makes hypotheses of one kind: from the test's data and which joints move.
 Family = Callable[[Physics, NDArray[np.bool_]], Iterator[Hypothesis]]

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from sdp_vs_penalty.check.hypothesis import Hypothesis, propose
-from sdp_vs_penalty.check.issue import Array, joints_text
+from sdp_vs_penalty.check.issue import joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.signs import choose_signs
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 
 Order = NDArray[np.intp]
 

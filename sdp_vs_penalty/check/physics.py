@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check.evidence import Evidence, solve
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5

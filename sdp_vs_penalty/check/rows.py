@@ -15,11 +15,11 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import LowPass
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch
 
-Array = NDArray[np.float64]
 #: A stretch's motion on the column grid, and the low-pass that picks the rows out of it.
 _Dense = tuple[Motion, sparse.csr_array]
 

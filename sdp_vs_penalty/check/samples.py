@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check.issue import Array, Issue, joints_text
+from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import movement, moving_joints
 

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.issue import Array, Issue, Repair, joints_text
+from sdp_vs_penalty.check.issue import Issue, Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range, check_plausible, far_outside
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,

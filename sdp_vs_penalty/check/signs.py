@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.hypothesis import AGREES, NEAR, SIGNIFICANT, Hypothesis, propose
-from sdp_vs_penalty.check.issue import Array, joints_text
+from sdp_vs_penalty.check.issue import joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def signs(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.evidence import Evidence, solve
 from sdp_vs_penalty.check.hypothesis import Hypothesis, propose
-from sdp_vs_penalty.check.issue import Array, Issue, joints_text
+from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Instants, as shares of the run, at which a step is tried; and at which the run is cut in two.
 _STEPS, _CUTS = np.linspace(0.15, 0.85, 29), np.linspace(0.15, 0.85, 15)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from sdp_vs_penalty.errors import InputError
@@ -17,10 +16,9 @@ from sdp_vs_penalty.export.urdf import write_inertial
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, read_inertial
-
-Array = NDArray[np.float64]
 
 #: m: no link has its mass that far from its own centre, where nothing moves it.
 _FAR = 3.0

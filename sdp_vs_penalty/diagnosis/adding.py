@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -45,10 +44,9 @@ from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-Array = NDArray[np.float64]
 
 
 def add(

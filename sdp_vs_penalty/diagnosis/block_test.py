@@ -13,9 +13,7 @@ from scipy import special
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.library import Key, Library
-
-Array = NDArray[np.float64]
-
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Columns of a group that random signs are tried on: the work grows with the fourth power of them.
 _MOST = 12

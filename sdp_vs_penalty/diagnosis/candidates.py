@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
@@ -19,10 +18,9 @@ from sdp_vs_penalty.diagnosis.scoring import (
     solve_group,
 )
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-Array = NDArray[np.float64]
 
 #: How many candidates a step looks at closely, and the share of the best one's evidence that they need
 #: on a coarse grid of shapes; those that are close are looked at whatever their number.
@@ -229,8 +227,7 @@ class Candidates:
 
         def value_at(x: float) -> float:
             nonlocal best
-            shape = {**start.effect.shape, name: float(x if linear else np.exp(x))}
-            effect = type(start.effect)(start.effect.robot, start.effect.asked_joints, **shape)
+            effect = start.effect.with_shape(**{name: float(x if linear else np.exp(x))})
             chi2 = self._chi2(fit, effect)
             best = max(best, (chi2, effect), key=lambda found: found[0])
             return chi2
@@ -243,8 +240,7 @@ class Candidates:
     def _as_sized(self, fit: WhiteFit, start: Candidate) -> Candidate:
         """The candidate with the shape constant that is its size."""
         effect = start.effect
-        shape = {**effect.shape, effect.sized_shape: float(start.beta[0])}
-        sized = type(effect)(effect.robot, effect.asked_joints, **shape)
+        sized = effect.with_shape(**{effect.sized_shape: float(start.beta[0])})
         return self.solve(fit, start.key, sized, self.white_columns(sized))
 
     @staticmethod

@@ -8,7 +8,6 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
@@ -26,6 +25,7 @@ from sdp_vs_penalty.diagnosis.show import (
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary
 from sdp_vs_penalty.signals.excerpt import excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.noise import noise_floor
@@ -34,8 +34,6 @@ from sdp_vs_penalty.signals.segments import segmented
 
 if TYPE_CHECKING:
     import pandas
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -36,12 +35,11 @@ from sdp_vs_penalty.diagnosis.where_it_fails import carriers
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
-
-Array = NDArray[np.float64]
 
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999

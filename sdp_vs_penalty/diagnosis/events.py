@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.outliers import FALSE_EVENT
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

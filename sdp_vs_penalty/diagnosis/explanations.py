@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.parsimony import Company
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:

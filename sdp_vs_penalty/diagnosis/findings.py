@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
@@ -16,9 +15,8 @@ from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
-
-Array = NDArray[np.float64]
 
 EFFECT_MISSING, NOTHING_MISSING, UNKNOWN = "effect_missing", "nothing_missing", "unknown_effect"
 _VERDICTS = (EFFECT_MISSING, NOTHING_MISSING, UNKNOWN)

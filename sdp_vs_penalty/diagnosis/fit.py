@@ -15,9 +15,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
-
-Array = NDArray[np.float64]
 
 #: The model's parameters, as they were identified, count as this share of the rows against training
 #: folds: their columns are orthonormal, so that a direction which one fold alone determines has none.

@@ -25,8 +25,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import with_reference
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress, triangular
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: By this share an error falls, rather than merely not rising.
 _FALLS = 0.001

@@ -23,10 +23,9 @@ from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER
 from sdp_vs_penalty.signals.noise import RESIDUAL
-
-Array = NDArray[np.float64]
 
 FALSE_CLAIM = 2e-3
 MIN_GAIN = 15.0
@@ -147,7 +146,7 @@ def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequ
     family = state.best_family() if first.key[1] is None else None
     if family is None or family[0] < first.evidence + TOLD_APART:
         return contenders
-    return [state.candidate(family[1]), *contenders]
+    return [*state.contenders(only=family[1]), *contenders]
 
 
 def accepted(state: SearchState, candidate: Candidate, threshold: float | None = None) -> Pick | None:

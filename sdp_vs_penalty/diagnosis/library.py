@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-Array = NDArray[np.float64]
 
 #: (effect name, joint from 0; None: the whole robot).
 Key = tuple[str, int | None]

@@ -29,8 +29,7 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     fitted,
     with_shapes,
 )
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: A constant that moves by less than this share makes no other columns.
 _MOVES = 0.05

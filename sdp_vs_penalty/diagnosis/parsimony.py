@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted_beside, joints_of
 from sdp_vs_penalty.diagnosis.scoring import evidence
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
-
-Array = NDArray[np.float64]
 
 #: Of a pick's energy, the share that its correlation with another must take for its size to be theirs
 #: together: standard deviations are then sqrt(1 / (1 - 0.8)) = 2.2 times as large as alone.

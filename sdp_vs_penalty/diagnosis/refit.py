@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.effects.effect import Effect
@@ -17,8 +16,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import joint_weights, make_task, with_plausible
 from sdp_vs_penalty.regression.regression import Regression
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def weighting_of(estimate: Estimate) -> str:

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit
-
-Array = NDArray[np.float64]
 
 #: Standard deviations by which it must move.
 _FAR = 3.0

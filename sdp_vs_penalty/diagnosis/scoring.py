@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Library
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True)

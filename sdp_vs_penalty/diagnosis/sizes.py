@@ -8,7 +8,6 @@ makes of them: of the gains of the channels, and of a model that is held fixed.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.stage import Stage, model_columns
@@ -19,8 +18,7 @@ from sdp_vs_penalty.estimation.shape_constants import (
     covariance_beside,
     free_constants,
 )
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def coefficients(state: SearchState, k: int, errors: Array) -> tuple[Array, Array]:

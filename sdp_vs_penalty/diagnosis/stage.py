@@ -14,13 +14,12 @@ from sdp_vs_penalty.diagnosis.fit import Coloured, RowLabels, Weighting, WhiteFi
 from sdp_vs_penalty.diagnosis.library import Candidacy, Key, Library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER, Pieces
 from sdp_vs_penalty.signals.noise import Noise, noise_in, noise_of
 from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.repetition import is_part
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
-
-Array = NDArray[np.float64]
 
 #: Residual variance over that of the noise from which the evidence is not taken at its word.
 MISFIT = 1.3

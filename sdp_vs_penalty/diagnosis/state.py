@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.block_test import flip_threshold
 from sdp_vs_penalty.diagnosis.candidates import MOST, Candidate
@@ -15,10 +14,9 @@ from sdp_vs_penalty.diagnosis.fit import Weighting, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Key, Library
 from sdp_vs_penalty.diagnosis.stage import MISFIT, Stage
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER, autoregression
 from sdp_vs_penalty.signals.noise import Noise
-
-Array = NDArray[np.float64]
 
 #: By this share levels may still change when they are settled.
 _SETTLED = 1e-3
@@ -91,12 +89,14 @@ class SearchState:
         weighting = replace(weighting, level=np.ones(n), colour=colour)
         return _settled(self.stage, self.picks, weighting, weighting.noise_variance)
 
-    def contenders(self, most: int = MOST, on: Set[int] | None = None) -> list[Candidate]:
-        """The most plausible candidates beside the picks, best first: ``most`` of them, those that act
-        ``on`` any of these joints (None: all)."""
+    def contenders(
+        self, most: int = MOST, on: Set[int] | None = None, only: Key | None = None
+    ) -> list[Candidate]:
+        """The most plausible candidates beside the picks, best first, their shapes refined: ``most`` of
+        them, those that act ``on`` any of these joints (None: all), ``only`` this one (None: any)."""
         picked = [p.candidate for p in self.picks]
         stage = self.stage
-        return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known, most, on)
+        return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known, most, on, only)
 
     def best_family(self) -> tuple[float, Key] | None:
         """What one law explains, on each joint by itself and summed over the joints, of those laws the
@@ -107,11 +107,6 @@ class SearchState:
             return None
         name, own = max(families.items(), key=lambda f: sum(f[1].values()))
         return sum(own.values()), (name, max(own, key=lambda j: own[j]))
-
-    def candidate(self, key: Key) -> Candidate:
-        """This one, its shapes refined."""
-        stage, picked = self.stage, [p.candidate for p in self.picks]
-        return stage.candidates.contenders(self.fit, self.scaled, picked, stage.known, only=key)[0]
 
     @property
     def eligible(self) -> frozenset[Key]:

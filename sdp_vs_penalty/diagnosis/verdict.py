@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Family-wise probability of calling Gaussian noise a repeatable error; a log's has heavier tails.

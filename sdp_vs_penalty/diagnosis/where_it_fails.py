@@ -24,6 +24,7 @@ from sdp_vs_penalty.diagnosis.stage import clocks_of, phase_folds
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, plain_unit, words
 from sdp_vs_penalty.signals.excerpt import excerpt
 from sdp_vs_penalty.signals.noise import noise_floor
@@ -32,8 +33,6 @@ from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 
 if TYPE_CHECKING:
     import pandas
-
-Array = NDArray[np.float64]
 
 #: Hat functions of one quantity; of a pair this many each.
 _HATS, _PAIR_HATS = 10, 6

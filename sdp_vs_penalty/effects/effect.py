@@ -138,6 +138,10 @@ class Effect(ABC):
                 )
         self.shape: dict[str, float] = {k: s.default for k, s in self.shapes.items()} | shape
 
+    def with_shape(self, **shape: float) -> Effect:
+        """The same effect with these shape constants, the others as they are."""
+        return type(self)(self.robot, self.asked_joints, **{**self.shape, **shape})
+
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:

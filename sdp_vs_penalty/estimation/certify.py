@@ -9,7 +9,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.measurements import Measurements
@@ -27,6 +26,7 @@ from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import Regression, compress
 from sdp_vs_penalty.robot import compiled, inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -34,8 +34,6 @@ from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
 from sdp_vs_penalty.solvers.verified import repaired_as_written, violations
 from sdp_vs_penalty.version import __version__
-
-Array = NDArray[np.float64]
 
 #: Random poses at which M(q) must be positive definite.
 _POSES = 10_000

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import stretches
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

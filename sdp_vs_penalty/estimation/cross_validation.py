@@ -31,11 +31,10 @@ from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress_cells
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,12 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_ENTROPY, sample_variance
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.robot import inertia
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 DATA = "data"
 #: Information of the data in a direction that no torque shows, in the prior's.

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
@@ -22,6 +22,7 @@ from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.saved import problem_from_dict, problem_to_dict
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import Shown, Summary, Table
 from sdp_vs_penalty.signals.motion import MotionRecord
@@ -29,8 +30,6 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 if TYPE_CHECKING:
     import pandas
-
-Array = NDArray[np.float64]
 
 #: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
 #: did not keep the bounds under which a model was identified, and nothing can bring them back.

@@ -30,12 +30,12 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.point_trajectory import PointTrajectory
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
 from sdp_vs_penalty.show import Shown, Summary
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 OBJECTIVES = ("condition", "d-optimal")

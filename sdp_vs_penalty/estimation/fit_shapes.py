@@ -29,10 +29,10 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     total,
 )
 from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, rows_per_sample
 
-Array = NDArray[np.float64]
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
 

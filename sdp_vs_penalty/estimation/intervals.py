@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.problem.problem import Problem
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Largest half-width of an interval: relative to the value, or to the largest value there could be
 #: (a parameter that is zero is known well if it is known to be small).

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Effect
@@ -28,9 +27,9 @@ from sdp_vs_penalty.estimation.shape_constants import (
 )
 from sdp_vs_penalty.estimators.task import joint_weights
 from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-Array = NDArray[np.float64]
 #: Effect, joint and name of a shape constant.
 Key = tuple[str, int, str]
 
@@ -83,8 +82,7 @@ def _forms(model: Model, wanted: Collection[Key]) -> Iterator[Model]:
     for values in product(*grids.values()):
         effects = list(model.effects)
         for (k, key), value in zip(grids, values, strict=True):
-            old = effects[k]
-            effects[k] = type(old)(old.robot, old.asked_joints, **{**old.shape, key: value})
+            effects[k] = effects[k].with_shape(**{key: value})
         yield replace(model, effects=tuple(effects))
 
 
@@ -169,4 +167,4 @@ def _within(old: Effect, new: Effect) -> Effect:
         inside = np.clip(shape[key], min(bounds[0], value), max(bounds[1], value))
         # As many digits as a written effect has.
         shape[key] = float(f"{inside:.6g}")
-    return type(old)(old.robot, old.asked_joints, **shape)
+    return old.with_shape(**shape)

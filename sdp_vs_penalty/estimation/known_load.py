@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -29,9 +28,8 @@ from sdp_vs_penalty.effects.payload import Payload
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.sandwich import sandwich, white_variance
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-Array = NDArray[np.float64]
 
 #: Standard deviation of the logarithm of a gain before anything is measured.
 GAIN_PRIOR = 0.3

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
@@ -27,8 +26,7 @@ from sdp_vs_penalty.estimation.sandwich import visible_directions
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 OUTPUT_ERROR = "output-error"
 DESCRIPTION = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
@@ -27,11 +27,10 @@ from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import compiled
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_rows
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.structured import Structured
-
-Array = NDArray[np.float64]
 
 #: Certified gap, relative to the loss, up to which a compiled answer counts; else Clarabel solves again.
 _TIGHT = 1e-6

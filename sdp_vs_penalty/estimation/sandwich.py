@@ -26,8 +26,7 @@ from scipy import sparse
 from scipy.special import stdtrit
 
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Singular values below this share of the largest are rounding: the data do not show that direction.
 UNSEEN = 1e-9

@@ -22,7 +22,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.effects import parse_effects
@@ -30,11 +29,11 @@ from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, shrunk
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, shortest_moves
 from sdp_vs_penalty.robot.self_collision import SelfCollision
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 
-Array = NDArray[np.float64]
 States = Callable[[Array], tuple[Array, Array, Array]]
 Progress = Callable[[str], None]
 

@@ -13,12 +13,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model, turning
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Step of the central differences, in the constant's own scale: a thousandth of its value, or of a wave.
 _STEP = 1e-3
@@ -120,7 +118,7 @@ def moved(effect: Effect, steps: Mapping[str, float]) -> Effect:
     for key, step in steps.items():
         value = shape[key]
         shape[key] = float(value * np.exp(step) if effect.shapes[key].scale == "log" else value + step)
-    return type(effect)(effect.robot, effect.asked_joints, **shape)
+    return effect.with_shape(**shape)
 
 
 def sensitivities(effects: Sequence[Effect], thetas: Sequence[Array]) -> tuple[ShapeSensitivity, ...]:

@@ -34,8 +34,6 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     total,
 )
 
-Array = NDArray[np.float64]
-
 #: Folds of the motion.
 FOLDS = 10
 

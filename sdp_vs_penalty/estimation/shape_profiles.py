@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects.effect import Effect
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Values looked at between two of the grid.
 _FINE = 12

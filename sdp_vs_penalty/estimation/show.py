@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.effects.effect import Parameter
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def parameter_rows(

@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.estimation.intervals import (
@@ -33,8 +32,7 @@ from sdp_vs_penalty.estimators.task import joint_weights, with_plausible
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 LEVEL = 0.95
 

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import svec, unsvec
-
-Array = NDArray[np.float64]
 
 #: Rows and columns of a link's ten variables in L, and which of them are logarithms.
 ROWS, COLUMNS = np.tril_indices(4)

@@ -8,20 +8,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import clarabel
 from sdp_vs_penalty.solvers.certificate import lower_bound
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.unscaled import gram_sdp, rows_sdp
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -23,17 +23,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints.cones import cone_margin, project
 from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.reference import Reference
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.conic import ConicProblem, svec, unsvec
-
-Array = NDArray[np.float64]
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
 

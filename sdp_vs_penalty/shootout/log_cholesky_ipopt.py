@@ -9,15 +9,13 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout.chart import COLUMNS, DIAGONAL, ROWS, Frame, LogCholesky, owners
 from sdp_vs_penalty.shootout.contestant import no_answer
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
-
-Array = NDArray[np.float64]
 
 PACKAGE = "casadi"
 #: Logarithms of a factor's diagonal stay within these bounds, in units of an interior point.

@@ -16,16 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet, ConstraintStack
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout.chart import Frame, Geodesic, LogCholesky, Point, owners
 from sdp_vs_penalty.shootout.contestant import no_answer
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.judge import Answer
 from sdp_vs_penalty.solvers.objective import Objective
-
-Array = NDArray[np.float64]
 
 #: Starting points, tried until one run converges; steps of one run.
 _STARTS, _STEPS = 4, 600

@@ -6,15 +6,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.solvers import clarabel, verified
 from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp
-
-Array = NDArray[np.float64]
 
 #: A relative gap below which the interval is not narrowed any further.
 _NARROW = 1e-9

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
@@ -23,12 +22,11 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import measured_run, real_data_folder
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-
-Array = NDArray[np.float64]
 
 #: Weight of the entropic regulariser in units of the mean squared residual.
 _ENTROPY_WEIGHT = 1.0

@@ -146,21 +146,24 @@ class SegmentedRuns:
 
     def _true_blocks(self, effect: Effect) -> list[Block]:
         """The same of the true torque; what the motion alone decides is worked out once."""
+
+        def made() -> list[Block]:
+            return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
+
         if (
             effect.needs_torque
             or effect.needs_links
             or effect_types().get(effect.name) is not type(effect)
         ):
-            return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
+            return made()
         # What a joint can have several times may look at other joints, but for what joins its own.
         joints = effect.joints if effect.joins or not effect.several else range(self.n)
         widths = tuple(self.segments[0].motion.width(j) for j in joints)
         key = effect.name, effect.joints, tuple(effect.shape.items()), widths, id(effect.robot)
         if key not in self.derived:
-            self.derived[key] = self._stack(
-                [(s.low_pass, effect.blocks(s.motion)) for s in self.segments]
-            )
-        found: list[Block] = self.derived[key]
+            # The robot is kept as well: its number in the key stays its own.
+            self.derived[key] = effect.robot, made()
+        found: list[Block] = self.derived[key][1]
         return found
 
     def column(self, effect: Effect, joint: int) -> Array:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import variable, variable_name
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
-Array = NDArray[np.float64]
 #: A variable of a curve: its word (of measured_curve.VARIABLES) and its joint, from 0.
 Variable = tuple[str, int]
 

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
@@ -26,10 +25,9 @@ from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.ladder import FALSE_CLAIM, MIN_GAIN, MIN_SHARE, TOLD_APART
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER
 from sdp_vs_penalty.signals.noise import RESIDUAL
-
-Array = NDArray[np.float64]
 
 #: How many curves of a joint are looked at closely, how many of these are tried on data left out, draws
 #: of signs, and curves a joint at most.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.measured_curve import (
     VARIABLES,
@@ -15,10 +14,10 @@ from sdp_vs_penalty.effects.measured_curve import (
     parse_variable,
     variable_unit,
 )
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit
 
-Array = NDArray[np.float64]
 #: What a finding cannot be told apart from where a curve stands instead of it.
 CURVE = MeasuredCurve.name
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.curves import smooth as splines
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
@@ -14,8 +13,7 @@ from sdp_vs_penalty.diagnosis.curves.curve import table_effect
 from sdp_vs_penalty.diagnosis.curves.smooth import Factors, Smooth
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve, variable
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable_name, variable_unit
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
-
-Array = NDArray[np.float64]
 
 #: Steps of a scan over a constant, and over each of two.
 _SCAN, _SCAN_TWO = 60, 14

@@ -15,10 +15,10 @@ from sdp_vs_penalty.diagnosis.stage import model_columns, stretches, white_rows
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
-Array = NDArray[np.float64]
 Labels = NDArray[np.intp]
 #: A test run's rows with the model attached, and the model.
 TestRun = tuple[SegmentedRuns, Estimate]

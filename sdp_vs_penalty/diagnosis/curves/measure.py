@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.curves.bases import Variables
 from sdp_vs_penalty.diagnosis.curves.choose import FoundCurve, search_curves
@@ -19,9 +18,8 @@ from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL
-
-Array = NDArray[np.float64]
 
 #: Draws of the bootstrap, and the level of the band.
 _DRAWS, _LEVEL = 300, 0.95

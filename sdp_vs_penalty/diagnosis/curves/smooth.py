@@ -20,8 +20,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Weights of the roughness that are tried, relative to the data's.
 _COARSE = 10.0 ** np.arange(-4.0, 5.0, 2.0)
