@@ -1,4 +1,4 @@
-"""Torque channels that pass a low-pass filter."""
+"""Torque channels that pass a low-pass filter, or were smoothed afterwards."""
 
 from __future__ import annotations
 
@@ -14,17 +14,21 @@ from sdp_vs_penalty.robot.robot import Robot
 
 class TorqueFilter(Effect):
     name = "torque_filter"
-    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s)"
+    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T) H(-T)"
     explanation = (
         "All torques are logged behind one low-pass filter of the time constant T, of which the "
-        "positions know nothing: a drive's current filter, which also delays. T_f is T where all of the "
-        "torque passes the filter."
+        "positions know nothing: a drive's current filter, which also delays (phase late), or one that "
+        "looks both ways, as a mean of samples does (phase zero). T_f is T where all of the torque "
+        "passes the filter."
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     needs_torque = True
     has_memory = True
     whole_robot = True
-    shapes = {"T": Shape(0.01, "s", grid=(0.002, 0.004, 0.008, 0.016, 0.032), bounds=(0.0005, 0.06))}
+    shapes = {
+        "T": Shape(0.01, "s", grid=(0.002, 0.004, 0.008, 0.016, 0.032), bounds=(0.0005, 0.06)),
+        "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
+    }
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -37,7 +41,10 @@ class TorqueFilter(Effect):
 
     def blocks(self, motion: Motion) -> list[Block]:
         T, torque = self.shape["T"], motion.model_torque
-        change = (lagging(torque, motion.t, T) - torque) / T
+        passed = lagging(torque, motion.t, T)
+        if self.shape["phase"] == 2.0:
+            passed = lagging(passed[::-1], motion.t, T)[::-1]
+        change = (passed - torque) / T
         return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
 
     def remark(self, size: float) -> str:
@@ -64,7 +71,7 @@ def lagging(x: Array, t: Array, T: float) -> Array:
 
 
 def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    T = log_uniform(rng, 0.004, 0.02)
+    T, both = log_uniform(rng, 0.004, 0.02), bool(rng.random() < 0.5)
 
     def behind(x: Array, t: Array) -> Array:  # the trapezium rule, a sample at a time
         y = x.copy()
@@ -75,6 +82,10 @@ def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffec
 
     def change(w: TrueRobot, m: Motion, a: float) -> Array:
         tau = w.torque(m)
-        return a * (behind(tau, m.t) - tau)
+        passed = behind(tau, m.t)
+        if both:
+            passed = behind(passed[::-1], -m.t[::-1])[::-1]
+        return a * (passed - tau)
 
-    return HiddenEffect("torque_filter", (), change, details={"shape": {"T": T}}, unit=T, theta=(T,))
+    shape = {"T": T, "phase": 1.0 + both}
+    return HiddenEffect("torque_filter", (), change, details={"shape": shape}, unit=T, theta=(T,))
