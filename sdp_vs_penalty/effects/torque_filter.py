@@ -18,17 +18,18 @@ class TorqueFilter(Effect):
     explanation = (
         "All torques are logged behind one low-pass filter of the time constant T, of which the "
         "positions know nothing: a drive's current filter, which also delays (phase late), or one that "
-        "looks both ways, as a mean of samples does (phase zero). T_f is T where all of the torque "
-        "passes the filter."
+        "looks both ways, as a mean of samples does (phase zero). T is T_f: all of the torque passes."
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     needs_torque = True
+    forward = "left out"  # no instant's torque is known from that instant's reading
     has_memory = True
     whole_robot = True
     shapes = {
-        "T": Shape(0.01, "s", grid=(0.002, 0.004, 0.008, 0.016, 0.032), bounds=(0.0005, 0.06)),
+        "T": Shape(0.005, "s"),
         "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
     }
+    sized_shape = "T"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -47,9 +48,9 @@ class TorqueFilter(Effect):
         change = (passed - torque) / T
         return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
 
-    def remark(self, size: float) -> str:
-        share = size / self.shape["T"]
-        return "" if abs(share - 1.0) < 0.3 else f"Only a share of {share:.2g} of the torque passes it."
+    def as_sized(self, size: float) -> float:
+        # What looks both ways has no first order: T_f goes as the square of the true constant over T.
+        return size if self.shape["phase"] == 1.0 else float(np.sqrt(self.shape["T"] * max(size, 0.0)))
 
 
 def lagging(x: Array, t: Array, T: float) -> Array:
