@@ -18,7 +18,8 @@ class TorqueFilter(Effect):
     explanation = (
         "All torques are logged behind one low-pass filter of the time constant T, of which the "
         "positions know nothing: a drive's current filter, which also delays (phase late), or one that "
-        "looks both ways, as a mean of samples does (phase zero). T is T_f: all of the torque passes."
+        "looks both ways, as a mean of samples does (phase zero: tau_hat without the links' torque). "
+        "T is T_f: all of the torque passes."
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     needs_torque = True
@@ -40,10 +41,18 @@ class TorqueFilter(Effect):
         # On a single joint friction and inertia are one torque: what is filtered of it is not told.
         return super().starts(robot, joint) if robot.n > 1 else []
 
+    @property
+    def needs_links(self) -> bool:  # type: ignore[override]
+        return self.shape["phase"] == 2.0
+
     def blocks(self, motion: Motion) -> list[Block]:
         T, torque = self.shape["T"], motion.model_torque
+        if self.needs_links:
+            # The links' torque is smooth, but for the noise of its accelerations, which the measured
+            # torque has none of: to smooth it away would always help.
+            torque = torque - motion.link_torque
         passed = lagging(torque, motion.t, T)
-        if self.shape["phase"] == 2.0:
+        if self.needs_links:
             passed = lagging(passed[::-1], motion.t, T)[::-1]
         change = (passed - torque) / T
         return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
@@ -82,7 +91,7 @@ def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffec
         return y
 
     def change(w: TrueRobot, m: Motion, a: float) -> Array:
-        tau = w.torque(m)
+        tau = w.torque(m) - (w.rigid(m) if both else 0.0)
         passed = behind(tau, m.t)
         if both:
             passed = behind(passed[::-1], -m.t[::-1])[::-1]
