@@ -38,7 +38,8 @@ def to_and_fro(robot: Robot) -> Motion:
     """Ten seconds of sines with reversals, and a current model."""
     motion = sines(np.random.default_rng(0), robot.n, np.arange(0.0, 10.0, 0.01))
     links = np.array([link_parameters(np.random.default_rng(k), 0.4) for k in range(robot.n)])
-    torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq)
+    friction = 0.5 * np.tanh(motion.dq / 0.1)
+    torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + friction
     warm = np.full_like(motion.q, 30.0)
     return replace(motion, torque=torque, current=CurrentModel(robot, links), temperature=warm)
 
