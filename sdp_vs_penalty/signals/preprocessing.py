@@ -60,7 +60,7 @@ _FILTERED = 512
 _MOST_SAMPLES = 1 << 19
 #: Filtered pieces of runs of at most so many positions are kept, for the next model's columns; and of
 #: an effect with more columns than this on a joint the low-passed columns.
-_MOST_KEPT, _WIDE = 1 << 20, 8
+_MOST_KEPT, _WIDE = 150_000, 8
 
 
 @dataclass(frozen=True)
