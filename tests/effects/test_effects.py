@@ -398,3 +398,12 @@ def test_a_delay_of_all_joints_needs_more_than_one() -> None:
     for n in (1, 2, 3):
         robot = Robot.from_dh("r", [0.0] * n, [0.0] * n, [0.2] * n, "modified")
         assert bool(list(kind.starts(robot, 0))) == (n > 1)
+
+
+def test_what_says_that_it_holds_no_sign_is_the_same_over_any_width() -> None:
+    robot = robots()["tree"]
+    motion = steady_motion(robot)
+    for kind in [k for k in effect_types().values() if k.signless]:
+        narrow, wide = (kind(robot).blocks(replace(motion, sign_width=w)) for w in (1e-3, 0.5))
+        for a, b in zip(narrow, wide, strict=True):
+            np.testing.assert_array_equal(a.columns, b.columns)
