@@ -107,6 +107,8 @@ class Effect(ABC):
     sized_shape: ClassVar[str] = ""
     #: False where sizes cannot be compared, because no one number says how large the effect is.
     one_number: ClassVar[bool] = True
+    #: True where no column holds the sign of a velocity.
+    signless: ClassVar[bool] = False
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot

@@ -15,21 +15,18 @@ Collisions are not looked at: choose position limits within which the robot is f
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor, Regressor
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.point_trajectory import PointTrajectory
 from sdp_vs_penalty.robot.robot import Robot
@@ -148,15 +145,33 @@ def excite(
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
-    regressor = BaseRegressor.of(problem, effects)
-    search = _Search(regressor, bounds, shrunk(start, bounds), objective)
+    return optimised(
+        BaseRegressor.of(problem, effects), bounds, start, objective, iterations, progress=progress
+    )
+
+
+def optimised(
+    regressor: Regressor,
+    limits: Limits,
+    start: FourierTrajectory,
+    objective: str,
+    iterations: int,
+    moving: Sequence[int] | None = None,
+    progress: Progress = lambda _: None,
+) -> Excitation:
+    """The best motion for a regressor that is found from a start, and within limits.
+
+    moving : the joints (from 0) whose motion is free, default all; the others move as in the start.
+    """
+    joints = range(start.a.shape[0]) if moving is None else moving
+    search = _Search(regressor, limits, shrunk(start, limits), objective, joints)
     history = [regressor.condition(search.trajectory(search.x))]
     for k in range(iterations):
         if not search.step():
             break
         history.append(regressor.condition(search.trajectory(search.x)))
         progress(f"excitation: iteration {k + 1}, condition number {history[-1]:.2f}")
-    best = shrunk(search.trajectory(search.x), bounds)
+    best = shrunk(search.trajectory(search.x), limits)
     return Excitation(best, regressor.condition(best), tuple(history))
 
 
@@ -187,51 +202,19 @@ def save_trajectory(
     write_text(path, "\n".join(lines) + "\n")
 
 
-@dataclass(frozen=True)
-class BaseRegressor:
-    """The columns of a model that its base parameters meet: W (N n, p) of a motion."""
-
-    model: Model
-    columns: NDArray[np.intp]
-
-    @classmethod
-    def of(cls, problem: Problem, effects: str | None = None) -> BaseRegressor:
-        """In the problem's own base parameters. Raises InputError for effects with a memory."""
-        model = problem.model(effects)
-        for effect in model.effects:
-            if effect.has_memory or effect.needs_torque:
-                raise InputError(
-                    f"effect {effect.name}: its columns depend on more than the state",
-                    "leave it out of the excitation.",
-                )
-        others = np.setdiff1d(np.arange(len(model.parameters)), model.rigid_indices)
-        kept = np.arange(0)
-        if len(model.rigid_indices):
-            kept = model.rigid_indices[list(base_parameters(model, problem.independent)[1])]
-        return cls(model, np.concatenate([kept, others]))
-
-    def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
-        """(N, n, p) rows of each sample and joint."""
-        wide = np.zeros((len(t), self.model.robot.n, len(self.model.parameters)))
-        for j, block in enumerate(self.model.columns(Motion(t, q, dq, ddq))):
-            wide[:, j, block.indices] = block.columns
-        return wide[:, :, self.columns]
-
-    def condition(self, trajectory: FourierTrajectory, rate: float = 20.0) -> float:
-        """Ratio of the extreme singular values of W, sampled at ``rate`` [Hz]."""
-        t = np.arange(0.0, trajectory.duration, 1.0 / rate)
-        w = self.at(t, *trajectory.states(t)).reshape(-1, len(self.columns))
-        return float(np.linalg.cond(w))
-
-
 class _Search:
     """Sequential linear programming with a trust region; x (n, 2 L + 1) in units of the limits."""
 
     def __init__(
-        self, regressor: BaseRegressor, limits: Limits, start: FourierTrajectory, objective: str
+        self,
+        regressor: Regressor,
+        limits: Limits,
+        start: FourierTrajectory,
+        objective: str,
+        moving: Sequence[int],
     ) -> None:
         self.regressor, self.start, self.objective = regressor, start, objective
-        self.n, self.harmonics = start.a.shape
+        self.moving, self.harmonics = moving, start.a.shape[1]
         self.t = np.linspace(0.0, start.duration, _SAMPLES)
         self.maps = _state_maps(start, self.t)
         grid = np.linspace(0.0, start.duration, (_LIMITS_BETWEEN + 1) * (_SAMPLES - 1) + 1)
@@ -265,9 +248,9 @@ class _Search:
 
     def _linear_program(self) -> Array:
         """The linear model's best point in the trust region; limits do not couple joints."""
-        out = np.empty_like(self.x)
+        out = self.x.copy()
         position, velocity, acceleration = self.limit_maps
-        for j in range(self.n):
+        for j in self.moving:
             middle = 0.5 * (self.limits.lower[j] + self.limits.upper[j])
             half = 0.5 * (self.limits.upper[j] - self.limits.lower[j])
             rows = np.vstack(
@@ -290,7 +273,8 @@ class _Search:
                 bounds=list(zip(now - self.radius, now + self.radius, strict=True)),
                 method="highs-ds",
             )
-            out[j] = found.x * self.unit[j] if found.status == 0 else self.x[j]
+            if found.status == 0:
+                out[j] = found.x * self.unit[j]
         return out
 
     def _states(self, x: Array) -> tuple[Array, Array, Array]:
@@ -319,7 +303,7 @@ class _Search:
         outer = outer.reshape(w.shape)
         slope = np.zeros_like(x)
         for which, linear in enumerate(self.maps):
-            for j in range(self.n):
+            for j in self.moving:
                 ends = []
                 for sign in (1.0, -1.0):
                     moved = [s.copy() for s in states]

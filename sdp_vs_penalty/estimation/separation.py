@@ -97,9 +97,8 @@ class Hypotheses:
                     f"the model has {effect.name} already ({min(twice)})",
                     "separate effects that it lacks",
                 )
-        cutoff = estimate.preprocessing.torque_cutoff or _CUTOFF
         noise = np.maximum(estimate.uncertainty.noise, 1e-12)
-        bare = cls(estimate, (found[0], found[1]), noise, _ROWS * cutoff, (1.0, 1.0))
+        bare = cls(estimate, (found[0], found[1]), noise, independent_rate(estimate), (1.0, 1.0))
         motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
         sizes = [level / max(bare._root_mean_square(e, motion), 1e-300) for e in found]
         return replace(bare, scale=(sizes[0], sizes[1]))
@@ -157,6 +156,11 @@ class Hypotheses:
             else:
                 high = middle
         return high
+
+
+def independent_rate(estimate: Estimate) -> float:
+    """How many independent rows a second has [Hz], below the cut-off of a model's torque."""
+    return _ROWS * (estimate.preprocessing.torque_cutoff or _CUTOFF)
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:

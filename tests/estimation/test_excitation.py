@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.excitation import (
-    BaseRegressor,
     Limits,
     _Search,
     excite,
     save_trajectory,
     shrunk,
 )
+from sdp_vs_penalty.estimation.motion_regressor import BaseRegressor
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
@@ -67,7 +67,7 @@ def test_an_optimised_trajectory_keeps_any_limits(
 def test_the_slope_is_that_of_finite_differences(two_link: Problem, objective: str) -> None:
     limits = Limits.of_robot(two_link.robot)
     start = shrunk(random_trajectory(two_link.robot, 3, 8.0), limits)
-    search = _Search(BaseRegressor.of(two_link, "rigid_body"), limits, start, objective)
+    search = _Search(BaseRegressor.of(two_link, "rigid_body"), limits, start, objective, [0, 1])
     for index in ((0, 0), (0, 10), (1, 3), (1, 7)):
         ends = []
         for sign in (1.0, -1.0):
