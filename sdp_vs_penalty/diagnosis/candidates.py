@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
+from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
     Scores,
+    bounded,
     cross_validate,
     effective,
     evidence,
     score_library,
-    solve_group,
+    signed,
+    solve_effect,
 )
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
@@ -49,7 +51,7 @@ class Candidate:
 
     @property
     def signed(self) -> bool:
-        return _signed(self.effect)
+        return signed(self.effect)
 
 
 class Candidates:
@@ -161,11 +163,26 @@ class Candidates:
         for batch in self.white.batches:
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
+                if k > 1:
+                    chi2 = self._with_signs(fit, scaled, batch, scores)
                 gains = fit.joint_gains(batch.joint, chi2)
                 out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
                 continue
             out[batch.groups] = self._spread_evidence(fit, scaled, batch, scores)
         return out
+
+    def _with_signs(self, fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
+        """(G,) chi2 of a batch on one joint, as far as the signs of its parameters allow: what is
+        plausible with the wrong signs only would stand in the way of all others."""
+        chi2, joint, M = scores.chi2[batch.groups].copy(), batch.joint, len(fit.rows.block)
+        assert joint is not None
+        mine = slice(joint * M, (joint + 1) * M)
+        for place, g in enumerate(batch.groups):
+            effect = self.white.groups[g].effect
+            if np.any(scores.beta[g][bounded(effect)] < 0.0):
+                columns = scaled.joints[joint][:, batch.columns[place]]
+                chi2[place] = solve_effect(columns, fit.Q[mine], fit.residual[mine], effect)[0]
+        return chi2
 
     @staticmethod
     def _spread_evidence(fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
@@ -263,7 +280,9 @@ class Candidates:
         if white is None:
             white = self.noise.whiten(self.rows.column(effect, joint), joint, self.pieces[joint])
             self._columns[which] = white
-        return _solved(fit.weighting.apply(white, joint), fit.Q[mine], fit.residual[mine], effect)[0]
+        return solve_effect(fit.weighting.apply(white, joint), fit.Q[mine], fit.residual[mine], effect)[
+            0
+        ]
 
     def white_columns(self, effect: Effect) -> Array:
         """(n M, k) white columns of any effect."""
@@ -272,7 +291,7 @@ class Candidates:
         return white.reshape(-1, raw.shape[2])
 
     def solve(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
-        chi2, beta = _solved(fit.scaled(columns), fit.Q, fit.residual, effect)
+        chi2, beta = solve_effect(fit.scaled(columns), fit.Q, fit.residual, effect)
         return Candidate(key, effect, chi2, beta, 0.0, columns)
 
     def judged(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
@@ -326,34 +345,6 @@ def highest(value_at: Callable[[float], float], low: float, high: float) -> None
     bend, slope, _ = np.polyfit(x[top - 1 : top + 2] - x[top], y[top - 1 : top + 2], 2)
     if bend < 0.0:
         at(x[top] + float(np.clip(-0.5 * slope / bend, x[top - 1] - x[top], x[top + 1] - x[top])))
-
-
-def _solved(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[float, Array]:
-    """chi2 and coefficients of weighted columns beside the basis Q, from the residual that Q leaves."""
-    C = Q.T @ columns
-    gram, raw = columns.T @ columns - C.T @ C, np.sum(columns**2, axis=0)
-    right = columns.T @ residual
-    chi2, beta, _ = solve_group(gram, raw, right, _signed(effect), effect.plausible)
-    if np.any(beta[[p.lower == 0.0 for p in effect.parameters]] < 0.0):
-        return _passive(gram, right)
-    return chi2, beta
-
-
-def _passive(gram: Array, right: Array) -> tuple[float, Array]:
-    """chi2 and coefficients of non-negative least squares (Lawson and Hanson 1974), from the partialled
-    gram (k, k) and z'r (k,)."""
-    from scipy.optimize import nnls
-
-    values, vectors = np.linalg.eigh(gram)
-    kept = values > ROUNDING * values[-1]
-    root = (vectors[:, kept] * np.sqrt(values[kept])).T
-    beta = nnls(root, (vectors[:, kept].T @ right) / np.sqrt(values[kept]))[0]
-    return float(2.0 * beta @ right - beta @ gram @ beta), beta
-
-
-def _signed(effect: Effect) -> bool:
-    parameters = effect.parameters
-    return len(parameters) == 1 and parameters[0].lower == 0.0
 
 
 def _averaged(values: Array) -> float:

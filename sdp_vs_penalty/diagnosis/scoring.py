@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -106,6 +107,40 @@ def solve_groups(
     weighted = part / np.where(good, values, 1.0)
     beta = np.where(alive[:, None], scale * np.einsum("gij,gj->gi", vectors, weighted), 0.0)
     return np.sum(part * weighted, axis=1), beta, absorbed
+
+
+def solve_effect(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[float, Array]:
+    """chi2 and coefficients of weighted columns beside the basis Q, from the residual that Q leaves."""
+    C = Q.T @ columns
+    gram, raw = columns.T @ columns - C.T @ C, np.sum(columns**2, axis=0)
+    right = columns.T @ residual
+    chi2, beta, _ = solve_group(gram, raw, right, signed(effect), effect.plausible)
+    if np.any(beta[bounded(effect)] < 0.0):
+        return _passive(gram, right)
+    return chi2, beta
+
+
+def _passive(gram: Array, right: Array) -> tuple[float, Array]:
+    """chi2 and coefficients of non-negative least squares (Lawson and Hanson 1974), from the partialled
+    gram (k, k) and z'r (k,)."""
+    from scipy.optimize import nnls
+
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > ROUNDING * values[-1]
+    root = (vectors[:, kept] * np.sqrt(values[kept])).T
+    beta = nnls(root, (vectors[:, kept].T @ right) / np.sqrt(values[kept]))[0]
+    return float(2.0 * beta @ right - beta @ gram @ beta), beta
+
+
+def bounded(effect: Effect) -> list[bool]:
+    """Which of its parameters may not be negative."""
+    return [p.lower == 0.0 for p in effect.parameters]
+
+
+def signed(effect: Effect) -> bool:
+    """Whether its single parameter may not be negative."""
+    parameters = effect.parameters
+    return len(parameters) == 1 and parameters[0].lower == 0.0
 
 
 def evidence(chi2: Array | float, k: Array | float) -> Array:
