@@ -235,7 +235,10 @@ class Candidates:
     def _as_sized(self, fit: WhiteFit, start: Candidate) -> Candidate:
         """The candidate with the shape constant that is its size."""
         effect = start.effect
-        sized = effect.with_shape(**{effect.sized_shape: float(start.beta[0])})
+        value = effect.as_sized(float(start.beta[0]))
+        if effect.shapes[effect.sized_shape].complaint(value):
+            return start
+        sized = effect.with_shape(**{effect.sized_shape: value})
         return self.solve(fit, start.key, sized, self.white_columns(sized))
 
     @staticmethod
