@@ -10,6 +10,7 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
+    Beside,
     Scores,
     bounded,
     cross_validate,
@@ -17,7 +18,6 @@ from sdp_vs_penalty.diagnosis.scoring import (
     evidence,
     score_library,
     signed,
-    solve_effect,
 )
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
@@ -174,14 +174,13 @@ class Candidates:
     def _with_signs(self, fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
         """(G,) chi2 of a batch on one joint, as far as the signs of its parameters allow: what is
         plausible with the wrong signs only would stand in the way of all others."""
-        chi2, joint, M = scores.chi2[batch.groups].copy(), batch.joint, len(fit.rows.block)
+        chi2, joint = scores.chi2[batch.groups].copy(), batch.joint
         assert joint is not None
-        mine = slice(joint * M, (joint + 1) * M)
         for place, g in enumerate(batch.groups):
             effect = self.white.groups[g].effect
             if np.any(scores.beta[g][bounded(effect)] < 0.0):
                 columns = scaled.joints[joint][:, batch.columns[place]]
-                chi2[place] = solve_effect(columns, fit.Q[mine], fit.residual[mine], effect)[0]
+                chi2[place] = Beside.on(fit, {joint: columns}, columns.shape[1]).solved(effect)[0]
         return chi2
 
     @staticmethod
@@ -194,7 +193,8 @@ class Candidates:
         columns = scaled.robot[:, :, batch.columns[likely].ravel()].reshape(len(fit.residual), -1, k)
         beta = np.array([scores.beta[g] for g in batch.groups[likely]])
         # What is left is linear in the columns: they are combined before the model is partialled out.
-        left = fit.residual[:, None] - fit.partialled(np.einsum("ngk,gk->ng", columns, beta))
+        taken = np.einsum("ngk,gk->ng", columns, beta)
+        left = fit.residual[:, None] - taken + fit.Q @ (fit.Q.T @ taken)
         after = fit.weighting.level[:, None] ** 2 * fit.rows.joint_sums(left**2)
         freedom = float(k)
         if batch.known is not None:
@@ -202,13 +202,6 @@ class Candidates:
             freedom = effective(z.T @ z, batch.known)
         out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
         return out
-
-    @staticmethod
-    def _evidence(fit: WhiteFit, partialled: Array, beta: Array, known: Array | None) -> float:
-        left = fit.residual - partialled @ beta
-        gain = fit.likelihood_gain(fit.chi2_of(left))
-        freedom = len(beta) if known is None else effective(partialled.T @ partialled, known)
-        return float(evidence(gain, freedom))
 
     def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:
         """The candidate with its shape constants moved to where they explain most.
@@ -273,16 +266,14 @@ class Candidates:
         """What an effect takes from the squared residual; one joint's from that joint's rows alone."""
         if effect.whole_robot or effect.needs_links or len(effect.joints) != 1:
             return self.solve(fit, (effect.name, None), effect, self.white_columns(effect)).chi2
-        joint, M = effect.joints[0], len(fit.rows.block)
-        mine = slice(joint * M, (joint + 1) * M)
+        joint = effect.joints[0]
         which = effect.name, joint, tuple(effect.shape.values())
         white = self._columns.get(which)
         if white is None:
             white = self.noise.whiten(self.rows.column(effect, joint), joint, self.pieces[joint])
             self._columns[which] = white
-        return solve_effect(fit.weighting.apply(white, joint), fit.Q[mine], fit.residual[mine], effect)[
-            0
-        ]
+        own = {joint: fit.weighting.apply(white, joint)}
+        return Beside.on(fit, own, white.shape[1]).solved(effect)[0]
 
     def white_columns(self, effect: Effect) -> Array:
         """(n M, k) white columns of any effect."""
@@ -291,13 +282,15 @@ class Candidates:
         return white.reshape(-1, raw.shape[2])
 
     def solve(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
-        chi2, beta = solve_effect(fit.scaled(columns), fit.Q, fit.residual, effect)
+        chi2, beta = Beside.of(fit, columns).solved(effect)
         return Candidate(key, effect, chi2, beta, 0.0, columns)
 
     def judged(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
-        found = self.solve(fit, key, effect, columns)
-        partialled = fit.partialled(fit.scaled(columns))
-        return replace(found, evidence=self._evidence(fit, partialled, found.beta, effect.plausible))
+        beside, known = Beside.of(fit, columns), effect.plausible
+        chi2, beta = beside.solved(effect)
+        freedom = len(beta) if known is None else effective(beside.gram, known)
+        value = float(evidence(fit.likelihood_gain(beside.left(fit, beta)), freedom))
+        return Candidate(key, effect, chi2, beta, value, columns)
 
     def block_gains(self, fit: WhiteFit, scaled: Library, candidate: Candidate) -> Array:
         """(B,) cross-validated gains, the shape chosen anew in each fold."""
