@@ -57,7 +57,7 @@ def panda(data: Path, kept: bool) -> Iterator[Window]:
     problem = load_problem("panda")
     spans = [(0.0, 6.5), (8.0, 13.2), (0.0, 7.6), (0.0, 14.0), (0.0, 99.0), (7.6, 14.0)]
     if kept:
-        spans = [(3.0, 10.0), (12.0, 19.5), (15.0, 22.0), (20.0, 26.0), (10.0, 25.0), (5.0, 11.0)]
+        spans = [(3.0, 10.0), (12.0, 19.5), (15.0, 22.0), (14.0, 20.5), (10.0, 25.0), (5.0, 11.0)]
     for word, run in (
         ("raw", load_measurements(data / "panda", joints=7)),
         ("every fifth", panda_run(data)),

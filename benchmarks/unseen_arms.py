@@ -125,7 +125,7 @@ def unseen(data: Path, names: tuple[str, ...]) -> list[Arm]:
         "tx40 c": lambda: tx40_window(data, "tx40 c", (7_500, 36_000), (36_000, 45_000), 8),
         "ur10e d": lambda: ur10e_window(data, "ur10e d", (5.0, 30.0), (20.0, 40.0), ("19_15", "12-50")),
         "ur10e e": lambda: ur10e_window(data, "ur10e e", (3.0, 33.0), (5.0, 30.0), ("19_14", "19_15")),
-        "panda c": lambda: panda_window(data, "panda c", (6.0, 22.0), (22.0, 30.0)),
+        "panda c": lambda: panda_window(data, "panda c", (6.0, 21.0), (0.0, 6.0)),
         "panda b": lambda: panda_window(data, "panda b", (15.0, 30.0), (0.0, 14.0)),
     }
     return [real[name]() if name in real else _machine(name) for name in names]

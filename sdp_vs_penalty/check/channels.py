@@ -19,6 +19,8 @@ from sdp_vs_penalty.robot.arrays import Array
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
 _SMALLEST_GAIN, _GROSS_GAIN = 0.06, 0.2
+#: A model of channels that differ by less is wrong by as much, but not meaningless.
+_MEANINGLESS = 0.5
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
 _UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.1129848: "lbf in"}
 #: Delays and time constants [s] that are tried.
@@ -57,7 +59,9 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         yield propose(
             partial(Physics.with_channels, scale=scale, order=same), 2, texts,
             partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
-            gross=abs(found) > np.log1p(_GROSS_GAIN), number=Number(found, partial(_gained, scaled)),
+            gross=abs(found) > np.log1p(_GROSS_GAIN),
+            severity="error" if abs(found) > np.log1p(_MEANINGLESS) else "warning",
+            number=Number(found, partial(_gained, scaled)),
         )  # fmt: skip
 
 
