@@ -15,10 +15,8 @@ from sdp_vs_penalty.data.plausibility import beside_range, check_plausible, far_
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import (
-    Preprocessing,
-    low_passed,
-)
+from sdp_vs_penalty.signals.low_passed import low_passed
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import movement, moving_joints
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 

@@ -5,12 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.texts import time_windows
 from sdp_vs_penalty.errors import InputError, other_robot
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sdp_vs_penalty.data.measurements import Runs
     from sdp_vs_penalty.estimation.estimate import Estimate
+
+
+def words(data: Sequence[Path], window: str | None) -> list[str]:
+    """The runs as they stand behind --data."""
+    return [*map(str, data), *([] if window is None else ["--window", window])]
+
+
+def next_diagnosis(model: Path | str, estimate: Estimate, data: list[Path], window: str | None) -> None:
+    """The diagnosis of a model on the runs that it was identified from, judged on those given."""
+    train, given = estimate.provenance.get("data", ["TRAIN.csv"]), words(data, window)
+    test = [] if train == given else ["--test", data[0]]
+    test += [] if train == given or window is None else ["--test-window", window]
+    console.next_step(["diagnose", model, "--data", *train, *test, "--json", "findings.json"])
 
 
 def runs_for(

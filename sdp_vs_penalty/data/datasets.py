@@ -7,6 +7,7 @@ in the user's cache in the authors' own format; what this program reads is conve
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
+#: Names a folder with the files that need not be downloaded again, one folder a data set.
+DATA_VARIABLE = "SDP_VS_PENALTY_DATA"
 #: Names an address with the same layout to download from instead (a mirror behind a firewall).
 MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 
@@ -75,10 +78,17 @@ def converted(name: str, folder: str | Path, say: Say = _silent) -> dict[str, Me
 
 
 def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
-    """Every file of a data set into a folder; those that are there already are only checked."""
+    """Every file of a data set into a folder; those there, or where SDP_VS_PENALTY_DATA points, are only
+    checked."""
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
+    kept = os.environ.get(DATA_VARIABLE)
+    for file in chosen.files:
+        have = None if kept is None else Path(kept) / chosen.name / file.name
+        if have is not None and have.is_file() and not (folder / file.name).exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(have, folder / file.name)
     for file in chosen.files:
         address = chosen.address(file, base)
         try:
@@ -90,9 +100,10 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
                 downloader=pooch.HTTPDownloader(timeout=30),
             )
         except OSError as error:  # every error of requests is one
+            missing = [f.name for f in chosen.files if not (folder / f.name).exists()]
             raise InputError(
                 f"cannot be downloaded ({type(error).__name__})",
-                f"check the network, or put the file into {folder} as {file.name}",
+                f"check the network, or put {', '.join(missing)} into {folder}",
                 address,
             ) from error
         except ValueError as error:

@@ -90,11 +90,9 @@ class Measurements(Shown):
         return {name: block for name, block in blocks.items() if block is not None}
 
     @property
-    def sent(self) -> Callable[[], Measurements]:
-        """For another process, what gives one run there: it reads its file again, where it has one."""
-        if len(self.origins) == 1 and self.run is None:
-            return partial(self.origins[0].again, self.names[0])
-        return partial(replace, self)
+    def sent(self) -> Sent:
+        """One run for whoever works on it."""
+        return Sent(self)
 
     def named(self, name: str) -> Measurements:
         """The same run by another name."""
@@ -171,6 +169,22 @@ class Measurements(Shown):
                 for _, part in parts(a):
                     digest.update(np.ascontiguousarray(part, dtype="<f8").data)
         return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What gives one run: itself in this process; another one reads its file again, where it has one."""
+
+    run: Measurements
+
+    def __call__(self) -> Measurements:
+        return self.run
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        run = self.run
+        if len(run.origins) == 1 and run.run is None:
+            return partial, (run.origins[0].again, run.names[0])
+        return partial, (replace, replace(run))
 
 
 @dataclass(frozen=True)

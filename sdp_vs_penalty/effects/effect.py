@@ -107,6 +107,8 @@ class Effect(ABC):
     sized_shape: ClassVar[str] = ""
     #: False where sizes cannot be compared, because no one number says how large the effect is.
     one_number: ClassVar[bool] = True
+    #: True where no column holds the sign of a velocity.
+    signless: ClassVar[bool] = False
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         self.robot = robot
@@ -181,6 +183,10 @@ class Effect(ABC):
         """(k,) standard deviations of the parameters about zero that are known before anything is
         measured, and enter every fit as observations; None: nothing is known."""
         return None
+
+    def as_sized(self, size: float) -> float:
+        """The value of the shape constant that follows the effect's ``size``, when that was found."""
+        return size
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) : its own."""

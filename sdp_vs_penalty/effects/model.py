@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -60,19 +60,19 @@ class Model:
     @property
     def needs_reference(self) -> bool:
         """Whether some effect's columns depend on a current model."""
-        return any(_depends(effect) for effect in self.effects)
+        return any(depends(effect) for effect in self.effects)
 
     @cached_property
     def reference_free(self) -> Model:
         """The same model without the effects that depend on a current model."""
-        free = tuple(e for e in self.effects if not _depends(e))
+        free = tuple(e for e in self.effects if not depends(e))
         return Model(self.robot, free, gains=self.gains)
 
     @cached_property
     def reference_free_indices(self) -> NDArray[np.intp]:
         """Where the parameters of :attr:`reference_free` sit in theta."""
         own = zip(self.effects, self.indices, strict=True)
-        return np.concatenate([np.arange(0), *(k for effect, k in own if not _depends(effect))])
+        return np.concatenate([np.arange(0), *(k for effect, k in own if not depends(effect))])
 
     @cached_property
     def indices(self) -> tuple[NDArray[np.intp], ...]:
@@ -101,22 +101,36 @@ class Model:
 
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
+        return self.joined(self.blocks(motion), len(motion.t))
+
+    def blocks(self, motion: Motion, known: Collection[int] = ()) -> dict[int, list[Block]]:
+        """Each effect's columns by its place in the model, but for those that are known already."""
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
+        made = {
+            k: e.blocks(motion)
+            for k, e in enumerate(self.effects)
+            if not (depends(e) or (k in known and not self.needs_reference))
+        }
+        if self.needs_reference and motion.current is None:
+            motion = self._with_current(motion, made)
+        late = {k: e.blocks(motion) for k, e in enumerate(self.effects) if depends(e)}
+        return {k: found for k, found in {**made, **late}.items() if k not in known}
+
+    def joined(self, blocks: Mapping[int, list[Block]], count: int) -> list[JointColumns]:
+        """Columns of ``count`` instants, joint by joint (n entries), of the effects' blocks."""
         indices: list[list[NDArray[np.intp]]] = [[] for _ in range(self.robot.n)]
         columns: list[list[Array]] = [[] for _ in range(self.robot.n)]
-        blocks = {k: e.blocks(motion) for k, e in enumerate(self.effects) if not _depends(e)}
-        if self.needs_reference and motion.current is None:
-            motion = self._with_current(motion, blocks)
-        for k, (own, effect) in enumerate(zip(self.indices, self.effects, strict=True)):
-            for block in blocks[k] if k in blocks else effect.blocks(motion):
+        for k, own in enumerate(self.indices):
+            for block in blocks.get(k, ()):
                 indices[block.joint].append(own[block.parameters])
                 columns[block.joint].append(block.columns)
-        empty = np.zeros((len(motion.t), 0))
+        empty = np.zeros((count, 0))
         gains = self.gains or (1.0,) * self.robot.n
         return [
             JointColumns(
-                np.concatenate([np.zeros(0, np.intp), *i]).astype(np.intp), g * np.hstack([empty, *c])
+                np.concatenate([np.zeros(0, np.intp), *i]).astype(np.intp),
+                np.hstack([empty, *c]) if g == 1.0 else g * np.hstack([empty, *c]),
             )
             for i, c, g in zip(indices, columns, gains, strict=True)
         ]
@@ -124,7 +138,7 @@ class Model:
     def _with_current(self, motion: Motion, blocks: Mapping[int, list[Block]]) -> Motion:
         """The motion with the torque and the links of the reference."""
         if self.reference is None:
-            name = next(e.name for e in self.effects if _depends(e))
+            name = next(e.name for e in self.effects if depends(e))
             raise InputError(
                 f"effect {name} refers to a current model and this one has none",
                 "identify the robot without it first, then add it",
@@ -158,5 +172,6 @@ def turning(motion: Motion, effect: Effect) -> Motion:
     return replace(motion, sign_width=widths)
 
 
-def _depends(effect: Effect) -> bool:
+def depends(effect: Effect) -> bool:
+    """Whether its columns need a current model."""
     return effect.needs_torque or effect.needs_links

@@ -21,6 +21,7 @@ class RigidBody(Effect):
         "arm and holds it against gravity."
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
+    signless = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -28,11 +28,14 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     Normal,
     ShapeBank,
     ShapeEstimate,
-    best_shapes,
-    fitted,
+    combined,
+    curves_of,
     left_by,
+    pooled,
+    settled,
     total,
 )
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Folds of the motion.
 FOLDS = 10
@@ -54,16 +57,15 @@ def confirmed(
     if not moved:
         return list(found)
     quantile = stdtrit(len(folds) - 1, 0.975)
-    pool = np.concatenate([bank.columns.ravel() for bank in banks])
-    ends = np.cumsum([bank.columns.size for bank in banks])[:-1]
-    alone = [
-        bank.moved(at) for bank, at in zip(banks, np.split(np.arange(len(pool)), ends), strict=True)
-    ]
+    pool = pooled(banks)
+    both = np.hstack([_visible(total(folds), base), np.eye(len(folds[0].right))[:, pool]])
+    small = [fold.through(both, np.zeros(len(fold.right))) for fold in folds]
+    shown = np.eye(both.shape[1])[:, : both.shape[1] - len(pool)]
     trials = []
-    for k, fold in enumerate(folds):
-        rest = total([*folds[:k], *folds[k + 1 :]])
-        left = left_by(rest, pool, np.eye(len(rest.right))[:, base])
-        trials.append(_trial(rest.through(*left), fold.through(*left), alone, variance))
+    for k, fold in enumerate(small):
+        rest = total([*small[:k], *small[k + 1 :]])
+        left = left_by(rest, np.arange(shown.shape[1], both.shape[1]), shown)
+        trials.append(_trial(rest.through(*left), fold.through(*left), banks, variance))
     out = list(found)
     for k in moved:
         gains, changes = np.array([t[k] for t in trials]).T
@@ -73,17 +75,29 @@ def confirmed(
     return out
 
 
+def _visible(data: Normal, base: NDArray[np.intp]) -> Array:
+    """(p, r) combinations of the columns ``base`` that the data show, orthonormal there."""
+    own = data.gram[np.ix_(base, base)]
+    norms = np.sqrt(np.maximum(np.diagonal(own), 0.0))
+    unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
+    values, vectors = np.linalg.eigh(own / np.outer(unit, unit))
+    good = values > 1e-12 * values.max(initial=0.0)
+    out = np.zeros((len(data.right), int(good.sum())))
+    out[base] = vectors[:, good] / np.sqrt(values[good]) / unit[:, None]
+    return out
+
+
 def _trial(
     rest: Normal, fold: Normal, banks: Sequence[ShapeBank], variance: float
 ) -> list[tuple[float, float]]:
     """Of each constant, found from the rest: what it takes from a fold's squared error, and |d|^2; of
     both what all other columns, fitted to the rest, leave."""
-    nothing, before = np.arange(0), [bank.now for bank in banks]
-    plain, out = fitted(rest, nothing, banks, before), []
-    for k, s in enumerate(best_shapes(rest, nothing, banks, variance)):
+    curves, before = curves_of(rest, banks), [bank.now for bank in banks]
+    plain, out = combined(rest, curves, before), []
+    for k, s in enumerate(settled(rest, curves, variance)):
         theta = plain
         if s.after != s.before:
-            theta = fitted(rest, nothing, banks, [*before[:k], s.after, *before[k + 1 :]])
+            theta = combined(rest, curves, [*before[:k], s.after, *before[k + 1 :]])
         change = theta - plain
         out.append((fold.left(plain) - fold.left(theta), float(change @ fold.gram @ change)))
     return out

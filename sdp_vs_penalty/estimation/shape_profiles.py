@@ -11,8 +11,8 @@ algebra on compressed data.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -45,15 +45,6 @@ class ShapeBank:
     now: float
     columns: NDArray[np.intp]
     ends: tuple[float, float]
-
-    @cached_property
-    def weights(self) -> CubicSpline:
-        """(K,) of the columns of each value, as a function of the constant's logarithm."""
-        return _interpolation(self.values.tobytes())[0]
-
-    def moved(self, columns: NDArray[np.intp]) -> ShapeBank:
-        """The same with its columns at other places."""
-        return replace(self, columns=columns.reshape(self.columns.shape))
 
 
 @dataclass(frozen=True)
@@ -165,6 +156,13 @@ def _interpolation(values: bytes) -> tuple[CubicSpline, Array, Array]:
     return spline, fine, spline(fine)
 
 
+@lru_cache(maxsize=4096)
+def _weights(values: bytes, value: float) -> Array:
+    """(K,) of the columns of each value of a grid, in those of one; outside the range of its end."""
+    spline, fine, _ = _interpolation(values)
+    return np.asarray(spline(np.clip(np.log(value), fine[0], fine[-1])))
+
+
 def best_shapes(
     data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], variance: float
 ) -> list[ShapeEstimate]:
@@ -173,16 +171,22 @@ def best_shapes(
     data : of the columns of base and banks; variance : of one independent row, times how often rows
     repeat. A constant that the data do not tell stays what it is.
     """
-    rest, curves = _curves(data, base, banks)
-    values = [bank.now for bank in banks]
-    found = [curve.best(rest, [], variance) for curve in curves]
+    rest = beside(data, pooled(banks), np.eye(len(data.right))[:, base])
+    return settled(rest, curves_of(rest, banks), variance)
+
+
+def settled(rest: Normal, curves: Sequence[Curve], variance: float) -> list[ShapeEstimate]:
+    """The same of banks' columns alone, of which other columns explain nothing any more."""
+    values = [curve.bank.now for curve in curves]
+    found = [curve.best(rest, np.zeros((len(rest.right), 0)), variance) for curve in curves]
+    at = [curve.at(v) for curve, v in zip(curves, values, strict=True)]
     for _ in range(_TURNS):
         before = list(values)
         for k, curve in enumerate(curves):
-            others = [c.at(v) for m, (c, v) in enumerate(zip(curves, values, strict=True)) if m != k]
-            found[k] = curve.best(rest, others, variance)
-            values[k] = found[k].after
-        if np.allclose(np.log(values), np.log(before), atol=1e-3):
+            found[k] = curve.best(rest, np.hstack([at[k][:, :0], *at[:k], *at[k + 1 :]]), variance)
+            values[k], at[k] = found[k].after, curve.at(found[k].after)
+        last = np.log(before)
+        if np.all(np.abs(np.log(values) - last) <= 1e-3 + 1e-5 * np.abs(last)):
             break
     return found
 
@@ -191,22 +195,29 @@ def fitted(
     data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], values: Sequence[float]
 ) -> Array:
     """Least-squares coefficients (p,) of all columns, with these constants."""
-    pool = np.concatenate([bank.columns.ravel() for bank in banks])
+    pool = pooled(banks)
     left, explained = left_by(data, pool, np.eye(len(data.right))[:, base])
-    rest, curves = _curves(data, base, banks)
+    rest = data.through(left, explained)
+    return np.asarray(explained + left @ combined(rest, curves_of(rest, banks), values))
+
+
+def combined(rest: Normal, curves: Sequence[Curve], values: Sequence[float]) -> Array:
+    """Least-squares coefficients of the banks' columns, of which other columns explain nothing."""
     columns = np.hstack([curve.at(v) for curve, v in zip(curves, values, strict=True)])
-    coefficients = rest.through(columns, np.zeros(len(pool))).solved()[0]
-    return np.asarray(explained + left @ (columns @ coefficients))
+    part = Normal(columns.T @ rest.gram @ columns, columns.T @ rest.right, rest.square)
+    return np.asarray(columns @ part.solved()[0])
 
 
-def _curves(
-    data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank]
-) -> tuple[Normal, list[_Curve]]:
-    """The banks' columns, less what the base explains of them."""
-    pool = np.concatenate([bank.columns.ravel() for bank in banks])
-    rest = beside(data, pool, np.eye(len(data.right))[:, base])
-    places = np.split(np.arange(len(pool)), np.cumsum([bank.columns.size for bank in banks])[:-1])
-    return rest, [_Curve(bank, p, rest) for bank, p in zip(banks, places, strict=True)]
+def pooled(banks: Sequence[ShapeBank]) -> NDArray[np.intp]:
+    """All places of the banks' columns, bank by bank."""
+    return np.concatenate([bank.columns.ravel() for bank in banks])
+
+
+def curves_of(rest: Normal, banks: Sequence[ShapeBank]) -> list[Curve]:
+    """Of the banks' columns alone, bank by bank."""
+    ends = np.cumsum([bank.columns.size for bank in banks])
+    places = np.split(np.arange(ends[-1]), ends[:-1])
+    return [Curve(bank, p, rest) for bank, p in zip(banks, places, strict=True)]
 
 
 def beside(data: Normal, pool: NDArray[np.intp], others: Array) -> Normal:
@@ -228,13 +239,13 @@ def left_by(data: Normal, pool: NDArray[np.intp], others: Array) -> tuple[Array,
     )
 
 
-class _Curve:
+class Curve:
     """The columns of one bank as a function of its constant: weights of the columns on the grid."""
 
     def __init__(self, bank: ShapeBank, places: NDArray[np.intp], rest: Normal) -> None:
         self.bank, self.places, self.size = bank, places, len(rest.right)
         self.grid = np.log(bank.values)
-        self.weights, self.known = bank.weights, dict[float, Array]()
+        self.known = dict[float, Array]()
         self.signed = len(bank.effect.parameters) == 1 and bank.effect.parameters[0].lower == 0.0
         self.seen = 1e-9 * float(np.max(np.diagonal(rest.gram)[places]))
 
@@ -242,22 +253,19 @@ class _Curve:
         """(p, k) weights of all columns; outside the range those of its end."""
         if value in self.known:
             return self.known[value]
-        w = self.weights(np.clip(np.log(value), self.grid[0], self.grid[-1]))
+        w = _weights(self.bank.values.tobytes(), float(value))
         k = self.bank.columns.shape[1]
         out = np.zeros((self.size, k))
         out[self.places] = (w[:, None, None] * np.eye(k)).reshape(-1, k)
         self.known[value] = out
         return out
 
-    def best(self, rest: Normal, others: Sequence[Array], variance: float) -> ShapeEstimate:
-        """The constant that takes most beside the columns of all others."""
-        low, high = self.grid[0], self.grid[-1]
-        now = float(np.clip(np.log(self.bank.now), low, high))
-        _, fine, between = _interpolation(self.bank.values.tobytes())
-        none = np.zeros((self.size, 0))
-        own = beside(rest, self.places, np.hstack([none, *others]))
-        w = np.vstack([between, self.weights(now)])
-        taken = self._taken(own, w) / variance
+    def best(self, rest: Normal, others: Array, variance: float) -> ShapeEstimate:
+        """The constant that takes most beside combinations ``others`` (p, q) of all columns."""
+        values = self.bank.values.tobytes()
+        _, fine, between = _interpolation(values)
+        w = np.vstack([between, _weights(values, float(self.bank.now))])
+        taken = self._taken(self._beside(rest, others), w) / variance
         u, gain, bend = _vertex(fine, taken[:-1], int(np.argmax(taken[:-1])))
         std = float(np.sqrt(2.0 / bend)) if bend > 0.0 else np.inf
         gain -= float(taken[-1])
@@ -270,16 +278,30 @@ class _Curve:
         who = self.bank.effect.name, self.bank.joint, self.bank.key, self.bank.now
         return ShapeEstimate(*who, after, after * std, gain if known else 0.0, at_end)
 
+    def _beside(self, rest: Normal, others: Array) -> Normal:
+        """The bank's own columns, less what others explain of them."""
+        gram, right = rest.gram[np.ix_(self.places, self.places)], rest.right[self.places]
+        if others.shape[1]:
+            half = rest.gram @ others
+            inner = others.T @ half
+            norms = np.sqrt(np.maximum(np.diagonal(inner), 0.0))
+            unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
+            shared = half[self.places] / unit
+            explained = shared @ _pseudo_inverse(inner / np.outer(unit, unit))[0]
+            gram = gram - explained @ shared.T
+            right = right - explained @ ((others.T @ rest.right) / unit)
+        return Normal(gram, right, rest.square)
+
     def _taken(self, own: Normal, w: Array) -> Array:
         """(U,) what the columns with weights (U, K) take from the squared error."""
         K, k = self.bank.columns.shape
-        half = (w @ own.gram.reshape(K, -1)).reshape(len(w), k, K, k)
-        gram = (w[:, None, None, :] @ half)[:, :, 0]
         pull = w @ own.right.reshape(K, k)
         if k > 1:
+            half = (w @ own.gram.reshape(K, -1)).reshape(len(w), k, K, k)
+            gram = (w[:, None, None, :] @ half)[:, :, 0]
             solved = np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None]
             return np.asarray(np.sum(pull * solved[:, :, 0], axis=1))
-        energy, p = gram[:, 0, 0], pull[:, 0]
+        energy, p = np.einsum("uk,uk->u", w @ own.gram, w), pull[:, 0]
         # What the other columns absorb but for rounding shows no constant.
         used = (energy > self.seen) & ~(self.signed & (p < 0.0))
         return np.where(used, p * p / np.where(used, energy, 1.0), 0.0)

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.data.datasets import DATA_VARIABLE as VARIABLE
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
-
-VARIABLE = "SDP_VS_PENALTY_DATA"
 
 
 def real_data_folder() -> Path | None:

@@ -36,7 +36,8 @@ from sdp_vs_penalty.signals.preprocessing import (
 
 @dataclass(frozen=True)
 class Factor:
-    """One joint's rows in one block: triangle (r, k + 1) of [Y tau], for the k columns ``indices``."""
+    """One joint's rows in one block: [Y tau] (r, k + 1) for the k columns ``indices``, as a triangle
+    where there are more than k + 1."""
 
     joint: int
     block: int
@@ -244,6 +245,12 @@ def triangular(parts: Sequence[Array]) -> Array:
     return r
 
 
+def _folded(parts: Sequence[Array]) -> Array:
+    """The stacked matrices, as a triangle where they have more rows than that."""
+    stack = np.vstack(parts)
+    return triangular([stack]) if len(stack) > stack.shape[1] else stack
+
+
 def compress(
     measurements: Measurements,
     model: Model,
@@ -319,7 +326,7 @@ class _Growing:
                     joint,
                     0,
                     columns.indices,
-                    triangular(parts),
+                    _folded(parts),
                     len(piece) + (0 if old is None else old.rows),
                 )
 

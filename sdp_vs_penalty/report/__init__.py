@@ -20,7 +20,10 @@ from sdp_vs_penalty.report import evidence, explorer, parameters, sections
 from sdp_vs_penalty.report.document import page
 from sdp_vs_penalty.report.section import Material
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
+from sdp_vs_penalty.simulation.follow import Following, follow
 
+#: Processor time that free runs may take [s], and about that of a step: on its own and each joint's.
+_FREE_SECONDS, _STEP_SECONDS = 3.0, (3e-4, 1.6e-4)
 _SECTIONS = (
     sections.summary,
     sections.torques,
@@ -29,6 +32,7 @@ _SECTIONS = (
     explorer.findings,
     explorer.curves,
     sections.ladder,
+    sections.forward,
     parameters.parameters,
     parameters.arm,
     parameters.friction,
@@ -46,6 +50,7 @@ def report(
     commands: Sequence[str] = (),
     noise_from: Source = None,
     findings: Diagnosis | str | Path | None = None,
+    forward: bool = False,
     progress: Progress = no_progress,
 ) -> None:
     """Write a report: one HTML file that needs nothing else.
@@ -55,7 +60,8 @@ def report(
         :func:`~sdp_vs_penalty.data.sources.as_measurements` takes; out : the .html file to write.
     commands : how it was made, for its last section; noise_from : as in
     :func:`~sdp_vs_penalty.diagnosis.comparison.compare`; findings : a diagnosis, or its findings.json,
-    whose findings and curves are shown; progress : called with a short text.
+    whose findings and curves are shown; forward : run the model forward over whole runs, however long
+    that takes, not for a few seconds of processor time; progress : called with a short text.
     Raises InputError where models and measurements do not belong together, or plotly is missing.
     """
     check_name(Path(out))
@@ -67,7 +73,13 @@ def report(
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
     said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
     made = make_report(
-        named, runs, commands=commands, noise_from=whole, diagnosis=said, progress=progress
+        named,
+        runs,
+        commands=commands,
+        noise_from=whole,
+        diagnosis=said,
+        forward=forward,
+        progress=progress,
     )
     write_text(out, made)
 
@@ -85,6 +97,7 @@ def make_report(
     commands: Sequence[str] = (),
     noise_from: Measurements | None = None,
     diagnosis: Diagnosis | None = None,
+    forward: bool = False,
     progress: Progress = no_progress,
 ) -> str:
     """The HTML of a report: models by name, in the order in which effects were added.
@@ -103,6 +116,13 @@ def make_report(
         name: [filtered_torque(run, e.model, settings) for run in measurements.runs()]
         for name, e in models.items()
     }
+    steps = (
+        None if forward else int(_FREE_SECONDS / (_STEP_SECONDS[0] + _STEP_SECONDS[1] * last.robot.n))
+    )
+    try:
+        ahead: Following | str = follow(last, measurements, steps=steps, progress=progress)
+    except InputError as error:
+        ahead = str(error)
     progress("looking where it fails")
     failures = where_it_fails(last, measurements, settings, noise_from=noise_from)
     material = Material(
@@ -113,6 +133,7 @@ def make_report(
         failures,
         check(last.problem, measurements),
         commands,
+        ahead,
         diagnosis,
     )
     progress("drawing")

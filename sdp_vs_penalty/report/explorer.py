@@ -10,7 +10,15 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.measured_curve import parse_variable, variable, variable_unit
-from sdp_vs_penalty.report.plots import COLOURS, MEASURED, SIGNALS, band_figure, noise_band, scatter_rows
+from sdp_vs_penalty.report.plots import (
+    COLOURS,
+    MEASURED,
+    SIGNALS,
+    band_figure,
+    ladder_figure,
+    noise_band,
+    scatter_rows,
+)
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -162,7 +170,12 @@ def findings(material: Material) -> Section:
         )
     heads = ("effect", "joint", "", "size", "not told from", "held-out RMSE", "with it", "noise floor")
     body = text(found.headline)
-    body += table(heads, rows, numbers_from=5) if rows else ""
+    if rows:
+        names = ["model", *(f"+ {k}. {row[0]} {row[1]}" for k, row in enumerate(rows, start=1))]
+        errors = [found.effects[0].held_out_rmse_before, *(f.held_out_rmse_after for f in found.effects)]
+        plot = ladder_figure(names, errors, material.last.robot.torque_units)
+        body += figure(plot, "Held-out RMS error of each joint, finding by finding.", 380)
+        body += table(heads, rows, numbers_from=5)
     body += "".join(text(remark) for remark in found.remarks)
     return Section("findings", "What is missing", body)
 

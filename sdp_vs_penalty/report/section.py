@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.report.plots import styled
 from sdp_vs_penalty.signals.preprocessing import Rows
+from sdp_vs_penalty.simulation.follow import Following
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class Material:
 
     models : by name, in the order in which effects were added; the last one is looked at closely.
     rows : of each model the filtered rows of each run; commands : that made this report;
-    diagnosis : of one of the models, where there is one.
+    forward : the last model run forward, or the sentence why it cannot; diagnosis : of one of the
+    models, where there is one.
     """
 
     models: Mapping[str, Estimate]
@@ -35,6 +37,7 @@ class Material:
     failures: Sequence[JointFailure]
     checks: Sequence[Report]
     commands: Sequence[str]
+    forward: Following | str
     diagnosis: Diagnosis | None = None
 
     @property

@@ -19,18 +19,21 @@ of the ends of a run would need samples from outside it, and are dropped.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Motion, Sampling
-from sdp_vs_penalty.effects.model import JointColumns, Model
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Sampling
+from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import Kernel
+from sdp_vs_penalty.signals.kernels import Kernel, LowPass
 from sdp_vs_penalty.signals.runs import (
     Movement,
     Stretch,
@@ -55,6 +58,9 @@ _CHUNK = 4096
 _FILTERED = 512
 #: Samples of a stretch of which a few are chosen.
 _MOST_SAMPLES = 1 << 19
+#: Filtered pieces of runs of at most so many positions are kept, for the next model's columns; and of
+#: an effect with more columns than this on a joint the low-passed columns.
+_MOST_KEPT, _WIDE = 150_000, 8
 
 
 @dataclass(frozen=True)
@@ -101,6 +107,16 @@ class Preprocessing:
         return replace(self, state_cutoff=state, torque_cutoff=torque)
 
 
+@lru_cache(maxsize=16)
+def _kernel(cutoff: float, dt: float) -> Kernel:
+    return Kernel(cutoff, dt)
+
+
+@lru_cache(maxsize=16)
+def _sampled(kernel: Kernel, stride: int) -> LowPass:
+    return kernel.sampled(stride)
+
+
 class RunFilter:
     """The filters of one run, ``settings`` resolved: both sides of tau = Y theta pass them alike.
 
@@ -117,11 +133,11 @@ class RunFilter:
         reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
         if not 2.0 * reach < _LONGER * (float(run.t[-1] - run.t[0]) + self.dt):
             raise no_rows(run, 2.0 * reach)
-        self.state = Kernel(settings.state_cutoff, self.dt)
-        self.column = Kernel(settings.torque_cutoff, self.dt)
+        self.state = _kernel(settings.state_cutoff, self.dt)
+        self.column = _kernel(settings.torque_cutoff, self.dt)
         self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
         self.stride = 1 if every_sample else self.grid_stride
-        self.coarse = self.column.sampled(self.stride)
+        self.coarse = _sampled(self.column, self.stride)
         self.standstill = settings.standstill
 
     @property
@@ -179,6 +195,43 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
     """
     # What an effect with memory remembers has to be followed sample by sample, from the start.
     whole = any(effect.has_memory for effect in model.effects)
+    kept = _Kept.of(run, settings, whole)
+    pieces: Iterable[_Piece] = _pieces(run, settings, whole) if kept is None else kept.pieces
+    for piece in pieces:
+        known = {} if kept is None else kept.known(model, piece)
+        blocks, few = model.blocks(piece.around, known), {}
+        for k, made in blocks.items():
+            if any(b.columns.shape[1] > _WIDE for b in made):
+                known[k] = [replace(b, columns=piece.low_pass @ b.columns) for b in made]
+            else:
+                few[k] = made
+        if kept is not None:
+            kept.keep(model, piece, known)
+        count = len(piece.torque)
+        wide, narrow = model.joined(known, count), model.joined(few, len(piece.around.t))
+        columns = [
+            JointColumns(
+                np.concatenate([w.indices, f.indices]),
+                np.hstack([w.columns, piece.low_pass @ f.columns]),
+            )
+            for w, f in zip(wide, narrow, strict=True)
+        ]
+        yield Rows(piece.rows, piece.torque, columns)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Consecutive rows of a run before they have columns: the motion on the column grid around them,
+    the low-pass from there to the rows, the motion and the torque at the rows."""
+
+    around: Motion
+    low_pass: sparse.csr_array
+    rows: Motion
+    torque: Array
+
+
+def _pieces(run: Measurements, settings: Preprocessing, whole: bool) -> Iterator[_Piece]:
+    """A run's rows piece by piece; the whole stretch at once where effects remember."""
     filters = RunFilter(run, settings, every_sample=whole)
     stride, step = filters.stride, filters.step(_OVERSAMPLING)
     reach = stride * filters.coarse.half
@@ -196,14 +249,53 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
             # From first to last: the samples whose columns the low-pass of these outputs needs.
             motion = filters.motion(part, at[0] - reach, at[-1] + reach)
             local = (at[keep] - at[0] + reach) // stride
-            low_pass = filters.coarse.decimator(len(motion.t), local)
-            yield Rows(
+            yield _Piece(
+                motion,
+                filters.coarse.decimator(len(motion.t), local),
                 Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
                 filters.torque(part, at[keep]),
-                [JointColumns(c.indices, low_pass @ c.columns) for c in model.columns(motion)],
             )
     if not found:
         raise no_rows(run, 2 * margin * filters.dt)
+
+
+class _Kept:
+    """The pieces of a short run, and the wide columns that the last model had of them: several models
+    of one robot share them."""
+
+    def __init__(self, key: tuple[Preprocessing, bool], pieces: list[_Piece]) -> None:
+        self.key, self.pieces = key, pieces
+        #: By piece: for each effect itself, over which velocities signs turned, and its columns.
+        self._wide: dict[int, list[tuple[Effect, Any, list[Block]]]] = {}
+
+    @classmethod
+    def of(cls, run: Measurements, settings: Preprocessing, whole: bool) -> _Kept | None:
+        """Those of a run; None for a long one."""
+        if run.q.size > _MOST_KEPT:
+            return None
+        kept: _Kept | None = run.derived.get("filtered")
+        if kept is None or kept.key != (settings, whole):
+            kept = cls((settings, whole), list(_pieces(run, settings, whole)))
+            run.derived["filtered"] = kept
+        return kept
+
+    def known(self, model: Model, piece: _Piece) -> dict[int, list[Block]]:
+        """The low-passed columns of a model's effects that are known, by their places in it."""
+        known = self._wide.get(id(piece), [])
+        return {
+            k: blocks
+            for k, effect in enumerate(model.effects)
+            for one, width, blocks in known
+            if one is effect and (effect.signless or width == model.sign_width)
+        }
+
+    def keep(self, model: Model, piece: _Piece, wide: dict[int, list[Block]]) -> None:
+        """For the next model."""
+        self._wide[id(piece)] = [
+            (model.effects[k], model.sign_width, blocks)
+            for k, blocks in wide.items()
+            if not depends(model.effects[k])
+        ]
 
 
 def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
@@ -231,36 +323,6 @@ def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) ->
     ]
     motion = Motion(join("t"), join("q"), join("dq"), join("ddq"))
     return Rows(motion, np.concatenate([p.torque for p in pieces]), columns)
-
-
-def low_passed(run: Measurements, settings: Preprocessing, rows: int) -> tuple[Motion, Array]:
-    """At most so many evenly spread instants of one run: states and torque, low-passed.
-
-    The torque passes the kernel that the position passes, and columns are computed from the states
-    as they are: cheaper than :func:`filtered_rows`, and equal to it for slow motion. Enough to
-    judge data, not to identify from. Stand-still is dropped. Raises InputError for short runs.
-    """
-    filters = RunFilter(run, settings)
-    kernel = filters.state
-    width = 2 * kernel.half + 1
-    places = filters.moving(kernel.half)
-    count = sum(len(k) for _, k in places)
-    if count == 0:
-        raise no_rows(run, (width - 1) * filters.dt)
-    chosen = np.unique(np.linspace(0, count - 1, min(rows, count)).round().astype(int))
-    pieces, start = [], 0
-    for part, k in places:
-        own = k[chosen[(chosen >= start) & (chosen < start + len(k))] - start]
-        start += len(k)
-        # Only what the kernel reaches of a long run is looked at.
-        for at in np.split(own, np.flatnonzero(np.diff(own) > width) + 1):
-            if len(at):
-                begin, end = at[0] - kernel.half, at[-1] + kernel.half + 1
-                states = kernel.states(part.resampled(part.q, begin, end))
-                smooth, *_ = kernel.states(part.resampled(part.tau, begin, end))
-                pieces.append((part.clock(at), *(x[at - at[0]] for x in (*states, smooth))))
-    t, q, dq, ddq, tau = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    return Motion(t, q, dq, ddq), tau
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:

@@ -121,7 +121,7 @@ class Following(Shown):
     @property
     def verdict(self) -> str:
         j = int(np.argmax(self.share))
-        share = f"{100.0 * self.share[j]:.2g} %"
+        share = f"{100.0 * self.share[j]:.3g} %"
         worst = max(self.free, key=lambda f: float(f.rms.max()))
         k = int(np.argmax(worst.rms))
         stays = f"stays within {said(worst.rms[k], self.units[k])} RMS over {worst.seconds:.3g} s"
@@ -190,13 +190,15 @@ def follow(
     *,
     drive: Drive = "torque",
     seed: int = 0,
+    steps: int | None = None,
     progress: Progress = no_progress,
 ) -> Following:
     """Run a model forward along measured runs and compare the motion.
 
     model : an Estimate or a model.json; measurements : as for ``compare``; drive : "torque" (the
     measured torque alone) or "pd" (and a loop on the measured motion); seed : of the parameters drawn
-    for the band of the free run; progress : hears where the computation stands.
+    for the band of the free run; steps : of the free runs at most, together; progress : hears where the
+    computation stands.
     Raises InputError for a model that cannot accelerate, or runs too short for its filters.
     """
     estimate = as_estimate(model, "follow(model=...)")
@@ -221,7 +223,8 @@ def follow(
     free = []
     for course, loop in zip(courses, loops, strict=True):
         progress(f"simulating {course.name} freely")
-        free.append(_free_run(estimate, drawn, course, loop))
+        most = None if steps is None else 1 + steps // (len(courses) * _substeps(course))
+        free.append(_free_run(estimate, drawn, course, loop, most))
     return Following(
         drive,
         estimate.robot.position_units,
@@ -250,9 +253,13 @@ class _Loop:
         return np.einsum("kij,kj->ki", mass, pull), (2.0 * w + 0.5 * h * w * w) * mass
 
 
+def _substeps(course: Course) -> int:
+    return int(np.ceil(course.dt / _STEP - 1e-9))
+
+
 def _step(plant: Plant, state: State, course: Course, k: NDArray[np.intp], loop: _Loop | None) -> State:
     """From sample k (W,) of the course to the next, in steps no longer than the simulation's."""
-    count = int(np.ceil(course.dt / _STEP - 1e-9))
+    count = _substeps(course)
     h = course.dt / count
     for m in range(count):
         share = (m + 0.5) / count
@@ -291,14 +298,17 @@ def _drawn(estimate: Estimate, seed: int) -> Array:
     return np.array([estimate.theta, *drawn])
 
 
-def _free_run(estimate: Estimate, drawn: Array, course: Course, loop: _Loop | None) -> FreeRun:
+def _free_run(
+    estimate: Estimate, drawn: Array, course: Course, loop: _Loop | None, most: int | None
+) -> FreeRun:
     plant, size = Plant(estimate.model, drawn), len(drawn)
     units = estimate.robot.position_units
     limit = np.array([_LEFT[unit] for unit in units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
     state = course.state(np.full(size, start))
     q, added, left = [state.q], [], False
-    for k in range(start, len(course.t) - 1):
+    end = len(course.t) - 1 if most is None else min(start + most, len(course.t) - 1)
+    for k in range(start, end):
         at = np.full(size, k)
         if loop is not None:
             added.append(loop.torque(state, at, 0.0, 0.0)[0][0])

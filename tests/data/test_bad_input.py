@@ -535,6 +535,12 @@ def test_fuzz_npz(content: bytes, tmp_path: Path) -> None:
     survives(tmp_path / "run.npz", content, load_measurements)
 
 
+def test_an_archive_of_a_later_version_is_refused(tmp_path: Path) -> None:
+    at = GOOD_BOX.index(b"PK\x01\x02") + 6  # "version needed" of the central directory
+    later = GOOD_BOX[:at] + b"\x40" + GOOD_BOX[at + 1 :]
+    assert survives(tmp_path / "box.npz", later, lambda path: load_answers([path])) is None
+
+
 @FUZZ
 @given(content=st.one_of(mutated(GOOD_BOX), st.binary(max_size=300)))
 def test_fuzz_black_box(content: bytes, tmp_path: Path) -> None:

@@ -53,6 +53,11 @@ def address(data_folder: Path) -> Iterator[str]:
     server.shutdown()
 
 
+@pytest.fixture(autouse=True)
+def _nothing_at_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(datasets.DATA_VARIABLE, raising=False)
+
+
 @pytest.fixture(scope="module")
 def fetched(address: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Every data set's folder of runs, with what was said of it in remarks.txt."""
@@ -60,7 +65,9 @@ def fetched(address: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     out = {}
     for name in DATASETS:
         remarks: list[str] = []
-        paths = fetch(name, root, address, remarks.append)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.delenv(datasets.DATA_VARIABLE, raising=False)
+            paths = fetch(name, root, address, remarks.append)
         assert paths
         assert all(path.parent == root / name / "runs" for path in paths)
         (root / name / "remarks.txt").write_text("\n".join(remarks))
@@ -203,6 +210,7 @@ def test_offline_is_one_sentence(tmp_path: Path) -> None:
         fetch("emps", tmp_path, "http://127.0.0.1:9")
     message = str(caught.value)
     assert "DATA_EMPS.mat" in message
+    assert f"put DATA_EMPS.mat, DATA_EMPS_PULSES.mat into {tmp_path / 'emps'}" in message
     assert "check the network" in message
     assert "\n" not in message
     assert not list(tmp_path.rglob("*.csv"))
@@ -212,6 +220,16 @@ def test_offline_is_one_sentence(tmp_path: Path) -> None:
 def test_offline_with_a_filled_cache_works(fetched: dict[str, Path]) -> None:
     root = fetched["emps"].parents[1]
     assert fetch("emps", root, "http://127.0.0.1:9")
+
+
+@pytest.mark.real_data
+def test_offline_with_the_data_at_hand_works(
+    data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(datasets.DATA_VARIABLE, str(data_folder))
+    (tracking, pulses) = fetch("emps", tmp_path, "http://127.0.0.1:9")
+    assert tracking.is_relative_to(tmp_path)
+    assert pulses.is_file()
 
 
 @pytest.mark.real_data

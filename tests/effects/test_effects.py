@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
@@ -246,6 +248,27 @@ def test_ripples_of_unrelated_orders_are_no_ripples(orders: tuple[float, ...], d
     assert DriftOffset.doubt(4, [{"form": 1.0}] * 3) == ""
 
 
+def test_without_gravity_a_tilt_spans_what_lies_across_the_base() -> None:
+    (tilt,) = parse_effects("base_tilt", replace(robots()["arm"], gravity=(0.0, 0.0, 0.0)))
+    assert [p.name for p in tilt.parameters] == ["g_x", "g_y"]
+
+
+def test_what_is_known_of_a_kinematic_error_is_lengths_and_then_angles() -> None:
+    (effect,) = parse_effects("kinematic_error", robots()["arm"])
+    assert effect.plausible is not None
+    known = {(p.unit, float(d)) for p, d in zip(effect.parameters, effect.plausible, strict=True)}
+    assert known == {("m", 2e-3), ("rad", 4e-3)}
+
+
+@pytest.mark.parametrize(("at", "reads"), [(0, 1), (1, 0), (2, 1), (3, 2)])
+def test_a_curve_reads_the_joint_that_it_names(at: int, reads: int) -> None:
+    robot = robots()["arm"]
+    (curve,) = parse_effects(f"measured_curve:2@x=2@xj={at}@xlow=-9@xhigh=9@v1=-9@v2=9", robot)
+    motion = steady_motion(robot)
+    np.testing.assert_allclose(wide_columns(curve, motion)[1, :, 0], motion.dq[:, reads])
+    assert curve.of(1) == (f"dq{reads + 1}",)
+
+
 def test_a_tilt_is_told_in_degrees() -> None:
     (tilt,) = parse_effects("base_tilt", robots()["arm"])
     assert tilt.remark(0.1712) == "Here: 1 degrees."
@@ -375,3 +398,12 @@ def test_a_delay_of_all_joints_needs_more_than_one() -> None:
     for n in (1, 2, 3):
         robot = Robot.from_dh("r", [0.0] * n, [0.0] * n, [0.2] * n, "modified")
         assert bool(list(kind.starts(robot, 0))) == (n > 1)
+
+
+def test_what_says_that_it_holds_no_sign_is_the_same_over_any_width() -> None:
+    robot = robots()["tree"]
+    motion = steady_motion(robot)
+    for kind in [k for k in effect_types().values() if k.signless]:
+        narrow, wide = (kind(robot).blocks(replace(motion, sign_width=w)) for w in (1e-3, 0.5))
+        for a, b in zip(narrow, wide, strict=True):
+            np.testing.assert_array_equal(a.columns, b.columns)

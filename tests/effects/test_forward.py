@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -118,6 +120,27 @@ def test_as_a_stiff_solver_has_it() -> None:
     t = h * (np.arange(1000) + 0.5)
     ours = run(p, at_rest(p), 60.0 * np.sin(6.0 * t)[:, None], h).q[0, 0]
     assert ours == pytest.approx(exact, abs=2e-3 * abs(exact - 0.3))
+
+
+def test_friction_that_follows_the_load_follows_that_of_the_other_friction_too() -> None:
+    """u = m a + f v + 0.3 |m a + f v| sign(v), v > 0 throughout: its load is u / 1.3."""
+    sizes = {"viscous_friction": 500.0, "load_dependent_friction": 0.3}
+    p = plant("emps", "rigid_body,viscous_friction,load_dependent_friction", **sizes)
+    theta = np.where(
+        [x.effect == "load_dependent_friction" for x in p.model.parameters], 0.3, p.theta[0]
+    )
+    p = Plant(replace(p.model, reference=theta), theta)
+    mass, h = float(p.mass(np.zeros((1, 1)))[0, 0, 0]), 1e-3
+    t = h * (np.arange(80) + 0.5)
+    u = 100.0 + 50.0 * np.sin(6.0 * t)
+    start = at_rest(p)._replace(dq=np.full((1, 1), 0.1))
+    ours = run(p, start, u[:, None], h)
+
+    def f(t: float, x: Array) -> list[float]:
+        return [((100.0 + 50.0 * np.sin(6.0 * t)) / 1.3 - 500.0 * x[0]) / mass]
+
+    exact = solve_ivp(f, (0.0, 0.08), [0.1], rtol=1e-9, atol=1e-12).y[0, -1]
+    assert ours.dq[0, 0] == pytest.approx(exact, rel=2e-3)
 
 
 def test_the_step_is_solved_on_any_scale() -> None:

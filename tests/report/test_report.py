@@ -26,6 +26,7 @@ from sdp_vs_penalty.report.explorer import correlation
 from sdp_vs_penalty.report.parameters import ellipsoid, joint_poses
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.simulation.follow import follow
 
 pytest.importorskip("plotly")
 
@@ -37,6 +38,7 @@ SECTIONS = (
     "findings",
     "curves",
     "ladder",
+    "forward",
     "parameters",
     "arm",
     "friction",
@@ -118,6 +120,11 @@ def test_the_figures_are_those_of_the_models(
         assert f"{comparison.rmse[1]:.4g}" in html
     text = re.sub(r"<[^>]+>", " ", html)
     assert "coulomb_friction" in text
+    ahead = follow(list(models.values())[-1], run, steps=4838)  # what the report takes of two joints
+    assert ahead.verdict in text
+    cut = [f.seconds for f in ahead.free if not f.left]
+    assert all(seconds <= 4838 * 2e-3 for seconds in cut)
+    assert ("report --forward" in text) == bool(cut)
     assert run.names[0] in text
     last = list(models.values())[-1]
     assert last.provenance["data_hash"] in text
@@ -187,7 +194,7 @@ def test_it_draws_in_chromium(
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=6000"]
     command = ["chromium", *options, "--enable-logging=stderr", "--dump-dom", path.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert done.stdout.count('class="plot-container') == 7
+    assert done.stdout.count('class="plot-container') == 8
     assert done.stdout.count("js-line") >= 2 * (3 + 2)
     assert "Uncaught" not in done.stderr
     assert "Content Security Policy" not in done.stderr

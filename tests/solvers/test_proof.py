@@ -28,7 +28,7 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.proof import infeasibility_proof, optimum_proof, write_proof
-from sdp_vs_penalty.solvers.verified import feasible_as_written
+from sdp_vs_penalty.solvers.verified import feasible_as_written, repaired_as_written
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
 Proof = dict[str, Any]
@@ -158,6 +158,11 @@ def test_feasible_means_as_written() -> None:
     assert ConstraintSet((at_most,)).margin([0.3]) == 0.0
     assert feasible_as_written([at_most], np.array([0.29999999999999993]))
     assert not feasible_as_written([at_most], np.array([0.1 + 0.2]))
+    # What is outside as it will be written goes inside, and no farther than it must; the rest stays.
+    interior = np.array([0.1])
+    (mended,) = repaired_as_written([at_most], np.array([0.1 + 0.2]), interior)
+    assert 0.3 - 1e-15 < mended <= 0.3
+    assert repaired_as_written([at_most], np.array([0.25]), interior) == 0.25
 
 
 def test_the_checker_stands_alone(proofs: dict[str, Proof], tmp_path: Path) -> None:

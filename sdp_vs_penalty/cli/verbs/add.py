@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.runs import runs_for
+from sdp_vs_penalty.cli.runs import runs_for, words
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ def verb(
         )
         models = {"before": estimate, "after": bigger}
         before, after = compare(models, given.judge, noise_from=given.whole)
+        bigger.provenance["data"] = words(data, window)
         bigger.save(out)
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
@@ -70,6 +71,8 @@ def verb(
         console.say(f"added: {e.brief}")
     printing.certificate(bigger)
     console.written(out)
+    judge = words(data, window) if test is None else words([test], test_window)
+    console.next_step(["report", model, out, "--data", *judge, "--out", "report.html"])
 
 
 def _effects(

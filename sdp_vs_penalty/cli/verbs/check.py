@@ -58,6 +58,8 @@ def verb(
     if fix is None and any(f.mends for report in reports for f in report.problems):
         to = _beside(data)
         console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
+    elif fix is None and not any(report.meaningless for report in reports):
+        console.next_step(["identify", problem, "--data", *data, *mounting, "--out", "model.json"])
     if fix is not None and len(reports) > len(data):
         raise InputError("--fix: a run is too long to be repaired", "cut it into files of 250 000 rows")
     if fix is not None:

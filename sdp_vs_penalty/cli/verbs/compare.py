@@ -27,6 +27,7 @@ def verb(
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
     """
     from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli.runs import next_diagnosis
     from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
@@ -43,8 +44,7 @@ def verb(
     for result in results:
         console.say(result.verdict, style="bold")
     printing.judged_motion(results)
-    part = [] if window is None else ["--window", window]
-    console.next_step(["diagnose", newest, "--data", *data, *part])
+    next_diagnosis(newest, estimate, data, window)
     units = estimate.robot.torque_units
     printing.comparison(results, units)
     printing.where_it_fails(failures, units, newest)

@@ -50,6 +50,7 @@ def verb(
     Example: sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json
     """
     from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli.runs import next_diagnosis, words
     from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models
@@ -90,6 +91,7 @@ def verb(
                 console.written(proof, "it proves that nothing satisfies all constraints")
             raise
         seconds = time.perf_counter() - begin
+        estimate.provenance["data"] = words(data, window)
         estimate.save(out)
         # A black box's answers are no torque along a motion: the certificate's loss is all there is.
         fit = None
@@ -97,5 +99,7 @@ def verb(
             fit = compare_models({estimate.method: estimate}, given, noise_from=whole)[0]
     printing.estimate(estimate, fit, seconds)
     console.written(out)
+    if fit is not None:
+        next_diagnosis(out, estimate, data, window)
     if proof is not None:
         console.written(proof)

@@ -28,6 +28,9 @@ def verb(
         Path | None,
         typer.Option(metavar="findings.json", help="Diagnosis whose findings are shown."),
     ] = None,
+    forward: Annotated[
+        bool, typer.Option("--forward", help="Forward simulation of whole runs, however long it takes.")
+    ] = False,
 ) -> None:
     """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.
 
@@ -52,6 +55,7 @@ def verb(
             commands=[command],
             noise_from=whole,
             findings=findings,
+            forward=forward,
             progress=progress,
         )
     console.written(out)

@@ -76,6 +76,7 @@ def _follow(
     from typing import Any, cast
 
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.runs import next_diagnosis
     from sdp_vs_penalty.data.formats import csv
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
@@ -85,7 +86,7 @@ def _follow(
         estimate = load_estimate(model)
         made = follow(estimate, runs, drive=cast(Any, drive), seed=seed, progress=progress)
     console.say(made.verdict, style="bold")
-    console.next_step(["diagnose", model, "--data", *runs])
+    next_diagnosis(model, estimate, runs, None)
     console.table("Forward simulation against the measured motion (RMS)", *made.table())
     if made.free[0].spread is None:
         console.warn(
