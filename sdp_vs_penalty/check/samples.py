@@ -25,6 +25,8 @@ _WIDTH = 7  # samples of the median that spikes are measured from
 _FEW = 0.02  # share of the rows: more is no spike but a signal
 #: Rows in a row that lie on straight lines in every channel, or come a second time, are no chance.
 _STRAIGHT, _AGAIN = 8, 50
+#: From this share of the rows on, straight lines are how the log was resampled; gaps are longer then.
+_RESAMPLED, _GAP_TIMES = 0.3, 5.0
 #: Over a doubled row the arm seems to move at half its speed, over one held by a fast logger at its own.
 _SLOWER = 0.75
 #: A step between rows this many times the neighbours' is a hole behind a clock that was made again.
@@ -148,8 +150,11 @@ def _interpolated(run: Measurements, robot: Robot, standstill: float) -> Iterato
     bends = np.abs(np.diff(slope, axis=0)) > 1e-6 * size + 1e-9 * np.ptp(x, axis=0) / steps[1:]
     straight = ~np.any(bends, axis=1) & np.any(size > 0.0, axis=1)
     inside = np.concatenate([[False], straight, [False]])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
-    parts = [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= _STRAIGHT]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]]))).reshape(-1, 2)
+    # A converter that interpolates every row makes lines everywhere; a gap is far longer than those.
+    usual = float(np.median(np.diff(edges)[:, 0])) if inside.mean() > _RESAMPLED else 0.0
+    least = max(_STRAIGHT, _GAP_TIMES * usual)
+    parts = [(int(a), int(b)) for a, b in edges if b - a >= least]
     parts = [(a, b) for a, b in parts if movement(run, standstill).moves[a:b].mean() > 0.5]
     if not parts:
         return
