@@ -12,6 +12,7 @@ from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_
 from sdp_vs_penalty.diagnosis.scoring import (
     Beside,
     Scores,
+    bounded,
     cross_validate,
     effective,
     evidence,
@@ -162,11 +163,25 @@ class Candidates:
         for batch in self.white.batches:
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
+                if k > 1:
+                    chi2 = self._with_signs(fit, scaled, batch, scores)
                 gains = fit.joint_gains(batch.joint, chi2)
                 out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
                 continue
             out[batch.groups] = self._spread_evidence(fit, scaled, batch, scores)
         return out
+
+    def _with_signs(self, fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
+        """(G,) chi2 of a batch on one joint, as far as the signs of its parameters allow: what is
+        plausible with the wrong signs only would stand in the way of all others."""
+        chi2, joint = scores.chi2[batch.groups].copy(), batch.joint
+        assert joint is not None
+        for place, g in enumerate(batch.groups):
+            effect = self.white.groups[g].effect
+            if np.any(scores.beta[g][bounded(effect)] < 0.0):
+                columns = scaled.joints[joint][:, batch.columns[place]]
+                chi2[place] = Beside.on(fit, {joint: columns}, columns.shape[1]).solved(effect)[0]
+        return chi2
 
     @staticmethod
     def _spread_evidence(fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:

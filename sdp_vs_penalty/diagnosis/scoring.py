@@ -150,7 +150,7 @@ class Beside:
     def solved(self, effect: Effect) -> tuple[float, Array]:
         """chi2 and coefficients."""
         chi2, beta, _ = solve_group(self.gram, self.raw, self.right, signed(effect), effect.plausible)
-        if np.any(beta[[p.lower == 0.0 for p in effect.parameters]] < 0.0):
+        if np.any(beta[bounded(effect)] < 0.0):
             return _passive(self.gram, self.right)
         return chi2, beta
 
@@ -177,6 +177,11 @@ def _passive(gram: Array, right: Array) -> tuple[float, Array]:
     root = (vectors[:, kept] * np.sqrt(values[kept])).T
     beta = nnls(root, (vectors[:, kept].T @ right) / np.sqrt(values[kept]))[0]
     return float(2.0 * beta @ right - beta @ gram @ beta), beta
+
+
+def bounded(effect: Effect) -> list[bool]:
+    """Which of its parameters may not be negative."""
+    return [p.lower == 0.0 for p in effect.parameters]
 
 
 def signed(effect: Effect) -> bool:
