@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 from corruption_arms import Arm, arms
 from corruption_kinds import Corruption
+from geared_arms import geared
 from unseen_arms import DEVELOPED, JUDGES, unseen
 
 from sdp_vs_penalty import identify
@@ -189,7 +190,9 @@ def main() -> None:
     given = parser.parse_args()
     names = given.arms.split(",") if given.arms else [*TUNED_ON, *JUDGES]
     chosen = [a for a in arms(given.data) if a.name in names]
-    chosen += unseen(given.data, tuple(x for x in (*DEVELOPED, *JUDGES) if x in names))
+    others = [x for x in names if x in (*DEVELOPED, *JUDGES)]
+    chosen += unseen(given.data, tuple(x for x in others if not x.startswith("geared")))
+    chosen += [geared(int(x.removeprefix("geared"))) for x in others if x.startswith("geared")]
     cases: list[Case] = []
     seconds = 0.0
     with ProcessPoolExecutor(given.workers) as pool:

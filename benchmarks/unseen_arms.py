@@ -6,7 +6,7 @@ The simulated ones are moved by Pinocchio on links, lengths and a payload that t
 Friction is Stribeck's with another size to either side, rotors turn behind gears, torques carry noise
 whose power falls with frequency and a ripple with the motor's angle; sensors add white noise. Those
 called "drawn" are drawn whole from the number in their name, with geared rotors and friction that bends
-before it slides.
+before it slides; those called "geared" are moved by MuJoCo (geared_arms.py).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 
 DEVELOPED = (
     "scara4", "seven", "ur10e b", "tx40 b", "gantry5", "desk6", "polar3", "ur10e c", "tx40 c", "drawn1",
-    "drawn2",
+    "drawn2", "drawn31", "drawn32", "drawn33", "panda b", "ur10e d", "geared1", "geared2", "geared3",
 )  # fmt: skip
-JUDGES = ("drawn31", "drawn32", "drawn33", "panda b", "ur10e d")
+JUDGES = ("drawn51", "drawn52", "panda c", "ur10e e", "geared41", "geared42")
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,8 @@ def unseen(data: Path, names: tuple[str, ...]) -> list[Arm]:
         "tx40 b": lambda: tx40_window(data, "tx40 b", (15_000, 45_000), (0, 15_000), 10),
         "tx40 c": lambda: tx40_window(data, "tx40 c", (7_500, 36_000), (36_000, 45_000), 8),
         "ur10e d": lambda: ur10e_window(data, "ur10e d", (5.0, 30.0), (20.0, 40.0), ("19_15", "12-50")),
+        "ur10e e": lambda: ur10e_window(data, "ur10e e", (3.0, 33.0), (5.0, 30.0), ("19_14", "19_15")),
+        "panda c": lambda: panda_window(data, "panda c", (6.0, 21.0), (0.0, 6.0)),
         "panda b": lambda: panda_window(data, "panda b", (15.0, 30.0), (0.0, 14.0)),
     }
     return [real[name]() if name in real else _machine(name) for name in names]

@@ -2,8 +2,8 @@
 
 Geared joints carry the inertia of a fast rotor, and most of their torque is friction. Where a model
 lacks the one, or has the other's law wrong, a test that knows nothing else explains what is left by a
-wrong zero, a delay or a gain. So what a hypothesis explains has to stay unexplained by an arm that has,
-on each joint, a rotor and those two of a list of friction laws that explain most of what is left.
+wrong zero, a delay or a gain. So the arm that everything is judged on has, on each joint, a rotor and
+those two of a list of friction laws that explain most of what the model leaves.
 """
 
 from __future__ import annotations
@@ -35,12 +35,14 @@ def columns(motion: Motion) -> list[Array]:
     return [motion.ddq, *(np.tanh(motion.dq / width) for width in _WIDTHS), *bent]
 
 
-def widened(physics: Physics) -> Physics:
-    """The same with a rotor and two friction laws more on each joint, where the rows suffice."""
+def widened(physics: Physics, offered: Array) -> Physics:
+    """The same with a rotor and two friction laws more on each joint, where the rows suffice.
+
+    offered : (n, M, l) the columns of :func:`columns`, low-passed as the torque is.
+    """
     own, n = physics.own, physics.n
     if own is None or len(physics.channels) < _SPARE * (physics.p + n * (1 + _TAKEN)):
         return physics
-    offered = own.beyond()
     chosen = [
         [0, *_chosen(known, y, x)]
         for known, y, x in zip(physics.columns, physics.channels.T, offered, strict=True)
@@ -51,7 +53,6 @@ def widened(physics: Physics) -> Physics:
     return replace(
         physics,
         own=replace(own, columns=columns, indices=np.hstack([own.indices, indices])),
-        parent=None,
     )
 
 

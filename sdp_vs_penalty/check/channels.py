@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.evidence import solve
-from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, best_number, propose
+from sdp_vs_penalty.check.hypothesis import LEAST, Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
@@ -19,16 +18,14 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
-_SMALLEST_GAIN, _GROSS_GAIN, _ANY_DRIVE = 0.06, 0.2, 1.0
+_SMALLEST_GAIN, _GROSS_GAIN = 0.06, 0.2
+#: A model of channels that differ by less is wrong by as much, but not meaningless.
+_MEANINGLESS = 0.5
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
 _UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.1129848: "lbf in"}
 #: Delays and time constants [s] that are tried.
 _LATE = (-0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12)
 _SLOW = (0.0, 0.05, 0.12, 0.25)
-#: Where friction makes more than this share of a channel, its lag behind reversals (presliding) looks
-#: like a small delay: so much gain of the score is needed then, unless a delay of the whole channel
-#: explains so much more than one of the friction alone.
-_FRICTION, _FRICTION_NEEDED, _MORE = 0.5, 2.3, 0.5
 #: Shares of the weight that may be left in a channel.
 _WEIGHTS = (-0.05, 0.0, 0.1, 0.3, 1.0)
 _MOSTLY_GONE = 0.5
@@ -49,7 +46,7 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             return physics.with_channels(scaled(log), same).evidence.score
 
         found = best_number(score, np.log(_GAINS).tolist())
-        unit = next((u for u in _UNITS if abs(found - np.log(u)) < 0.1), None)
+        unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
         if abs(found) < np.log1p(_SMALLEST_GAIN):
             continue
         factor = float(np.exp(found)) if unit is None else unit
@@ -62,15 +59,15 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         yield propose(
             partial(Physics.with_channels, scale=scale, order=same), 2, texts,
             partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
-            gross=abs(found) > np.log1p(_GROSS_GAIN), number=_gained(found, scaled),
+            gross=abs(found) > np.log1p(_GROSS_GAIN),
+            severity="error" if abs(found) > np.log1p(_MEANINGLESS) else "warning",
+            number=Number(found, partial(_gained, scaled)),
         )  # fmt: skip
 
 
-def _gained(log: float, scaled: Callable[[float], Array]) -> Number | None:
-    """None for gains that no drive has: a channel of little but noise fits any."""
-    if abs(log) > _ANY_DRIVE:
-        return None
-    return Number(log, lambda x: lambda p: p.with_channels(scaled(x), np.arange(p.n)))
+def _gained(scaled: Callable[[float], Array], log: float) -> Callable[[Physics], Physics]:
+    scale = scaled(log)
+    return partial(Physics.with_channels, scale=scale, order=np.arange(len(scale)))
 
 
 def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -83,11 +80,6 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
 
         delay = best_number(partial(score, order=2), _LATE)
         slow = best_number(partial(score, order=1), _SLOW)
-        rubs = _own_share(physics, int(j)) > _FRICTION
-        enough = events.friction_lag(physics, one) - _MORE if rubs else np.inf
-        needed = [
-            ENOUGH if score(s, k) < enough else _FRICTION_NEEDED for s, k in ((delay, 2), (slow, 1))
-        ]
         if abs(delay) > 0.005:
             word = "later" if delay > 0.0 else "earlier"
             yield propose(
@@ -99,7 +91,7 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                     f"shift tau{j + 1} in time (and log all channels from one source)",
                 ),
                 partial(shifted_channel, j=int(j), seconds=delay),
-                severity="warning", needed=needed[0], joints=[int(j) + 1], seconds=delay,
+                severity="warning", joints=[int(j) + 1], seconds=delay,
             )  # fmt: skip
         if slow > 0.01:
             yield propose(
@@ -110,7 +102,7 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                     f"{_hertz(slow)}; the other torques have not.",
                     f"log tau{j + 1} unfiltered, or filter every channel alike and without lag",
                 ),
-                None, severity="warning", needed=needed[1], joints=[int(j) + 1], seconds=slow,
+                None, severity="warning", joints=[int(j) + 1], seconds=slow,
             )  # fmt: skip
 
 
@@ -118,9 +110,7 @@ def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis
     """All torques passed through the same causal filter."""
     one = np.ones(physics.n)
     slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.score, _SLOW)
-    if slow > 0.005 and physics.with_lead(slow * one, 1).evidence.score < events.friction_lag(
-        physics, one
-    ):
+    if slow > 0.005:
         yield propose(
             partial(Physics.with_lead, seconds=slow * one, order=1), 2,
             (
@@ -195,12 +185,3 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             gross=x < _MOSTLY_GONE,
             number=Number(x - 1.0, partial(_weighing, left)),
         )  # fmt: skip
-
-
-def _own_share(physics: Physics, j: int) -> float:
-    """Share of a channel's energy that joint j's own motion explains: friction, offset, rotor."""
-    if physics.own is None or not physics.own.columns.shape[2]:
-        return 0.0
-    columns, y = physics.own.columns[j], physics.channels[:, j]
-    cross = columns.T @ y
-    return float(cross @ solve(columns.T @ columns, cross[:, None])[:, 0]) / max(float(y @ y), 1e-300)

@@ -9,19 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import channels, gravity, motion, order, signs, steps
-from sdp_vs_penalty.check.evidence import FLOOR
 from sdp_vs_penalty.check.hypothesis import (
     ABOUT_SAME,
     GROSS,
-    HALVES,
     LEAST,
-    NO_WORSE,
     Hypothesis,
     few_rows,
 )
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
-from sdp_vs_penalty.robot.arrays import Array
 
 #: Above this share of the energy, half of the torque, the arm's dynamics do not make these torques.
 _UNRELATED = 0.25
@@ -92,13 +88,11 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
     for gain, hypothesis in known + sorted(near, key=lambda f: f[1].simplicity):
         if gain < hypothesis.needed_for(physics):
             continue
-        holds = _holds_in_both_halves(physics, hypothesis, gain)
-        if holds and hypothesis.needed_beyond(physics, gain):
+        if hypothesis.pays(physics, gain) and hypothesis.determined(physics):
             return hypothesis
-    numbers = [(gain, h) for gain, h in judged if h.number is not None]
+    numbers = [(gain, h) for gain, h in judged if h.number is not None and gain > LEAST]
     for gain, hypothesis in sorted(numbers, key=lambda f: -f[0])[:1]:
-        sure = hypothesis.known_by_number(physics, gain)
-        if sure and hypothesis.needed_beyond(physics, gain):
+        if hypothesis.pays(physics, gain) and hypothesis.determined(physics):
             return replace(hypothesis, issue=replace(hypothesis.issue, severity="warning"))
     return signs.weak_signs(physics) or gravity.hanging(physics)
 
@@ -120,30 +114,3 @@ def _worth_a_look(
             if gain > least:
                 found.append((gain, hypothesis))
     return found
-
-
-def _holds_in_both_halves(physics: Physics, hypothesis: Hypothesis, gain: float) -> bool:
-    if hypothesis.once:
-        return True
-    if hypothesis.gross:
-        # It shows in either half, judged by the arms of the whole run: arms of their own, from a short
-        # half, can make up for much of it.
-        before, after = (np.log(_halves(p)).sum(axis=1) for p in (physics, hypothesis.apply(physics)))
-        return bool(min(before - after) > 0.5 * HALVES * gain)
-    half = len(physics.motion.t) // 2
-    parts = [physics.part(rows) for rows in (slice(0, half), slice(half, None))]
-    gains = [hypothesis.gain(part) for part in parts]
-    return min(gains) > -NO_WORSE and sum(gains) > HALVES * min(gain, 3.0)
-
-
-def _halves(physics: Physics) -> Array:
-    """(2, n) mean square of what one arm leaves of each channel, over its energy, in either half."""
-    left = np.column_stack(
-        [
-            y - c @ physics.evidence.theta
-            for c, y in zip(physics.columns, physics.channels.T, strict=True)
-        ]
-    )
-    half = len(left) // 2
-    found = [np.mean(part**2, axis=0) for part in (left[:half], left[half:])]
-    return np.maximum(np.array(found) / physics.energy, FLOOR)

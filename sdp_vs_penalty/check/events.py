@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, solve
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.robot.arrays import Array
 
 #: A delay is named where it makes at least a fifth of the squared error ...
 _BETTER = 0.8
@@ -20,8 +18,6 @@ _SAMPLES = 2.0
 _SIGNIFICANT = 5.0
 #: Delays too long for the first order that are tried [s].
 _TRIED = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
-#: Lags of friction behind the motion that are tried [s].
-_LAGS = (0.002, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1)
 #: An event is a peak of the error this many times higher than every other one. Two peaks of one
 #: cause (a reversal of friction) differ far less.
 _ALONE = 3.0
@@ -48,8 +44,6 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
     halves = [_fit_delay(physics.part(k)).seconds for k in (slice(0, half), slice(half, None))]
     if min(found / fit.seconds for found in halves) < 0.5:
         return
-    if not beats_friction(physics, fit.seconds):
-        return
     kind, where, what, remedy = delay_texts(fit.seconds)
     yield Issue(
         kind,
@@ -62,25 +56,6 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
         lambda given: shifted(given, fit.seconds),
         {"seconds": fit.seconds, "std": fit.deviation, "error_share_left": share},
     )
-
-
-def beats_friction(physics: Physics, seconds: float) -> bool:
-    """Whether a delay of the channels explains more than a lag of all friction, the arm's own, and is
-    still there beside what the model may lack."""
-    late = physics.with_delay(seconds)
-    if late.evidence.score > friction_lag(physics, np.ones(physics.n)):
-        return False
-    rivals = _fit_delay(beyond.widened(physics))
-    share = rivals.error_with / rivals.error
-    return bool(share < _BETTER and rivals.seconds / seconds > 0.5)
-
-
-def friction_lag(physics: Physics, joints: Array) -> float:
-    """The score with the lag of these joints' (n, ones) friction that explains most.
-
-    Friction that bends before it slides comes after the motion, and is no delay of the channel.
-    """
-    return min(physics.with_own_late(s * joints).evidence.score for s in _LAGS)
 
 
 def delay_texts(seconds: float) -> tuple[str, str, str, str]:

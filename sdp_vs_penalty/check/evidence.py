@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,6 +28,8 @@ _RIDGE = 1e-9
 #: Residuals below this share of the energy (0.3 % of the torque) are explained: less says nothing.
 FLOOR = 1e-5
 _ROUNDS = 3
+#: Parts of the run that are left out in turn.
+PARTS = 8
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,25 @@ class Evidence:
     @property
     def score(self) -> float:
         return float(np.log(self.shares).sum())
+
+
+def in_parts(columns: Sequence[Array], channels: Array) -> list[Evidence]:
+    """The evidence of each of the run's parts, one after the other."""
+    cut = np.linspace(0, len(channels), PARTS + 1).astype(int)
+    parts = [([c[a:b] for c in columns], channels[a:b]) for a, b in pairwise(cut)]
+    return [Evidence.of(np.array([c.T @ c for c in own]), own, y) for own, y in parts]
+
+
+def without_each(parts: list[Evidence]) -> list[Evidence]:
+    """The evidence of the run without each of these parts."""
+    gram, cross, energy = (sum(getattr(e, x) for e in parts) for x in ("gram", "cross", "energy"))
+    return [Evidence(gram - e.gram, cross - e.cross, energy - e.energy) for e in parts]
+
+
+def left_out(columns: Sequence[Array], channels: Array) -> Array:
+    """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
+    parts = in_parts(columns, channels)
+    return np.array([p._shares(e.theta) for p, e in zip(parts, without_each(parts), strict=True)])
 
 
 def solve(gram: Array, right: Array) -> Array:

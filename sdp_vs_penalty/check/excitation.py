@@ -68,14 +68,14 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
 
 
 def regression_of(physics: Physics) -> Regression:
-    """The rows of the test, compressed."""
-    t = physics.motion.t
+    """The rows of the test, compressed, of the model alone."""
+    t, own = physics.motion.t, len(physics.model.parameters)
     edges = np.linspace(0, len(t), min(_BLOCKS, max(len(t) // 4, 2)) + 1).astype(int).tolist()
     blocks, factors = [], []
     for b, (start, stop) in enumerate(pairwise(edges)):
         rows = slice(start, stop)
         for j, columns in enumerate(physics.columns):
-            used = np.flatnonzero(np.any(columns != 0.0, axis=0))
+            used = np.flatnonzero(np.any(columns[:, :own] != 0.0, axis=0))
             stack = np.column_stack([columns[rows][:, used], physics.channels[rows, j]])
             factors.append(Factor(j, b, used, triangular([stack]), stop - start))
         blocks.append(TimeBlock(0, float(t[start]), float(t[stop - 1])))

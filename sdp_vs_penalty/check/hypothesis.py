@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check import beyond
-from sdp_vs_penalty.check.evidence import Evidence
+from sdp_vs_penalty.check.evidence import PARTS, in_parts, without_each
 from sdp_vs_penalty.check.issue import Issue, Repair
 from sdp_vs_penalty.check.physics import Physics
 
@@ -25,9 +23,9 @@ GROSS = 0.5
 _SETTLED = 0.35
 #: Of hypotheses that gain about the same (this much, and this share of the gain), the simpler one.
 ABOUT_SAME = (0.4, 0.07)
-#: The halves of the run, each with an arm of its own, have to show this share of the gain together, and
-#: neither may speak against it.
-HALVES, NO_WORSE = 0.5, 0.1
+#: Left out of the fit, the parts of the run have to show this share of the gain in the mean, and so many
+#: of the eight have to speak for it.
+HALF, _NEARLY_ALL, _MOST = 0.5, 7, 5
 #: Of signs that leave about the same, physics chooses.
 NEAR = 1.5
 #: Standard deviations by which a power must be negative to call it a flipped sign.
@@ -35,16 +33,13 @@ SIGNIFICANT = 5.0
 #: Correlation of the torque with a plausible arm's weight from which on weight has a sign; below minus
 #: this it acts upwards.
 AGREES = 0.5
-#: Of what it gains it keeps this share where rotors and friction of other laws compete with it.
-BEYOND = 0.5
 #: Rows for hypotheses that need new columns each.
 _FEW_ROWS = 200
-#: A number that may be wrong (a gain, a clock's rate, a share of the weight) is believed where it gains
-#: less, too, if it lies so many standard deviations from what the file says, and gains this much; twice
-#: as many where it is no grosser than an arm's own imperfections.
-SIGMAS, LEAST = 4.0, 0.15
-#: Parts of the run that are left out in turn, and steps to either side, as a share of the number.
-_PARTS, _STEP = 8, 0.3
+#: A number (a gain, a zero, a clock's rate) is known where it lies so many standard deviations from what
+#: the file says; then it is worth a warning from this gain on, too.
+SIGMAS, LEAST = 8.0, 0.15
+#: Steps to either side, as a share of the number.
+_STEP = 0.3
 
 
 @dataclass(frozen=True)
@@ -64,29 +59,16 @@ class Number:
         """
         h = _STEP * self.value
         points = self.value + h * np.array([-1.0, 0.0, 1.0])
-        cut = np.linspace(0, len(physics.motion.t), _PARTS + 1).astype(int)
-        parts = [slice(a, b) for a, b in pairwise(cut)]
-        scores = np.array([_without(self.at(float(x))(physics), parts) for x in points])
+        tried = [self.at(float(x))(physics) for x in points]
+        scores = np.array(
+            [[e.score for e in without_each(in_parts(p.columns, p.channels))] for p in tried]
+        )
         bend = scores[0] - 2.0 * scores[1] + scores[2]
         if np.any(bend <= 0.0):
             return 0.0
         found = self.value + 0.5 * h * (scores[0] - scores[2]) / bend
-        spread = np.sqrt((_PARTS - 1) / _PARTS * np.sum((found - found.mean()) ** 2))
+        spread = np.sqrt((PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2))
         return float(abs(found.mean()) / max(float(spread), 1e-300))
-
-
-def _without(physics: Physics, parts: list[slice]) -> list[float]:
-    """The score of the rows without each of these parts."""
-    each = [
-        Evidence.of(
-            np.array([c[rows].T @ c[rows] for c in physics.columns]),
-            [c[rows] for c in physics.columns],
-            physics.channels[rows],
-        )
-        for rows in parts
-    ]
-    gram, cross, energy = (sum(getattr(e, x) for e in each) for x in ("gram", "cross", "energy"))
-    return [Evidence(gram - e.gram, cross - e.cross, energy - e.energy).score for e in each]
 
 
 @dataclass(frozen=True)
@@ -119,15 +101,19 @@ class Hypothesis:
         left = self.apply(physics).evidence.contradiction
         return GROSS if left < _SETTLED * physics.evidence.contradiction else self.needed
 
-    def known_by_number(self, physics: Physics, gain: float) -> bool:
-        """Whether its number is certainly not what the file says, however little it gains."""
-        sure = SIGMAS if self.gross else 2.0 * SIGMAS
-        return bool(self.number is not None and gain > LEAST and self.number.sigmas(physics) > sure)
+    def determined(self, physics: Physics) -> bool:
+        """Whether its number is certainly not what the file says; True where it has none."""
+        return self.number is None or self.number.sigmas(physics) > SIGMAS
 
-    def needed_beyond(self, physics: Physics, gain: float) -> bool:
-        """Whether it gains about as much for an arm with what the model may lack, on either side."""
-        before, after = beyond.widened(physics), beyond.widened(self.apply(physics))
-        return before.evidence.score - after.evidence.score > BEYOND * gain
+    def pays(self, physics: Physics, gain: float) -> bool:
+        """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.
+
+        What happens once need not show everywhere, but in most of them.
+        """
+        before, after = physics.left_out, self.apply(physics).left_out
+        each = np.log(before / after).sum(axis=1)
+        least = _MOST if self.once else _NEARLY_ALL
+        return bool(np.mean(each) > HALF * min(gain, 3.0) and np.sum(each > 0.0) >= least)
 
     def stated(self, physics: Physics) -> Issue:
         """The issue, with what the hypothesis explains of these data."""

@@ -80,7 +80,7 @@ def motion_repair(scale: Array, order: NDArray[np.intp], offset: Array | float =
 def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A delay so long that it spoils the test of everything else."""
     seconds = events.long_delay(physics)
-    if seconds == 0.0 or not events.beats_friction(physics, seconds):
+    if seconds == 0.0:
         return
     yield propose(
         lambda p: p.with_delay(seconds),
@@ -215,11 +215,15 @@ def zero_offset(
     change = " and ".join(
         f"{x:+.5g} {robot.position_units[j]} to q{j + 1}" for j, x in zip(joints, shifts, strict=True)
     )
+
+    def at(share: float) -> Callable[[Physics], Physics]:
+        return partial(Physics.with_motion, scale=one, order=same, offset=share * offset)
+
     # What brings a joint back into its range needs no other reason.
     known = beside_range(robot, physics.motion.q) == joints
     known &= not beside_range(robot, physics.motion.q + offset)
     return propose(
-        partial(Physics.with_motion, scale=one, order=same, offset=offset),
+        at(1.0),
         0 if known else 2 + len(joints),
         (
             "encoder offset", joints_text(joints),
@@ -227,7 +231,7 @@ def zero_offset(
             f"add {change}",
         ),
         motion_repair(one, same, offset), gross=gross, joints=[j + 1 for j in joints],
-        shifts=list(shifts),
+        shifts=list(shifts), number=Number(1.0, at),
     )  # fmt: skip
 
 

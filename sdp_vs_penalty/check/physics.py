@@ -12,14 +12,14 @@ all joints sharing one theta: that couples them, so that E knows a channel's sig
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import Evidence, solve
+from sdp_vs_penalty.check.evidence import Evidence, left_out, solve
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.arrays import Array
@@ -36,22 +36,18 @@ class Own:
     """Columns that each joint's own motion makes (friction, offset, rotor), low-passed as the torque is.
 
     Friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
-    their parameters sit in theta; beyond makes (n, M, l) columns of what the model may lack (see
-    beyond.py), for hypotheses. To exchange joints or turn them round exchanges or turns columns.
+    their parameters sit in theta, those of what the model may lack (see beyond.py) behind the model's.
+    To exchange joints or turn them round exchanges or turns columns.
     """
 
     columns: Array
     indices: NDArray[np.intp]
-    beyond: Callable[[], Array]
 
     def part(self, rows: slice | NDArray[np.intp]) -> Own:
-        return replace(self, columns=self.columns[:, rows], beyond=lambda: self.beyond()[:, rows])
+        return replace(self, columns=self.columns[:, rows])
 
     def moved(self, scale: Array, order: NDArray[np.intp]) -> Own:
-        sign = np.sign(scale)[:, None, None]
-        return replace(
-            self, columns=sign * self.columns[order], beyond=lambda: sign * self.beyond()[order]
-        )
+        return replace(self, columns=np.sign(scale)[:, None, None] * self.columns[order])
 
 
 @dataclass(frozen=True)
@@ -81,6 +77,15 @@ class Physics:
         """Length of theta: the model's parameters, and those of what was added beyond the model."""
         own = -1 if self.own is None else int(self.own.indices.max(initial=-1))
         return max(len(self.model.parameters), own + 1)
+
+    @property
+    def narrow(self) -> Physics:
+        """Without what the model may lack."""
+        if self.own is None:
+            return self
+        k = int(np.sum(self.own.indices[0] < len(self.model.parameters)))
+        own = Own(self.own.columns[:, :, :k], self.own.indices[:, :k])
+        return replace(self, own=own, parent=None)
 
     @cached_property
     def energy(self) -> Array:
@@ -119,6 +124,11 @@ class Physics:
     def evidence(self) -> Evidence:
         """What one arm explains of the channels."""
         return Evidence.of(self.grams, self.columns, self.channels)
+
+    @cached_property
+    def left_out(self) -> Array:
+        """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
+        return left_out(self.columns, self.channels)
 
     def _other_channels(self, channels: Array, rate: Array) -> Physics:
         """Other channels on the same motion: the columns, which are dear, are kept."""
@@ -160,21 +170,6 @@ class Physics:
                 late = (whole.motion.t, whole.channels[:, j], whole.rate[:, j])
                 channels[:, j] = hermite(whole.motion.t[rows] + seconds[j], *late)
         return self._other_channels(channels, self.rate)
-
-    def with_own_late(self, seconds: Array) -> Physics:
-        """What joint j's own motion makes (its friction) comes ``seconds`` (n,) after the motion."""
-        whole, rows = self.parent or (self, np.arange(len(self.channels)))
-        if whole.own is None or self.own is None:
-            return self
-        t, columns, grams = whole.motion.t, list(self.columns), self.grams.copy()
-        for j in np.flatnonzero(seconds):
-            late = [np.interp(t[rows] - seconds[j], t, x) for x in whole.own.columns[j].T]
-            columns[j] = columns[j].copy()
-            columns[j][:, self.own.indices[j]] = np.column_stack(late)
-            grams[j] = columns[j].T @ columns[j]
-        made = replace(self, parent=None)
-        made.__dict__.update(columns=columns, grams=grams)
-        return made
 
     def without(self, torque: Array) -> Physics:
         """The channels less a torque (M, n)."""
@@ -259,6 +254,8 @@ class Physics:
         friction = [
             k for k, p in enumerate(self.model.parameters) if "friction" in p.effect and p.lower == 0.0
         ]
+        if friction:  # further laws of it, behind the rotors
+            friction += range(len(self.model.parameters) + self.n, self.p)
         power, deviation = np.zeros(self.n), np.full(self.n, np.inf)
         for j, columns in enumerate(self.columns):
             own = [k for k in friction if np.any(columns[:, k])]
@@ -291,10 +288,12 @@ class Physics:
         weightless = turned_gravity(self.model, (0.0, 0.0, 0.0))
         m = self.motion
         pushed = wide_columns(weightless, Motion(m.t, m.q, rest, m.ddq))
-        rigid = np.zeros(len(self.model.parameters))
-        rigid[self.model.rigid_indices] = 1.0
         gram = sum(w * c.T @ c for w, c in zip(weights, self.columns, strict=True))
-        slope = rigid * sum(c.T @ a for c, a in zip(pushed, m.ddq.T, strict=True)) / len(m.t)
+        own, rigid = len(self.model.parameters), self.model.rigid_indices
+        slope = np.zeros(self.p)
+        slope[rigid] = (sum(c.T @ a for c, a in zip(pushed, m.ddq.T, strict=True)) / len(m.t))[rigid]
+        if self.p > own:
+            slope[own : own + self.n] = np.mean(m.ddq**2, axis=0)
         influence = solve(np.asarray(gram, float), slope[:, None])[:, 0]
         power = np.array(
             [
@@ -309,7 +308,7 @@ class Physics:
     def determined(self, cutoff: float, share: float = 1.0) -> bool:
         """Whether a share of the run, low-passed at ``cutoff`` [Hz], has samples to spare for theta."""
         seconds = float(self.motion.t[-1] - self.motion.t[0])
-        return bool(2.0 * cutoff * seconds * share * self.n > _SPARE * len(self.model.parameters))
+        return bool(2.0 * cutoff * seconds * share * self.n > _SPARE * self.p)
 
 
 def own_effects(model: Model) -> list[int]:

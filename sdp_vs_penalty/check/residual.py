@@ -37,17 +37,22 @@ def overall(evidence: Evidence) -> float:
 
 
 def find(
-    evidence: Evidence, problem: Problem, moving: NDArray[np.bool_], tried: bool
+    evidence: Evidence, wide: Evidence, problem: Problem, moving: NDArray[np.bool_], tried: bool
 ) -> Iterator[Issue]:
-    """A warning where what is left over is more than such an arm leaves. tried : whether causes were."""
-    shares, alone = evidence.shares, evidence.alone
+    """A warning where what is left over is more than such an arm leaves. tried : whether causes were.
+
+    evidence : of the rows and the model of an identification, which is quoted; wide : of an arm with
+    rotors and further laws of friction (see beyond.py). What that one explains is the model's matter.
+    """
+    shares, alone = evidence.shares, np.minimum(evidence.alone, wide.alone)
     total = overall(evidence) ** 0.5
+    least = np.minimum(shares, wide.shares)
+    ratio = np.minimum(shares / evidence.alone, wide.shares / wide.alone)
     usual = _TYPICAL[problem.torque_side]
-    ratio = shares / np.maximum(alone, 1e-5)
-    against = moving & (ratio > _CONTRADICTS) & (np.sqrt(shares) > _AT_LEAST)
+    against = moving & (ratio > _CONTRADICTS) & (np.sqrt(least) > _AT_LEAST)
     poor = moving & (alone > _OWN)
-    middle = float(np.median(np.sqrt(shares[moving]))) if moving.any() else 0.0
-    far = moving & (np.sqrt(shares) > max(_FAR * middle, _FAR_AT_LEAST)) & ~against & ~poor
+    middle = float(np.median(np.sqrt(least[moving]))) if moving.any() else 0.0
+    far = moving & (np.sqrt(least) > max(_FAR * middle, _FAR_AT_LEAST)) & ~against & ~poor
     figures = {"percent": (100.0 * np.sqrt(shares)).round(2).tolist(), "overall_percent": 100.0 * total}
     listed = ", ".join(f"{100.0 * x:.2g}" for x in np.sqrt(shares))
     rest = (
@@ -72,7 +77,7 @@ def find(
                 "look at that channel: `diagnose` draws what is left; check its source, gain and zero",
                 None, {**figures, "joints": (where + 1).tolist()},
             )  # fmt: skip
-    if total > _TIMES * usual and not (against | poor | far).any():
+    if min(total, overall(wide) ** 0.5) > _TIMES * usual and not (against | poor | far).any():
         worst = int(np.argmax(np.where(moving, shares * evidence.energy, 0.0)))
         yield Issue(
             "unexplained torque", "warning", joints_text([worst]),

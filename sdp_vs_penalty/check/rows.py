@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +60,9 @@ def physics_of(
     def known(motion: Motion) -> list[Array]:
         return [np.column_stack([e.column(motion, j) for j in range(model.robot.n)]) for e in effects]
 
-    kept = Own(_stacked(own, known), indices, cache(partial(_stacked, own, beyond.columns)))
-    return Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
+    kept = Own(_stacked(own, known), indices)
+    given = Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
+    return beyond.widened(given, _stacked(own, beyond.columns))
 
 
 def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64]) -> tuple[tuple[Array, ...], _Dense]:

@@ -85,7 +85,9 @@ def _single_channels(run: Measurements, physics: Physics) -> Iterator[Issue]:
     """Channels in another unit than the others, where no other joint's torque tells their gain."""
     effort = np.array([joint.effort for joint in physics.model.robot.joints])
     over = np.abs(run.tau).max(axis=0) / np.where(effort > 0.0, effort, np.inf)
-    modelled = np.column_stack([columns @ physics.nominal for columns in physics.columns])
+    modelled = np.column_stack(
+        [columns[:, : len(physics.nominal)] @ physics.nominal for columns in physics.columns]
+    )
     ratio = np.linalg.norm(physics.channels, axis=0) / np.maximum(
         np.linalg.norm(modelled, axis=0), 1e-3 * np.linalg.norm(modelled) + 1e-300
     )
@@ -170,5 +172,7 @@ def _unit(size: float, possible: tuple[float, float]) -> tuple[float, str] | Non
 
 def _ratio_to_nominal(physics: Physics) -> float:
     """Size of the measured torque over that of the nominal arm's on the same motion."""
-    modelled = np.column_stack([columns @ physics.nominal for columns in physics.columns])
+    modelled = np.column_stack(
+        [columns[:, : len(physics.nominal)] @ physics.nominal for columns in physics.columns]
+    )
     return float(np.linalg.norm(physics.channels) / max(float(np.linalg.norm(modelled)), 1e-300))

@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
+from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
+    Beside,
     Scores,
+    bounded,
     cross_validate,
     effective,
     evidence,
     score_library,
-    solve_group,
+    signed,
 )
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
@@ -49,7 +51,7 @@ class Candidate:
 
     @property
     def signed(self) -> bool:
-        return _signed(self.effect)
+        return signed(self.effect)
 
 
 class Candidates:
@@ -161,11 +163,25 @@ class Candidates:
         for batch in self.white.batches:
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
+                if k > 1:
+                    chi2 = self._with_signs(fit, scaled, batch, scores)
                 gains = fit.joint_gains(batch.joint, chi2)
                 out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
                 continue
             out[batch.groups] = self._spread_evidence(fit, scaled, batch, scores)
         return out
+
+    def _with_signs(self, fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
+        """(G,) chi2 of a batch on one joint, as far as the signs of its parameters allow: what is
+        plausible with the wrong signs only would stand in the way of all others."""
+        chi2, joint = scores.chi2[batch.groups].copy(), batch.joint
+        assert joint is not None
+        for place, g in enumerate(batch.groups):
+            effect = self.white.groups[g].effect
+            if np.any(scores.beta[g][bounded(effect)] < 0.0):
+                columns = scaled.joints[joint][:, batch.columns[place]]
+                chi2[place] = Beside.on(fit, {joint: columns}, columns.shape[1]).solved(effect)[0]
+        return chi2
 
     @staticmethod
     def _spread_evidence(fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
@@ -177,7 +193,8 @@ class Candidates:
         columns = scaled.robot[:, :, batch.columns[likely].ravel()].reshape(len(fit.residual), -1, k)
         beta = np.array([scores.beta[g] for g in batch.groups[likely]])
         # What is left is linear in the columns: they are combined before the model is partialled out.
-        left = fit.residual[:, None] - fit.partialled(np.einsum("ngk,gk->ng", columns, beta))
+        taken = np.einsum("ngk,gk->ng", columns, beta)
+        left = fit.residual[:, None] - taken + fit.Q @ (fit.Q.T @ taken)
         after = fit.weighting.level[:, None] ** 2 * fit.rows.joint_sums(left**2)
         freedom = float(k)
         if batch.known is not None:
@@ -185,13 +202,6 @@ class Candidates:
             freedom = effective(z.T @ z, batch.known)
         out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
         return out
-
-    @staticmethod
-    def _evidence(fit: WhiteFit, partialled: Array, beta: Array, known: Array | None) -> float:
-        left = fit.residual - partialled @ beta
-        gain = fit.likelihood_gain(fit.chi2_of(left))
-        freedom = len(beta) if known is None else effective(partialled.T @ partialled, known)
-        return float(evidence(gain, freedom))
 
     def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:
         """The candidate with its shape constants moved to where they explain most.
@@ -240,7 +250,10 @@ class Candidates:
     def _as_sized(self, fit: WhiteFit, start: Candidate) -> Candidate:
         """The candidate with the shape constant that is its size."""
         effect = start.effect
-        sized = effect.with_shape(**{effect.sized_shape: float(start.beta[0])})
+        value = effect.as_sized(float(start.beta[0]))
+        if effect.shapes[effect.sized_shape].complaint(value):
+            return start
+        sized = effect.with_shape(**{effect.sized_shape: value})
         return self.solve(fit, start.key, sized, self.white_columns(sized))
 
     @staticmethod
@@ -253,14 +266,14 @@ class Candidates:
         """What an effect takes from the squared residual; one joint's from that joint's rows alone."""
         if effect.whole_robot or effect.needs_links or len(effect.joints) != 1:
             return self.solve(fit, (effect.name, None), effect, self.white_columns(effect)).chi2
-        joint, M = effect.joints[0], len(fit.rows.block)
-        mine = slice(joint * M, (joint + 1) * M)
+        joint = effect.joints[0]
         which = effect.name, joint, tuple(effect.shape.values())
         white = self._columns.get(which)
         if white is None:
             white = self.noise.whiten(self.rows.column(effect, joint), joint, self.pieces[joint])
             self._columns[which] = white
-        return _solved(fit.weighting.apply(white, joint), fit.Q[mine], fit.residual[mine], effect)[0]
+        own = {joint: fit.weighting.apply(white, joint)}
+        return Beside.on(fit, own, white.shape[1]).solved(effect)[0]
 
     def white_columns(self, effect: Effect) -> Array:
         """(n M, k) white columns of any effect."""
@@ -269,13 +282,15 @@ class Candidates:
         return white.reshape(-1, raw.shape[2])
 
     def solve(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
-        chi2, beta = _solved(fit.scaled(columns), fit.Q, fit.residual, effect)
+        chi2, beta = Beside.of(fit, columns).solved(effect)
         return Candidate(key, effect, chi2, beta, 0.0, columns)
 
     def judged(self, fit: WhiteFit, key: Key, effect: Effect, columns: Array) -> Candidate:
-        found = self.solve(fit, key, effect, columns)
-        partialled = fit.partialled(fit.scaled(columns))
-        return replace(found, evidence=self._evidence(fit, partialled, found.beta, effect.plausible))
+        beside, known = Beside.of(fit, columns), effect.plausible
+        chi2, beta = beside.solved(effect)
+        freedom = len(beta) if known is None else effective(beside.gram, known)
+        value = float(evidence(fit.likelihood_gain(beside.left(fit, beta)), freedom))
+        return Candidate(key, effect, chi2, beta, value, columns)
 
     def block_gains(self, fit: WhiteFit, scaled: Library, candidate: Candidate) -> Array:
         """(B,) cross-validated gains, the shape chosen anew in each fold."""
@@ -323,34 +338,6 @@ def highest(value_at: Callable[[float], float], low: float, high: float) -> None
     bend, slope, _ = np.polyfit(x[top - 1 : top + 2] - x[top], y[top - 1 : top + 2], 2)
     if bend < 0.0:
         at(x[top] + float(np.clip(-0.5 * slope / bend, x[top - 1] - x[top], x[top + 1] - x[top])))
-
-
-def _solved(columns: Array, Q: Array, residual: Array, effect: Effect) -> tuple[float, Array]:
-    """chi2 and coefficients of weighted columns beside the basis Q, from the residual that Q leaves."""
-    C = Q.T @ columns
-    gram, raw = columns.T @ columns - C.T @ C, np.sum(columns**2, axis=0)
-    right = columns.T @ residual
-    chi2, beta, _ = solve_group(gram, raw, right, _signed(effect), effect.plausible)
-    if np.any(beta[[p.lower == 0.0 for p in effect.parameters]] < 0.0):
-        return _passive(gram, right)
-    return chi2, beta
-
-
-def _passive(gram: Array, right: Array) -> tuple[float, Array]:
-    """chi2 and coefficients of non-negative least squares (Lawson and Hanson 1974), from the partialled
-    gram (k, k) and z'r (k,)."""
-    from scipy.optimize import nnls
-
-    values, vectors = np.linalg.eigh(gram)
-    kept = values > ROUNDING * values[-1]
-    root = (vectors[:, kept] * np.sqrt(values[kept])).T
-    beta = nnls(root, (vectors[:, kept].T @ right) / np.sqrt(values[kept]))[0]
-    return float(2.0 * beta @ right - beta @ gram @ beta), beta
-
-
-def _signed(effect: Effect) -> bool:
-    parameters = effect.parameters
-    return len(parameters) == 1 and parameters[0].lower == 0.0
 
 
 def _averaged(values: Array) -> float:

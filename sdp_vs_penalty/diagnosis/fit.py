@@ -204,6 +204,14 @@ class WhiteFit:
         return self.chi2_of(self.residual)
 
     @cached_property
+    def joint_products(self) -> tuple[Array, Array]:
+        """(n, r, r) Q'Q and (n, r) Q'r of each joint's rows."""
+        n = self.rows.n
+        Q, r = self.Q.reshape(n, len(self.Q) // n, -1), self.residual.reshape(n, -1, 1)
+        across = Q.transpose(0, 2, 1)
+        return across @ Q, (across @ r)[:, :, 0]
+
+    @cached_property
     def degrees(self) -> Array:
         """(n,) degrees of freedom of each joint: rows less its share of the model's rank."""
         leverage = self.rows.joint_sums(np.sum(self.Q**2, axis=1))

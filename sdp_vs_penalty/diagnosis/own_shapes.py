@@ -241,11 +241,10 @@ def refitted_beside(now: Estimate, state: SearchState, found: Sequence[ShapeEsti
     """The model refitted beside the picks, with other constants."""
     stage = state.stage
     model = replace(now.model, effects=with_shapes(now.model.effects, found))
-    gains = np.ones(stage.rows.n) if model.gains is None else np.array(model.gains)
     columns, moved = stage.columns.copy(), np.zeros(len(now.theta), bool)
     for effect, indices in zip(model.effects, model.indices, strict=True):
         if any(s.effect == effect.name and s.joint in effect.joints for s in found):
-            columns[:, :, indices] = gains[:, None, None] * spread_columns(stage.rows, effect)
+            columns[:, :, indices] = spread_columns(stage.rows, effect)
             moved[indices] = True
     change = columns[:, :, moved] - stage.columns[:, :, moved]
     residual = stage.residual - (change @ now.theta[moved]).T

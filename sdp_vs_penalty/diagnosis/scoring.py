@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -74,6 +75,13 @@ def solve_group(
     gram: Array, raw: Array, right: Array, signed: bool, known: Array | None = None
 ) -> tuple[float, Array, float]:
     """chi2, coefficients and absorbed share from partialled gram (k, k), raw energies, z'r (k,)."""
+    if len(raw) == 1:  # what a search asks most often
+        left, energy, pull = float(gram[0, 0]), float(raw[0]), float(right[0])
+        if not energy > 0.0:
+            return 0.0, np.zeros(1), 1.0
+        used = left > ROUNDING * energy and not (signed and pull < 0.0)
+        b = pull / left if used else 0.0
+        return b * pull, np.array([b]), min(max(1.0 - left / energy, 0.0), 1.0)
     chi2, beta, absorbed = solve_groups(gram[None], raw[None], right[None], signed, known)
     return float(chi2[0]), beta[0], float(absorbed[0])
 
@@ -106,6 +114,80 @@ def solve_groups(
     weighted = part / np.where(good, values, 1.0)
     beta = np.where(alive[:, None], scale * np.einsum("gij,gj->gi", vectors, weighted), 0.0)
     return np.sum(part * weighted, axis=1), beta, absorbed
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Weighted columns z of an effect beside the basis Q of a fit: C = Q'z (r, k), what Q leaves of
+    their gram (k, k), their raw energies and z'r (k,); own : z by joint, of those that it acts on."""
+
+    C: Array
+    gram: Array
+    raw: Array
+    right: Array
+    own: dict[int, Array]
+
+    @classmethod
+    def of(cls, fit: WhiteFit, columns: Array) -> Beside:
+        """From white columns (n M, k)."""
+        M = len(fit.rows.block)
+        parts = enumerate(columns.reshape(fit.rows.n, M, -1))
+        return cls.on(fit, {j: fit.weighting.apply(z, j) for j, z in parts if z.any()}, columns.shape[1])
+
+    @classmethod
+    def on(cls, fit: WhiteFit, own: dict[int, Array], k: int) -> Beside:
+        """From weighted columns (M, k) of some joints."""
+        M, C = len(fit.rows.block), np.zeros((fit.Q.shape[1], k))
+        gram, raw, right = np.zeros((k, k)), np.zeros(k), np.zeros(k)
+        for j, z in own.items():
+            mine = slice(j * M, (j + 1) * M)
+            C += fit.Q[mine].T @ z
+            gram += z.T @ z
+            raw += np.einsum("mk,mk->k", z, z)
+            right += z.T @ fit.residual[mine]
+        return cls(C, gram - C.T @ C, raw, right, own)
+
+    def solved(self, effect: Effect) -> tuple[float, Array]:
+        """chi2 and coefficients."""
+        chi2, beta, _ = solve_group(self.gram, self.raw, self.right, signed(effect), effect.plausible)
+        if np.any(beta[bounded(effect)] < 0.0):
+            return _passive(self.gram, self.right)
+        return chi2, beta
+
+    def left(self, fit: WhiteFit, beta: Array) -> Array:
+        """(n,) squared weighted residual of each joint that these coefficients leave, in units of noise:
+        of joints on which it does not act, from what the model takes up alone."""
+        M, c = len(fit.rows.block), self.C @ beta
+        grams, pulls = fit.joint_products
+        squares = fit.joint_chi2 / fit.weighting.level**2 + 2.0 * pulls @ c + (grams @ c) @ c
+        for j, z in self.own.items():
+            mine = slice(j * M, (j + 1) * M)
+            left = fit.residual[mine] - z @ beta + fit.Q[mine] @ c
+            squares[j] = left @ left
+        return fit.weighting.level**2 * squares
+
+
+def _passive(gram: Array, right: Array) -> tuple[float, Array]:
+    """chi2 and coefficients of non-negative least squares (Lawson and Hanson 1974), from the partialled
+    gram (k, k) and z'r (k,)."""
+    from scipy.optimize import nnls
+
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > ROUNDING * values[-1]
+    root = (vectors[:, kept] * np.sqrt(values[kept])).T
+    beta = nnls(root, (vectors[:, kept].T @ right) / np.sqrt(values[kept]))[0]
+    return float(2.0 * beta @ right - beta @ gram @ beta), beta
+
+
+def bounded(effect: Effect) -> list[bool]:
+    """Which of its parameters may not be negative."""
+    return [p.lower == 0.0 for p in effect.parameters]
+
+
+def signed(effect: Effect) -> bool:
+    """Whether an effect has one coefficient, which may not be negative."""
+    parameters = effect.parameters
+    return len(parameters) == 1 and parameters[0].lower == 0.0
 
 
 def evidence(chi2: Array | float, k: Array | float) -> Array:

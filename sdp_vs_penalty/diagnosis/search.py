@@ -63,18 +63,21 @@ def search(
             if other is None:
                 break
             now, state = other, SearchState.start(staged(other))
-        other = adopted(now, state, beside_the_best(estimate, now, state))
-        if other is not None:
-            now, state = other, SearchState.start(staged(other))
+        first = next_pick(state)
+        # Friction laws that a filter of all channels bends have no constants of their own beside it.
+        if first is None or not (first.candidate.effect.needs_torque and first.candidate.key[1] is None):
+            other = adopted(now, state, beside_the_best(estimate, now, state))
+            if other is not None:
+                now, state = other, SearchState.start(staged(other))
+                first = next_pick(state)
+        if first is not None and first.candidate.effect.needs_torque:
+            # What a late or smoothed torque does at reversals has been taken for the model's own
+            # constants, and its column is of a model that was identified without it.
+            state = state.with_picks([first])
+            for _ in range(_ADOPTIONS):
+                now = refitted_beside(now, state, profiled(estimate, now, state))
+                state = reshaped(state.on(staged(now)))
     progress("searching for what is missing")
-    first = None if frozen else next_pick(state)
-    if first is not None and first.candidate.effect.needs_torque:
-        # What a late or smoothed torque does at reversals has been taken for the model's own constants,
-        # and its column is of a model that was identified without it.
-        state = state.with_picks([first])
-        for _ in range(_ADOPTIONS):
-            now = refitted_beside(now, state, profiled(estimate, now, state))
-            state = reshaped(state.on(staged(now)))
     state = search_through(state)
     for _ in range(0 if frozen else _ADOPTIONS):
         if not state.picks:

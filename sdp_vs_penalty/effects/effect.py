@@ -184,6 +184,10 @@ class Effect(ABC):
         measured, and enter every fit as observations; None: nothing is known."""
         return None
 
+    def as_sized(self, size: float) -> float:
+        """The value of the shape constant that follows the effect's ``size``, when that was found."""
+        return size
+
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) : its own."""
         return torque

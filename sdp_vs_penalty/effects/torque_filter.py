@@ -1,4 +1,4 @@
-"""Torque channels that pass a low-pass filter."""
+"""Torque channels that pass a low-pass filter, or were smoothed afterwards."""
 
 from __future__ import annotations
 
@@ -14,17 +14,23 @@ from sdp_vs_penalty.robot.robot import Robot
 
 class TorqueFilter(Effect):
     name = "torque_filter"
-    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s)"
+    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T) H(-T)"
     explanation = (
         "All torques are logged behind one low-pass filter of the time constant T, of which the "
-        "positions know nothing: a drive's current filter, which also delays. T_f is T where all of the "
-        "torque passes the filter."
+        "positions know nothing: a drive's current filter, which also delays (phase late), or one that "
+        "looks both ways, as a mean of samples does (phase zero: tau_hat without the links' torque). "
+        "T is T_f: all of the torque passes."
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     needs_torque = True
+    forward = "left out"  # no instant's torque is known from that instant's reading
     has_memory = True
     whole_robot = True
-    shapes = {"T": Shape(0.01, "s", grid=(0.002, 0.004, 0.008, 0.016, 0.032), bounds=(0.0005, 0.06))}
+    shapes = {
+        "T": Shape(0.005, "s"),
+        "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
+    }
+    sized_shape = "T"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -35,14 +41,25 @@ class TorqueFilter(Effect):
         # On a single joint friction and inertia are one torque: what is filtered of it is not told.
         return super().starts(robot, joint) if robot.n > 1 else []
 
+    @property
+    def needs_links(self) -> bool:  # type: ignore[override]
+        return self.shape["phase"] == 2.0
+
     def blocks(self, motion: Motion) -> list[Block]:
         T, torque = self.shape["T"], motion.model_torque
-        change = (lagging(torque, motion.t, T) - torque) / T
+        if self.needs_links:
+            # The links' torque is smooth, but for the noise of its accelerations, which the measured
+            # torque has none of: to smooth it away would always help.
+            torque = torque - motion.link_torque
+        passed = lagging(torque, motion.t, T)
+        if self.needs_links:
+            passed = lagging(passed[::-1], motion.t, T)[::-1]
+        change = (passed - torque) / T
         return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
 
-    def remark(self, size: float) -> str:
-        share = size / self.shape["T"]
-        return "" if abs(share - 1.0) < 0.3 else f"Only a share of {share:.2g} of the torque passes it."
+    def as_sized(self, size: float) -> float:
+        # What looks both ways has no first order: T_f goes as the square of the true constant over T.
+        return size if self.shape["phase"] == 1.0 else float(np.sqrt(self.shape["T"] * max(size, 0.0)))
 
 
 def lagging(x: Array, t: Array, T: float) -> Array:
@@ -64,7 +81,7 @@ def lagging(x: Array, t: Array, T: float) -> Array:
 
 
 def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    T = log_uniform(rng, 0.004, 0.02)
+    T, both = log_uniform(rng, 0.004, 0.02), bool(rng.random() < 0.5)
 
     def behind(x: Array, t: Array) -> Array:  # the trapezium rule, a sample at a time
         y = x.copy()
@@ -74,7 +91,11 @@ def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffec
         return y
 
     def change(w: TrueRobot, m: Motion, a: float) -> Array:
-        tau = w.torque(m)
-        return a * (behind(tau, m.t) - tau)
+        tau = w.torque(m) - (w.rigid(m) if both else 0.0)
+        passed = behind(tau, m.t)
+        if both:
+            passed = behind(passed[::-1], -m.t[::-1])[::-1]
+        return a * (passed - tau)
 
-    return HiddenEffect("torque_filter", (), change, details={"shape": {"T": T}}, unit=T, theta=(T,))
+    shape = {"T": T, "phase": 1.0 + both}
+    return HiddenEffect("torque_filter", (), change, details={"shape": shape}, unit=T, theta=(T,))

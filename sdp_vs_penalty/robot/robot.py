@@ -127,15 +127,15 @@ class Robot:
             return torque
         return np.einsum("ln,kl...->kn...", self.mechanism.matrix, torque)
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         return tuple(joint.name for joint in self.joints)
 
-    @property
+    @cached_property
     def position_units(self) -> tuple[str, ...]:
         return tuple("m" if j.kind == "prismatic" else "rad" for j in self.joints)
 
-    @property
+    @cached_property
     def torque_units(self) -> tuple[str, ...]:
         return tuple("N" if j.kind == "prismatic" else "N*m" for j in self.joints)
 

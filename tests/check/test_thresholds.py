@@ -41,7 +41,6 @@ def test_a_delay_is_one_only_beyond_its_uncertainty(
 ) -> None:
     fit = events._DelayFit(sign * sigmas * 0.1, 0.1, 1.0, 1e-3)
     monkeypatch.setattr(events, "_fit_delay", lambda _: fit)
-    monkeypatch.setattr(events, "beats_friction", lambda *_: True)
     t = np.arange(0.0, 100.0, 1e-3)
     zero = np.zeros((len(t), N))
     found = list(events.delay(Measurements(t, zero, zero), physics(0.0)))

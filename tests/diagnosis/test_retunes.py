@@ -11,7 +11,12 @@ from random_arms import SCARA_FRICTION, run_of, scara
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.diagnosis.own_shapes import refitted_beside
 from sdp_vs_penalty.diagnosis.retunes import retunes
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import prepare
+from sdp_vs_penalty.diagnosis.state import SearchState
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
@@ -44,6 +49,16 @@ def estimate(run: Measurements, tmp_path_factory: pytest.TempPathFactory) -> Est
 @pytest.fixture(scope="module")
 def found(estimate: Estimate, run: Measurements) -> Diagnosis:
     return diagnose(estimate, run, run)
+
+
+def test_known_gains_enter_the_columns_of_a_constant_once(estimate: Estimate, run: Measurements) -> None:
+    model = Model(estimate.robot, estimate.model.effects, gains=(0.8, 1.0, 1.2, 1.5))
+    known = replace(estimate, model=model)
+    rows = diagnosis_rows(run, known, known.preprocessing.resolve(run))
+    state = SearchState.start(prepare(rows, known, frozen=False, seed=0))
+    same = [ShapeEstimate("coulomb_friction", j, "v_s", 0.01, 0.01, 0.0, 0.0, False) for j in range(4)]
+    with_columns_anew, as_it_was = (refitted_beside(known, state, found) for found in (same, []))
+    np.testing.assert_allclose(with_columns_anew.theta, as_it_was.theta, rtol=1e-6, atol=1e-9)
 
 
 def test_no_effect_is_named_for_a_wrong_constant(found: Diagnosis) -> None:

@@ -82,3 +82,20 @@ def test_the_threshold_is_that_of_columns_beside_the_model(state: SearchState) -
     signs = np.random.default_rng(7).choice([-1.0, 1.0], (200, fit.rows.blocks))
     expected = float(np.quantile(_exponent(largest_wald(sums, signs), len(index)), 0.99))
     assert flip_threshold(fit, library, {key}, 7) == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_only_forbidden_signs_explain_is_not_plausible(state: SearchState) -> None:
+    """It would head the list, and keep all others from being tried."""
+    stage, fit = state.stage, state.fit
+    place, group = next(
+        (g, x) for g, x in enumerate(stage.white.groups) if x.key == ("maxwell_slip", 0) and x.k > 1
+    )
+    pushing = fit.partialled(fit.scaled(stage.white.columns(group).reshape(len(fit.residual), -1)))
+    pushed = replace(fit, residual=-50.0 * pushing[:, 1] / np.linalg.norm(pushing[:, 1]))
+    allowed = stage.candidates.judged(
+        pushed, group.key, group.effect, stage.white.columns(group).reshape(len(fit.residual), -1)
+    )
+    assert np.all(allowed.beta >= 0.0)
+    assert allowed.chi2 < 500.0  # of 2 500
+    coarse = stage.candidates._coarse(pushed, state.scaled)
+    assert coarse[place] == pytest.approx(allowed.evidence, rel=0.05, abs=5.0)

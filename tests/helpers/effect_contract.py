@@ -53,7 +53,7 @@ def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     q = rng.normal(size=robot.n) + np.outer(t, v) + a * np.sin(wave) / 3.0
     dq, ddq = v + a * np.cos(wave), -3.0 * a * np.sin(wave)
     links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
-    torque = robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * np.sign(dq)
+    torque = robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * np.sign(dq) + 0.1 * dq
     warm = 20.0 + 300.0 * np.outer(t, 1.0 + np.arange(robot.n))
     return Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm)
 

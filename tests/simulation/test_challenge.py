@@ -63,6 +63,13 @@ def test_hidden_effects_are_found_and_clean_robots_are_clean() -> None:
     assert judge.abstained(run_case(Case("unknown_strong", "encoder", 1000, 10))[1])
 
 
+def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends() -> None:
+    """A moving average of 40 ms has the second moment of a filter and its mirror image of 8.2 ms."""
+    (found,) = run_case(Case("clean", "smoothed", 3300, 0))[1]["found"]
+    assert (found["effect"], found["shape"]["phase"]) == ("torque_filter", 2.0)
+    assert found["size"] == pytest.approx(0.04 / np.sqrt(24.0), rel=0.2)
+
+
 def test_a_contact_is_an_event_not_an_effect() -> None:
     record = run_case(Case("disturbance", "encoder", 1000, 9))[1]
     assert record["truth"][0]["kind"] == "contact"
