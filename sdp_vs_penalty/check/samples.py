@@ -15,8 +15,10 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import movement, moving_joints
 
-#: A stuck channel stays for so long [s], and this many times longer than it is constant elsewhere.
-_STUCK_SECONDS, _STUCK_TIMES = 0.2, 3.0
+#: A stuck channel stays for so long [s], and this many times longer than it is constant elsewhere; the
+#: rows before, over which a joint that comes to rest has slowed down.
+_STUCK_SECONDS, _STUCK_TIMES, _SLOWING = 0.2, 3.0, 10
+_MOVES = 0.9  # share of those rows in which another joint moves
 #: A spike leaves its neighbours by so many times their usual scatter, and this share of the range.
 _SPIKE, _SPIKE_RANGE, _ZERO_RANGE = 40.0, 0.25, 0.05
 _WIDTH = 7  # samples of the median that spikes are measured from
@@ -258,16 +260,17 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
 
 def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
     """A channel that repeats its value bit by bit while the arm moves, and did not slow down before."""
-    moves = movement(run, standstill).moves
+    moving = np.concatenate([[0], np.cumsum(movement(run, standstill).moves)])
     idle = ~moving_joints(run)
     for name, values in (("q", run.q), ("tau", run.tau)):
         for j in range(run.n):
             x = values[:, j]
             if np.ptp(x) == 0.0 or (name == "q" and idle[j]):
                 continue
-            held = (np.diff(x) == 0.0) & moves[1:] & moves[:-1]
+            held = np.diff(x) == 0.0
             edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
             parts = edges.reshape(-1, 2)
+            parts = parts[np.diff(moving[parts])[:, 0] > _MOVES * np.diff(parts)[:, 0]]
             if not len(parts):
                 continue
             lengths = np.sort(parts[:, 1] - parts[:, 0])[::-1]
@@ -277,11 +280,14 @@ def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue
             at_an_end = x[a] in (x.min(), x.max())
             if seconds < _STUCK_SECONDS or lengths[0] < _STUCK_TIMES * elsewhere or lengths[0] < 10:
                 continue
-            step = np.abs(np.diff(x))
+            # A joint that comes to rest slows down first, and does not jump when it starts again; a
+            # channel that freezes does. Over several rows: a slow joint's encoder counts one by one.
+            step, width = np.abs(np.diff(x)), min(_SLOWING, len(x) - 1)
             usual = float(np.median(step[step > 0.0]))
-            jump, before = float(step[min(b, len(step) - 1)]), float(step[max(a - 1, 0)])
-            # A joint that comes to rest slows down first; a channel that freezes does not.
-            if at_an_end or (name == "q" and jump < 4.0 * usual and before < 0.5 * usual):
+            travel = np.abs(x[width:] - x[:-width])
+            jump, before = float(step[min(b, len(step) - 1)]), float(abs(x[a] - x[max(a - width, 0)]))
+            slowed = before < 0.5 * float(np.median(travel[travel > 0.0]))
+            if at_an_end or (name == "q" and jump < 4.0 * usual and slowed):
                 continue
             word = "position" if name == "q" else "torque"
 

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.report.plots import (
     SIGNALS,
     Curves,
     band_figure,
+    envelope,
     friction_figure,
     ladder_figure,
     residual_figure,
+    scatter_rows,
     styled,
     torque_figure,
 )
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def torque_chart(
@@ -28,12 +35,25 @@ def torque_chart(
 
     span : the seconds to look at; a long run shows more detail there.
     """
-    edge = 0.0 if span is None else 0.25 * (span[1] - span[0])  # so that curves leave the picture
-    wider = None if span is None else (span[0] - edge, span[1] + edge)
-    plot = torque_figure([run], [joint], units, beside=False, span=wider)
+    t, unit, cut = run.t - run.t[0], units[joint], slice(None)
+    ranges = {}
     if span is not None:
-        plot.update_xaxes(range=list(span))
-    return _ready(styled(plot, 420))
+        edge = 0.25 * (span[1] - span[0])  # so that curves leave the picture
+        cut = slice(*np.searchsorted(t, (span[0] - edge, span[1] + edge)))
+        ranges = {"range": list(span)}
+    measured = run.torque[cut, joint]
+    both = [(m[cut, joint], measured - m[cut, joint]) for m in run.modelled.values()]
+    values = [envelope(t[cut], y) for y in (measured, *(y for pair in both for y in pair))]
+    axes = {"xaxis": ranges, "xaxis2": ranges}
+    axes |= {"yaxis": _title(f"joint {joint + 1} [{unit}]"), "yaxis2": _title(f"left [{unit}]")}
+    return _filled(_torque_frame(tuple(run.modelled)), values, axes)
+
+
+@lru_cache(32)
+def _torque_frame(names: tuple[str, ...]) -> dict[str, Any]:
+    zeros = np.zeros((2, 1))
+    run = Curves(np.zeros(2), zeros, dict.fromkeys(names, zeros))
+    return _ready(styled(torque_figure([run], [0], [""], beside=False), 420))
 
 
 def asked_span(event: Any) -> tuple[float, float] | bool | None:
@@ -75,7 +95,14 @@ def ladder_chart(
 
 def friction_chart(curve: Mapping[str, Any], joint: int, unit: str) -> dict[str, Any]:
     """Friction of a joint (from 0) over its velocity; curve : velocity, torque, half."""
-    return _ready(styled(friction_figure(**curve, joint=joint, unit=unit), 300))
+    v, torque, half = (np.asarray(curve[name]) for name in ("velocity", "torque", "half"))
+    values = [(v, torque + half), (v, torque - half), (v, torque)]
+    return _filled(_friction_frame(unit), values, {"yaxis": _title(f"joint {joint + 1} [{unit}]")})
+
+
+@lru_cache(8)
+def _friction_frame(unit: str) -> dict[str, Any]:
+    return _ready(styled(friction_figure([0.0], [0.0], [0.0], 0, unit), 300))
 
 
 def missing_chart(curve: Curve, units: Sequence[str]) -> dict[str, Any]:
@@ -92,15 +119,51 @@ def residual_chart(
     """What is left of one joint's torque against one of SIGNALS."""
     x = read[signal] if signal == "t" else read[signal][:, joint]
     left, dq = read["torque"][:, joint] - read["modelled"][:, joint], read["dq"][:, joint]
-    plot = residual_figure(x, left, dq, floor)
-    plot.update_xaxes(title_text=SIGNALS[signal])
-    plot.update_yaxes(title_text=f"error of joint {joint + 1} [{unit}]")
-    return _ready(styled(plot, 320))
+    axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(f"error of joint {joint + 1} [{unit}]")}
+    return _filled(_residual_frame(floor), [(x[k], left[k]) for k in scatter_rows(dq)], axes)
+
+
+@lru_cache(32)
+def _residual_frame(floor: float | None) -> dict[str, Any]:
+    zeros = np.zeros(2)
+    return _ready(styled(residual_figure(zeros, zeros, zeros, floor), 320))
 
 
 def merged(first: Curves, last: Curves) -> Curves:
     """The same run with the curves of two models."""
     return Curves(first.t, first.torque, {**first.modelled, **last.modelled})
+
+
+def _title(text: str) -> dict[str, Any]:
+    return {"title": {"text": text}}
+
+
+def _filled(
+    frame: dict[str, Any], values: Iterable[tuple[Array, Array]], axes: Mapping[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """A chart with other curves and axes: plotly's objects take twenty times as long as its data."""
+    layout = {
+        **frame["layout"],
+        **{name: {**frame["layout"][name], **axis} for name, axis in axes.items()},
+    }
+    data = [
+        {**trace, "x": _short(x), "y": _short(y)}
+        for trace, (x, y) in zip(frame["data"], values, strict=True)
+    ]
+    return {**frame, "layout": layout, "data": data}
+
+
+def _short(values: ArrayLike) -> list[float]:
+    """Six significant digits of each.
+
+    >>> _short([0.12345678, -3e-9, 0.0])
+    [0.123457, -3e-09, 0.0]
+    """
+    x = np.asarray(values, float)
+    with np.errstate(divide="ignore"):
+        size = np.floor(np.log10(np.abs(x)))
+    scale = 10.0 ** np.where(np.isfinite(size), 5.0 - size, 0.0).clip(-300.0, 300.0)
+    return (np.round(x * scale) / scale).tolist()
 
 
 def _ready(plot: Any) -> dict[str, Any]:
@@ -111,7 +174,8 @@ def _ready(plot: Any) -> dict[str, Any]:
     for trace, made in zip(data["data"], plot.data, strict=True):
         for axis in ("x", "y"):
             values = made[axis]
-            trace[axis] = [v if isinstance(v, str) else float(f"{v:.6g}") for v in values]
+            words = len(values) > 0 and isinstance(values[0], str)
+            trace[axis] = list(values) if words else _short(values)
     data["layout"].pop("template", None)
     data["config"] = {"displayModeBar": False, "responsive": True}
     return data

@@ -55,12 +55,10 @@ def torque_figure(
     joints: Sequence[int],
     units: Sequence[str],
     beside: bool = True,
-    span: tuple[float, float] | None = None,
 ) -> Any:
     """Measured and modelled torque of joints (from 0) and what is left, run after run.
 
-    units : of every joint; beside : what is left stands at the right of the torques, else below them;
-    span : the seconds to draw, all of the points there; default: everything.
+    units : of every joint; beside : what is left stands at the right of the torques, else below them.
     """
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
@@ -84,16 +82,13 @@ def torque_figure(
     for index, run in enumerate(runs):
         t = run.t - run.t[0] + start
         start = float(t[-1]) + 1.0
-        cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
-        t, torque = t[cut], run.torque[cut]
         for k, j in enumerate(joints):
             first = index == 0 and k == 0
-            plot.add_trace(curve(t, torque[:, j], "measured", MEASURED, 2.0, first), **place(k, 1))
+            plot.add_trace(curve(t, run.torque[:, j], "measured", MEASURED, 2.0, first), **place(k, 1))
             for m, (name, modelled) in enumerate(run.modelled.items()):
                 colour = COLOURS[m % len(COLOURS)]
-                predicted = modelled[cut, j]
-                plot.add_trace(curve(t, predicted, name, colour, 1.2, first), **place(k, 1))
-                left = torque[:, j] - predicted
+                plot.add_trace(curve(t, modelled[:, j], name, colour, 1.2, first), **place(k, 1))
+                left = run.torque[:, j] - modelled[:, j]
                 plot.add_trace(curve(t, left, name, colour, 1.2, False), **place(k, 2))
     for k, j in enumerate(joints):
         plot.update_yaxes(title_text=f"joint {j + 1} [{units[j]}]", **place(k, 1))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.check import Report, check
+from sdp_vs_penalty.check import Report, check, samples
 from sdp_vs_penalty.check.gravity import FreeGravity
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of as rows_of
@@ -336,6 +336,22 @@ def test_silence_on_real_ur10e_and_emps(data_folder: Path) -> None:
             assert {f.kind for f in report.problems} == {"idle joints", "poor excitation"}
         else:
             assert not report.problems, (run.names, [f.what for f in report.problems])
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_a_joint_that_rests_between_two_moves_is_not_frozen(frozen: bool, two_link: Problem) -> None:
+    """From point to point, with an encoder that counts one by one; and stopped in mid-motion."""
+    t, rest = np.arange(0.0, 16.0, 0.002), 0.0 if frozen else 1.2
+    into = np.clip(t / 3.0, 0.0, 1.0)
+    later = np.maximum(t - 3.0 - rest, 0.0)
+    slow = 0.6 * (10.0 * into**3 - 15.0 * into**4 + 6.0 * into**5) - 0.3 * (1.0 - np.cos(1.5 * later))
+    slow = np.round(slow * 2**15) / 2**15
+    if frozen:
+        slow = np.where((t > 1.0) & (t < 2.5), slow[500], slow)
+    q, tau = np.column_stack([np.sin(3.0 * t), slow]), np.column_stack([np.cos(t), np.sin(t)])
+    run = Measurements(t, q, tau)
+    found = [issue.kind for issue in samples.find(run, two_link.robot, 0.005)]
+    assert ("frozen position" in found) == frozen, found
 
 
 @pytest.mark.real_data

@@ -27,14 +27,21 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.page import archive, uploads, worker
-from sdp_vs_penalty.page.charts import asked_span, torque_chart
+from sdp_vs_penalty.page.charts import asked_span, friction_chart, residual_chart, torque_chart
 from sdp_vs_penalty.page.gate import Gate
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import MOST, Sessions
 from sdp_vs_penalty.page.workshop import Cancelled, Work, Workshop
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.report.plots import Curves, envelope
+from sdp_vs_penalty.report.plots import (
+    Curves,
+    envelope,
+    friction_figure,
+    residual_figure,
+    styled,
+    torque_figure,
+)
 from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
 
 #: A job of seconds.
@@ -683,6 +690,32 @@ def test_long_curves_are_drawn_by_their_envelope() -> None:
     inside = [x for x in part["data"][0]["x"] if 100.0 <= x <= 100.4]
     assert len(inside) == 401  # every sample
     assert json.dumps(whole)
+
+
+def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
+    rng = np.random.default_rng(0)
+    t, units = np.arange(300) / 100.0, ["N m", "N m"]
+    q, dq, tau, one, two = rng.normal(size=(5, 300, 2))
+    run, floor = Curves(t, tau, {"a": one, "b": two}), 0.3
+    read = {"q": q, "dq": dq, "torque": tau, "modelled": one, "t": t}
+    residual = residual_figure(q[:, 1], tau[:, 1] - one[:, 1], dq[:, 1], floor)
+    residual.update_xaxes(title_text="position").update_yaxes(title_text="error of joint 2 [N m]")
+    curve = {"velocity": t, "torque": q[:, 0], "half": np.abs(dq[:, 0])}
+    for made, plot, height in (
+        (torque_chart(run, 1, units), torque_figure([run], [1], units, beside=False), 420),
+        (residual_chart(read, 1, "q", "N m", floor), residual, 320),
+        (friction_chart(curve, 1, "N m"), friction_figure(**curve, joint=1, unit="N m"), 300),
+    ):
+        asked = styled(plot, height)
+        asked.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
+        expected = asked.update_yaxes(fixedrange=True).to_dict()
+        expected["layout"].pop("template", None)
+        assert made["layout"] == expected["layout"]
+        for trace, drawn in zip(made["data"], plot.data, strict=True):
+            for axis in ("x", "y"):
+                np.testing.assert_allclose(trace.pop(axis), drawn[axis], rtol=1e-5)
+            drawn = drawn.to_plotly_json()
+            assert trace == {k: v for k, v in drawn.items() if k not in ("x", "y")}
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,16 @@ class Judge:
         return float(np.sqrt(self._squares(joint).sum() / max(count, 1)))
 
     def _squares(self, joint: int) -> Array:
-        """(cells,) squared error, each cell left out."""
+        """(cells,) squared error, each cell left out; worked out once a joint."""
+        if joint not in self._known:
+            self._known[joint] = self._left_out(joint)
+        return self._known[joint]
+
+    @cached_property
+    def _known(self) -> dict[int, Array]:
+        return {}
+
+    def _left_out(self, joint: int) -> Array:
         stage, left = self.state.stage, np.zeros(len(self.fold))
         for f, curves in zip(np.unique(self.fold), self.curves, strict=True):
             out = self.fold == f

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -59,14 +60,19 @@ class Factors:
 
 @dataclass(frozen=True)
 class Smooth:
-    """c (k,) : coefficients; P (k, k) : the penalty; evidence : 2 log BF; chi2 : drop of the squared
-    residual; edf : effective degrees of freedom."""
+    """c (k,) : coefficients; P, D (k, k) : the penalty, and what the data say; evidence : 2 log BF;
+    chi2 : drop of the squared residual."""
 
     c: Array
     P: Array
     evidence: float
     chi2: float
-    edf: float
+    D: Array
+
+    @cached_property
+    def edf(self) -> float:
+        """Effective degrees of freedom."""
+        return float(np.trace(np.linalg.solve(self.D + self.P, self.D)))
 
 
 def smooth(f: Factors, penalties: Sequence[Array], fine: bool = False) -> Smooth:
@@ -83,8 +89,7 @@ def smooth(f: Factors, penalties: Sequence[Array], fine: bool = False) -> Smooth
     best = int(np.argmax(values))
     P, value = P[best], float(values[best])
     c = np.linalg.solve(f.D + P, f.s)
-    edf = float(np.trace(np.linalg.solve(f.D + P, f.D)))
-    return Smooth(c, P, value, float(2.0 * c @ f.s - c @ f.D @ c), edf)
+    return Smooth(c, P, value, float(2.0 * c @ f.s - c @ f.D @ c), f.D)
 
 
 def block_scores(fit: WhiteFit, Z: Array, C: Array, joint: int, overlap: Array) -> Array:
