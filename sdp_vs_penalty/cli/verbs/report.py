@@ -32,7 +32,7 @@ def verb(
         bool, typer.Option("--forward", help="Forward simulation of whole runs, however long it takes.")
     ] = False,
 ) -> None:
-    """Write one self-contained HTML file: torques, errors, parameters, certificate, data check.
+    """Write one self-contained HTML file: torques, errors, simulation, parameters, certificate, check.
 
     Example: sdp-vs-penalty report model.json model2.json --data test.csv --out report.html
     """

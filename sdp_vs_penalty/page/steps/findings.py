@@ -24,21 +24,6 @@ from sdp_vs_penalty.page.wording import (
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
 
-_VERDICTS = {
-    "effect_missing": "The model is missing an effect; the findings below account for all visible "
-    "error.",
-    "nothing_missing": "Nothing is missing that these measurements could show.",
-    "unknown_effect": "Something unknown is missing: repeatable error remains that no effect of the "
-    "library explains.",
-}
-
-#: Where no motion repeats, the noise is a guess from the error itself: it cannot show that all is found.
-_GUESSED = {
-    "effect_missing": "The model is missing an effect; whether the findings below account for all of "
-    f"its error {NOISE_UNKNOWN}",
-    "nothing_missing": f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}",
-}
-
 
 def _depends(session: Session) -> Any:
     found = None if session.findings is None else session.findings.to_dict()
@@ -69,9 +54,7 @@ def _draw(view: View) -> None:
             "soft",
         )
         return
-    known = found.noise_source == "repetition"
-    said = (_VERDICTS if known else _VERDICTS | _GUESSED)[found.verdict]
-    tag("p", said, f"verdict {found.verdict}")
+    tag("p", found.headline, f"verdict {found.verdict}")
     added = session.added
     open_texts = [f.text for f in found.effects if f.text not in added]
     with tag("ol", style="findings"):
