@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from sdp_vs_penalty.check.evidence import PARTS
+from sdp_vs_penalty.check.hypothesis import NEARLY_ALL
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, solve
 from sdp_vs_penalty.data.measurements import Measurements
@@ -18,6 +21,8 @@ _SAMPLES = 2.0
 _SIGNIFICANT = 5.0
 #: Delays too long for the first order that are tried [s].
 _TRIED = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
+#: What a part of the run may differ by, in its standard deviations.
+_SAME = 3.0
 #: An event is a peak of the error this many times higher than every other one. Two peaks of one
 #: cause (a reversal of friction) differ far less.
 _ALONE = 3.0
@@ -40,9 +45,10 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
     step = float(np.median(np.diff(run.t)))
     if share > _BETTER or abs(fit.seconds) < max(_SAMPLES * step, _SIGNIFICANT * fit.deviation):
         return
-    half = len(physics.motion.t) // 2
-    halves = [_fit_delay(physics.part(k)).seconds for k in (slice(0, half), slice(half, None))]
-    if min(found / fit.seconds for found in halves) < 0.5:
+    # A channel is late by the same time throughout; what stiction and rests make of it comes and goes.
+    cut = np.linspace(0, len(physics.motion.t), PARTS + 1).astype(int)
+    parts = [_fit_delay(physics.part(slice(a, b))) for a, b in pairwise(cut)]
+    if sum(p.agrees_with(fit) for p in parts) < NEARLY_ALL:
         return
     kind, where, what, remedy = delay_texts(fit.seconds)
     yield Issue(
@@ -51,7 +57,7 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
         where,
         what,
         f"likely: correcting it reduces the fit error by {100.0 * (1.0 - np.sqrt(share)):.0f} %; it "
-        "is the same in both halves of the run",
+        "is the same all over the run",
         remedy,
         lambda given: shifted(given, fit.seconds),
         {"seconds": fit.seconds, "std": fit.deviation, "error_share_left": share},
@@ -87,6 +93,11 @@ class _DelayFit:
     deviation: float
     error: float
     error_with: float
+
+    def agrees_with(self, whole: _DelayFit) -> bool:
+        """Whether a part of a run says what the whole run does, as far as it can say anything."""
+        apart = abs(self.seconds - whole.seconds)
+        return bool(apart < max(0.5 * abs(whole.seconds), _SAME * self.deviation))
 
 
 def _fit_delay(physics: Physics) -> _DelayFit:

@@ -25,7 +25,7 @@ _SETTLED = 0.35
 ABOUT_SAME = (0.4, 0.07)
 #: Left out of the fit, the parts of the run have to show this share of the gain in the mean, and so many
 #: of the eight have to speak for it.
-HALF, _NEARLY_ALL, _MOST = 0.5, 7, 5
+HALF, NEARLY_ALL, _MOST = 0.5, 7, 5
 #: Of signs that leave about the same, physics chooses.
 NEAR = 1.5
 #: Standard deviations by which a power must be negative to call it a flipped sign.
@@ -112,7 +112,7 @@ class Hypothesis:
         """
         before, after = physics.left_out, self.apply(physics).left_out
         each = np.log(before / after).sum(axis=1)
-        least = _MOST if self.once else _NEARLY_ALL
+        least = _MOST if self.once else NEARLY_ALL
         return bool(np.mean(each) > HALF * min(gain, 3.0) and np.sum(each > 0.0) >= least)
 
     def stated(self, physics: Physics) -> Issue:

@@ -47,9 +47,9 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
 
 
 def weaknesses(
-    holds: bool, rivals: bool, uncertain: bool, small: bool, beside: Company
+    holds: bool, rivals: bool, uncertain: bool, small: bool, beside: Company, looks_like: str
 ) -> tuple[str, ...]:
-    """Why a finding is weak, a phrase each; nothing for a confident one."""
+    """Why a finding is weak, a phrase each; nothing for a confident one. looks_like : of the effect."""
     larger = beside.overshadowed
     reasons = {
         "another effect fits as well": rivals,
@@ -63,7 +63,7 @@ def weaknesses(
         reasons[f"{larger.candidate.effect.name} is so much larger that its own error may be this"] = (
             True
         )
-    return tuple(text for text, true in reasons.items() if true)
+    return (*(text for text, true in reasons.items() if true), *([looks_like] if looks_like else []))
 
 
 def doubts(findings: Sequence[Finding]) -> dict[int, str]:

@@ -245,6 +245,10 @@ class Effect(ABC):
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
+    def looks_like(self, size: float) -> str:
+        """What a model may lack that passes for this effect of this size, if there is such a thing."""
+        return ""
+
     @classmethod
     def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:
         """Why effects of this kind with the ``found`` shape constants are no physical cause on one

@@ -9,6 +9,7 @@ import numpy as np
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.torque_delay import EARLY
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -38,6 +39,9 @@ class GlobalDelay(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         rate = motion.late_torque_rate(self.shape["T"])
         return [Block(j, np.array([0]), -rate[:, [j]]) for j in range(self.robot.n)]
+
+    def looks_like(self, size: float) -> str:
+        return EARLY if size < 0.0 else ""
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         return np.column_stack([np.interp(t + theta[0], t, channel) for channel in torque.T])

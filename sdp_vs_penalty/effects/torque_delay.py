@@ -8,6 +8,9 @@ from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
 
+#: Friction turns round before a joint that sticks or bends does: its torque comes early.
+EARLY = "a joint that sticks or bends before it moves looks as early"
+
 
 class TorqueDelay(JointEffect):
     name = "torque_delay"
@@ -27,6 +30,9 @@ class TorqueDelay(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return -motion.late_torque_rate(self.shape["T"])[:, joint]
+
+    def looks_like(self, size: float) -> str:
+        return EARLY if size < 0.0 else ""
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()

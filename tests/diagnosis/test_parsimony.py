@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.diagnosis import held_out, parsimony
+from sdp_vs_penalty.diagnosis.explanations import weaknesses
 
 
 def state_of(*picks: tuple[int | None, float]) -> Any:
@@ -70,3 +71,9 @@ def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(searched) > 2
     np.testing.assert_array_equal(sum(~train for train, _ in searched), 1)
     assert all(own == (train,) for train, own in searched)
+
+
+def test_what_else_looks_like_a_finding_makes_it_weak() -> None:
+    alone = parsimony.Company((), None, False)
+    assert weaknesses(True, False, False, False, alone, "") == ()
+    assert weaknesses(True, False, False, False, alone, "it may stick") == ("it may stick",)

@@ -269,6 +269,13 @@ def test_a_curve_reads_the_joint_that_it_names(at: int, reads: int) -> None:
     assert curve.of(1) == (f"dq{reads + 1}",)
 
 
+@pytest.mark.parametrize("text", ["torque_delay:1", "global_delay"])
+def test_a_torque_that_comes_early_may_be_friction(text: str) -> None:
+    (effect,) = parse_effects(text, robots()["arm"])
+    assert "sticks" in effect.looks_like(-0.003)
+    assert effect.looks_like(0.003) == ""
+
+
 def test_a_tilt_is_told_in_degrees() -> None:
     (tilt,) = parse_effects("base_tilt", robots()["arm"])
     assert tilt.remark(0.1712) == "Here: 1 degrees."
