@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.parsimony import Company
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
@@ -31,13 +32,13 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
 
 def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
     """What was found, in one or two sentences."""
-    unit = effect.parameters[effect.sized_by][0].unit
+    unit = show.plain_unit(effect.parameters[effect.sized_by][0].unit)
     where = (
         "the whole robot"
         if effect.whole_robot
         else "joint " + "+".join(str(j + 1) for j in effect.joints)
     )
-    amount = f"{size:.4g} ± {std:.1g}" + ("" if unit == "-" else f" {unit}")
+    amount = f"{size:.4g} ± {std:.1g} {unit}".rstrip()
     head = f"{effect.name} on {where}: {amount}"
     head += f" ({effect.constants})" if effect.constants else ""
     text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()

@@ -77,7 +77,8 @@ PROGRAMS = {
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The 2R's problem in both formats, and with the entropic prior of the default method in one."""
     folder = tmp_path_factory.mktemp("exported")
-    save(experiment(load_problem("two_link")).training_run(seed=0), folder / "run.csv")
+    # On the run of seed 0 csdp says itself that it reaches "reduced accuracy" only.
+    save(experiment(load_problem("two_link")).training_run(seed=2), folder / "run.csv")
     plain = ("--method", "lmi-sdp-thickness")
     for name, method in (("a.dat-s", plain), ("a.cbf", plain), ("entropic.cbf", ())):
         given = ("--data", folder / "run.csv", "--out", folder / name, *method)
