@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from corruption_arms import Arm, arm_of, urdf
 from numpy.typing import NDArray
-from unseen_arms import drawn
+from unseen_arms import drawn, mixture
 
 from sdp_vs_penalty.data.measurements import Measurements
 
@@ -76,14 +76,6 @@ def _simulate(axes: tuple, seed: int, rng: np.random.Generator) -> Measurements:
 
 
 def _reference(slides: Array, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
-    """Five harmonics of 0.1 Hz, another mixture for each joint; 1 s before the log begins."""
-    t, n = np.arange(-_BEFORE, 20.0, _STEP), len(slides)
-    q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
-    reach = np.where(slides, 0.08, 0.6)
-    for harmonic in range(1, 6):
-        w = 2.0 * np.pi * 0.1 * harmonic
-        a, phase = reach * harmonic**-0.7 * rng.uniform(0.3, 1.0, n), rng.uniform(-np.pi, np.pi, n)
-        q += a * np.sin(w * t[:, None] + phase)
-        dq += a * w * np.cos(w * t[:, None] + phase)
-        ddq -= a * w**2 * np.sin(w * t[:, None] + phase)
-    return t, q, dq, ddq
+    """Five harmonics of 0.1 Hz; 1 s before the log begins."""
+    t = np.arange(-_BEFORE, 20.0, _STEP)
+    return t, *mixture(t, np.where(slides, 0.08, 0.6), 5, 0.1, 0.3, rng)

@@ -221,14 +221,22 @@ def _rated(machine: Machine, model: object, pin: object) -> Array:
 
 
 def _motion(t: Array, prismatic: list[bool], rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Six harmonics of 0.08 Hz, another mixture for each joint."""
-    n = len(prismatic)
+    """Six harmonics of 0.08 Hz about a drawn pose."""
+    q, dq, ddq = mixture(t, np.where(prismatic, 0.1, 0.6), 6, 0.08, 0.2, rng)
+    return q + np.where(prismatic, 0.0, rng.uniform(-0.5, 0.5, len(prismatic))), dq, ddq
+
+
+def mixture(
+    t: Array, reach: Array, count: int, hertz: float, least: float, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """So many harmonics of a frequency, another mixture for each joint of its share from ``least`` to 1
+    of its reach (n,)."""
+    n = len(reach)
     q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
-    reach = np.where(prismatic, 0.1, 0.6)
-    for harmonic in range(1, 7):
-        w = 2.0 * np.pi * 0.08 * harmonic
-        a, phase = reach * harmonic**-0.7 * rng.uniform(0.2, 1.0, n), rng.uniform(-np.pi, np.pi, n)
+    for harmonic in range(1, count + 1):
+        w = 2.0 * np.pi * hertz * harmonic
+        a, phase = reach * harmonic**-0.7 * rng.uniform(least, 1.0, n), rng.uniform(-np.pi, np.pi, n)
         q += a * np.sin(w * t[:, None] + phase)
         dq += a * w * np.cos(w * t[:, None] + phase)
         ddq -= a * w**2 * np.sin(w * t[:, None] + phase)
-    return q + np.where(prismatic, 0.0, rng.uniform(-0.5, 0.5, n)), dq, ddq
+    return q, dq, ddq

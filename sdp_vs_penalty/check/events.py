@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
-from sdp_vs_penalty.check.evidence import PARTS
+from sdp_vs_penalty.check.evidence import parts_of
 from sdp_vs_penalty.check.hypothesis import NEARLY_ALL
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, solve
@@ -46,8 +45,7 @@ def delay(run: Measurements, physics: Physics) -> Iterator[Issue]:
     if share > _BETTER or abs(fit.seconds) < max(_SAMPLES * step, _SIGNIFICANT * fit.deviation):
         return
     # A channel is late by the same time throughout; what stiction and rests make of it comes and goes.
-    cut = np.linspace(0, len(physics.motion.t), PARTS + 1).astype(int)
-    parts = [_fit_delay(physics.part(slice(a, b))) for a, b in pairwise(cut)]
+    parts = [_fit_delay(physics.part(rows)) for rows in parts_of(len(physics.motion.t))]
     if sum(p.agrees_with(fit) for p in parts) < NEARLY_ALL:
         return
     kind, where, what, remedy = delay_texts(fit.seconds)

@@ -13,7 +13,7 @@ from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.runs import movement, moving_joints
+from sdp_vs_penalty.signals.runs import movement, moving_joints, spans
 
 #: A stuck channel stays for so long [s], and this many times longer than it is constant elsewhere; the
 #: rows before, over which a joint that comes to rest has slowed down.
@@ -150,7 +150,7 @@ def _interpolated(run: Measurements, robot: Robot, standstill: float) -> Iterato
     bends = np.abs(np.diff(slope, axis=0)) > 1e-6 * size + 1e-9 * np.ptp(x, axis=0) / steps[1:]
     straight = ~np.any(bends, axis=1) & np.any(size > 0.0, axis=1)
     inside = np.concatenate([[False], straight, [False]])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]]))).reshape(-1, 2)
+    edges = spans(inside)
     # A converter that interpolates every row makes lines everywhere; a gap is far longer than those.
     usual = float(np.median(np.diff(edges)[:, 0])) if inside.mean() > _RESAMPLED else 0.0
     least = max(_STRAIGHT, _GAP_TIMES * usual)
@@ -267,9 +267,7 @@ def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue
             x = values[:, j]
             if np.ptp(x) == 0.0 or (name == "q" and idle[j]):
                 continue
-            held = np.diff(x) == 0.0
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
-            parts = edges.reshape(-1, 2)
+            parts = spans(np.diff(x) == 0.0)
             parts = parts[np.diff(moving[parts])[:, 0] > _MOVES * np.diff(parts)[:, 0]]
             if not len(parts):
                 continue

@@ -17,7 +17,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.low_passed import low_passed
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.runs import movement, moving_joints
+from sdp_vs_penalty.signals.runs import movement, moving_joints, spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 #: Noise of quantisation above this share of the signal is worth a warning.
@@ -135,12 +135,11 @@ def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
 
 def _longest(flags: NDArray[np.bool_]) -> tuple[int, int]:
     """Length and start of the longest run of True."""
-    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if not len(starts):
+    found = spans(flags)
+    if not len(found):
         return 0, 0
-    k = int(np.argmax(ends - starts))
-    return int(ends[k] - starts[k]), int(starts[k])
+    start, end = found[np.argmax(found[:, 1] - found[:, 0])]
+    return int(end - start), int(start)
 
 
 def _saturation(run: Measurements, robot: Robot) -> Iterator[Issue]:

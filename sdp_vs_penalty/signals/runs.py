@@ -110,6 +110,16 @@ def _travel(run: Measurements, j: int, part: slice) -> Array:
     return np.abs(np.interp(t + 0.25, known, q) - np.interp(t - 0.25, known, q))
 
 
+def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(K, 2) first and one past the last of each run of True.
+
+    >>> spans(np.array([True, True, False, True])).tolist()
+    [[0, 2], [3, 4]]
+    """
+    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
+    return np.flatnonzero(edges).reshape(-1, 2)
+
+
 @dataclass(frozen=True)
 class Stretch:
     """What lies between two gaps of a run's clock, resampled to t[0] + k dt where it is asked for."""
