@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, _falls
 from sdp_vs_penalty.effects import effect_from_dict, parse_effects
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -124,7 +125,7 @@ def test_an_error_that_falls_in_one_stretch_only_has_not_fallen() -> None:
 
 def test_a_curve_levels_off_where_nothing_was_measured() -> None:
     """A straight line over the lower half of the range is not continued beyond it."""
-    axis = Axis(("q", 0), 0.0, 1.0, 32)
+    axis = Axis(Variable("q"), 0.0, 1.0, 32)
     x = np.linspace(0.0, 0.5, 200)
     B = axis.columns(x)
     c = np.linalg.solve(B.T @ B + 10.0 * axis.penalty + 1e-6 * np.eye(32), B.T @ (4.0 * x))
