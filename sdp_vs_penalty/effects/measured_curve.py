@@ -33,7 +33,7 @@ def _axis(axis: str, count: float, default: float, words: tuple[str, ...]) -> di
         f"{axis}j": Shape(0.0, signed=True),
         f"{axis}i": Shape(0.0, signed=True),
         f"{axis}c": Shape(1.0, signed=True),
-        f"{axis}k": Shape(1.0),
+        f"{axis}k": Shape(1.0, ("1/turn", "rad/m")),
         f"{axis}low": Shape(-1.0, signed=True),
         f"{axis}high": Shape(1.0, signed=True),
         f"{axis}n": Shape(count),
