@@ -149,8 +149,8 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
         *_hidden(every),
         *_numbers(every),
         *_effects(every),
-        *_false_claims(records),
         *_curves(every),
+        *_false_claims(records),
     ]
     return "\n".join(lines) + "\n"
 
@@ -265,7 +265,7 @@ def _curves(records: Sequence[Record]) -> list[str]:
         "constants, where the dictionary has it (to reach: 70 %). Energy removed (80 %) and error over "
         "the floor (1.1): on a motion that nothing was fitted to, with all that was found; medians."
     )
-    return ["", "## Torques without a name", "", note, "", *table(headings, rows)]
+    return ["## Torques without a name", "", note, "", *table(headings, rows), ""]
 
 
 def _laws(records: Sequence[Record]) -> list[str]:
