@@ -134,7 +134,7 @@ class Workbench:
         self._drawn[step.anchor] = state
         for place in (self._links[step.anchor], self._sections[step.anchor]):
             place.classes(add="" if ready else "later", remove="later" if ready else "")
-        self.view.followers.pop(step.anchor, None)
+        self.view.forget(step.anchor)
         body.clear()
         with body:
             if ready:
