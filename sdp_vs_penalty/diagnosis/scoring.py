@@ -19,11 +19,13 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Scores:
-    """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy."""
+    """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy, and
+    what they follow from: the partialled gram (k, k) and z'r (k,)."""
 
     chi2: Array
     beta: tuple[Array, ...]
     absorbed: Array
+    products: tuple[tuple[Array, Array], ...]
 
 
 def score_library(fit: WhiteFit, library: Library) -> Scores:
@@ -38,14 +40,16 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
     joints.append(_Scored(fit.Q, library.robot.reshape(n * M, -1), fit.residual))
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
+    products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
     for batch in library.batches:
         scored = joints[n if batch.joint is None else batch.joint]
         c = batch.columns
-        found = solve_groups(scored.grams(c), scored.raw[c], scored.right[c], batch.signed, batch.known)
+        grams, right = scored.grams(c), scored.right[c]
+        found = solve_groups(grams, scored.raw[c], right, batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
-        for g, b in zip(batch.groups, found[1], strict=True):
-            beta[g] = b
-    return Scores(chi2, tuple(beta), absorbed)
+        for g, b, gram, pull in zip(batch.groups, found[1], grams, right, strict=True):
+            beta[g], products[g] = b, (gram, pull)
+    return Scores(chi2, tuple(beta), absorbed, tuple(products))
 
 
 class _Scored:
@@ -151,7 +155,7 @@ class Beside:
         """chi2 and coefficients."""
         chi2, beta, _ = solve_group(self.gram, self.raw, self.right, signed(effect), effect.plausible)
         if np.any(beta[bounded(effect)] < 0.0):
-            return _passive(self.gram, self.right)
+            return passive(self.gram, self.right)
         return chi2, beta
 
     def left(self, fit: WhiteFit, beta: Array) -> Array:
@@ -167,7 +171,7 @@ class Beside:
         return fit.weighting.level**2 * squares
 
 
-def _passive(gram: Array, right: Array) -> tuple[float, Array]:
+def passive(gram: Array, right: Array) -> tuple[float, Array]:
     """chi2 and coefficients of non-negative least squares (Lawson and Hanson 1974), from the partialled
     gram (k, k) and z'r (k,)."""
     from scipy.optimize import nnls

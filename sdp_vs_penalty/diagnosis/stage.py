@@ -61,7 +61,7 @@ class Stage:
 
     @cached_property
     def candidates(self) -> Candidates:
-        return Candidates(self.rows, self.noise, self.white)
+        return Candidates(self.rows, self.noise, lambda: self.white)
 
     @cached_property
     def plain_weighting(self) -> Weighting:
