@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.library import Batch, Candidacy, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
     Beside,
     Scores,
@@ -60,15 +60,15 @@ class Candidates:
     """The library on white rows, with the means to solve for, refine and cross-validate any of it; it
     is made when something of it is first asked for."""
 
-    def __init__(self, rows: SegmentedRuns, noise: Noise, white: Callable[[], Library]) -> None:
-        self.rows, self.noise, self._white = rows, noise, white
+    def __init__(self, rows: SegmentedRuns, noise: Noise, candidacy: Candidacy) -> None:
+        self.rows, self.noise, self.candidacy = rows, noise, candidacy
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
         self._scored: tuple[WhiteFit, Array] | None = None
         self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
 
     @cached_property
     def white(self) -> Library:
-        return self._white()
+        return self.candidacy.library.whitened(self.noise, self.rows)
 
     @cached_property
     def texts(self) -> list[str]:

@@ -224,18 +224,24 @@ def cross_validate(
     shapes : white columns (n M, k) of one candidate with different shape constants; each fold
     takes the one that explains its own training data best. folds : (M,) labels.
     """
-    gain = np.zeros(len(fit.target))
-    whole = [(Z, fit.Q.T @ Z, Z.T @ Z, Z.T @ fit.target, np.sum(Z**2, axis=0)) for Z in shapes]
+    gain, M = np.zeros(len(fit.target)), len(fit.rows.block)
+    acts = np.any([np.any(Z.reshape(fit.rows.n, -1), axis=1) for Z in shapes], axis=0)
+    mine = np.repeat(acts, M)  # all other rows of these columns are zero
+    own, Q, target = [Z[mine] for Z in shapes], fit.Q[mine], fit.target[mine]
+    whole = [(Z, Q.T @ Z, Z.T @ Z, Z.T @ target, np.sum(Z**2, axis=0)) for Z in own]
     for f in fit.without_folds(folds):
+        here, there = f.out[mine], mine[f.out]
+        Q_out, target_out = f.Q[there], f.target[there]
         best, change = 0.0, np.zeros(len(f.error))
         for Z, overlap, square, right, raw in whole:
-            Z_out = Z[f.out]
-            C = overlap - f.Q.T @ Z_out
+            Z_out = Z[here]
+            C = overlap - Q_out.T @ Z_out
             gram = square - Z_out.T @ Z_out - C.T @ f.inverse @ C
-            pull = right - Z_out.T @ f.target - C.T @ f.theta
+            pull = right - Z_out.T @ target_out - C.T @ f.theta
             chi2, beta, _ = solve_group(gram, raw, pull, signed, known)
             if chi2 > best:
                 best = chi2
-                change = (Z_out - f.Q @ (f.inverse @ C)) @ beta
+                change = np.negative(f.Q @ (f.inverse @ (C @ beta)))
+                change[there] += Z_out @ beta
         gain[f.out] = f.error**2 - (f.error - change) ** 2
     return fit.rows.block_sums(gain)
