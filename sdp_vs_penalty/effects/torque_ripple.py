@@ -55,6 +55,10 @@ class TorqueRipple(Effect):
             for symbol in ("a_r", "b_r")
         )
 
+    @property
+    def waves(self) -> float | None:
+        return self.shape["k"]
+
     def blocks(self, motion: Motion) -> list[Block]:
         return [
             Block(j, np.array([2 * i, 2 * i + 1]), self._pair(motion, j))

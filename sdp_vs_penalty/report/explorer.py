@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.effects.measured_curve import parse_variable, variable, variable_unit
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.report.plots import (
     COLOURS,
     MEASURED,
@@ -199,18 +199,17 @@ def _values(curve: Curve, material: Material) -> list[Array]:
     name, estimate = material.last_name, material.last
     out = []
     for text_of in curve.of:
-        word, joint = parse_variable(text_of)
-        parts = []
+        over, parts = Variable.parse(text_of), []
         for rows in material.rows[name]:
             torque = predicted(rows, estimate.theta)
-            parts.append(variable(replace(rows.motion, torque=torque), word, joint))
+            parts.append(over.along(replace(rows.motion, torque=torque)))
         out.append(np.concatenate(parts))
     return out
 
 
 def _titles(curve: Curve, material: Material) -> list[str]:
     units = material.last.robot.torque_units
-    return [f"{v} [{variable_unit(units, *parse_variable(v))}]" for v in curve.of]
+    return [f"{v} [{Variable.parse(v).unit(units)}]" for v in curve.of]
 
 
 def _line(curve: Curve, material: Material) -> Any:

@@ -357,7 +357,8 @@ def test_a_worker_that_the_system_ends_is_a_sentence(workshop: Workshop) -> None
     async def story() -> None:
         work = workshop.worker()
         doing = asyncio.ensure_future(work.do(LONG, lambda _: None))
-        await asyncio.sleep(0.05)
+        while not work._started:
+            await asyncio.sleep(0.01)
         work.process.kill()
         await doing
 

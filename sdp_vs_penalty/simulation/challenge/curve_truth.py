@@ -19,7 +19,7 @@ from sdp_vs_penalty.diagnosis.fit import orthonormal
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import model_columns
-from sdp_vs_penalty.effects.measured_curve import parse_variable, variable
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.simulation.challenge.truth import true_floor
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
@@ -66,8 +66,9 @@ def judged_curve(
 
 
 def _plain(name: str) -> str:
-    word, joint = parse_variable(name)
-    return f"{word.removeprefix('sign(').removeprefix('abs(').rstrip(')')}{joint + 1}"
+    v = Variable.parse(name)
+    word = {"sign(dq)": "dq", "abs(ddq)": "ddq", "phase": "q"}.get(v.word, v.word)
+    return replace(v, word=word, order=1.0).name
 
 
 def same_formula(curve: Curve, hidden: Hidden) -> bool:
@@ -102,10 +103,8 @@ def _covered(curve: Curve, logged: Sequence[Logged], estimate: Estimate, data: M
     apart = (truth.T - table)[:, keep].ravel()
     Q = orthonormal(columns[:, keep].reshape(len(apart), -1))
     left = (apart - Q @ (Q.T @ apart)).reshape(rows.n, -1)[curve.joint - 1]
-    names = [parse_variable(v) for v in curve.of]
-    values = [
-        np.concatenate([s.low_pass @ variable(s.motion, *v) for s in rows.segments]) for v in names
-    ]
+    over = [Variable.parse(v) for v in curve.of]
+    values = [np.concatenate([s.low_pass @ v.along(s.motion) for s in rows.segments]) for v in over]
     scale = np.maximum(np.ptp(curve.points, axis=0), 1e-12)
     _, nearest = cKDTree(curve.points / scale).query(np.column_stack(values)[keep] / scale)
     half = 0.5 * (curve.upper - curve.lower)[nearest]
