@@ -62,7 +62,7 @@ def corners(x: Array, low: float, high: float, count: int) -> tuple[Array, NDArr
 
 @lru_cache(maxsize=8)
 def _nearest(rows: int, columns: int, known: tuple[int, ...]) -> NDArray[np.intp]:
-    """(rows columns,) of the known values (from 1) the nearest one's place among them: what is missing of
+    """(rows columns,) the place among the known values (from 1) of the nearest one: what is missing of
     a table (no measurement lay there) is as that."""
     every = np.array(list(np.ndindex(rows, columns)), float)
     there = every[np.array(known) - 1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import product
 
 import numpy as np
@@ -101,7 +100,14 @@ class Basis:
     @property
     def penalties(self) -> list[Array]:
         """(size, size) roughness along each variable."""
-        return _penalties(tuple((a.count, a.is_sign) for a in self.axes))
+        out = []
+        for k, axis in enumerate(self.axes):
+            if axis.is_sign:
+                continue
+            before = int(np.prod([a.count for a in self.axes[:k]]))
+            after = int(np.prod([a.count for a in self.axes[k + 1 :]]))
+            out.append(np.kron(np.kron(np.eye(before), axis.penalty), np.eye(after)))
+        return out
 
     @property
     def grid(self) -> tuple[Array, ...]:
@@ -113,18 +119,6 @@ class Basis:
     def points(self) -> Array:
         """(P, variables) all of the grid."""
         return np.array(list(product(*self.grid)))
-
-
-@cache
-def _penalties(axes: tuple[tuple[int, bool], ...]) -> list[Array]:
-    """Those of the products of splines along axes, each of so many splines, or a sign."""
-    out = []
-    for k, (count, is_sign) in enumerate(axes):
-        if not is_sign:
-            before, after = (int(np.prod([c for c, _ in part])) for part in (axes[:k], axes[k + 1 :]))
-            own = Axis(("", 0), 0.0, 1.0, count).penalty
-            out.append(np.kron(np.kron(np.eye(before), own), np.eye(after)))
-    return out
 
 
 def _products(columns: Sequence[Array]) -> Array:
