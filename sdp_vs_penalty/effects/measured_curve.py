@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,15 @@ def corners(x: Array, low: float, high: float, count: int) -> tuple[Array, NDArr
     return np.column_stack([1.0 - share, share]), np.column_stack([below, above])
 
 
+@lru_cache(maxsize=8)
+def _nearest(rows: int, columns: int, known: tuple[int, ...]) -> NDArray[np.intp]:
+    """(rows columns,) the place among the known values (from 1) of the nearest one: what is missing of
+    a table (no measurement lay there) is as that."""
+    every = np.array(list(np.ndindex(rows, columns)), float)
+    there = every[np.array(known) - 1]
+    return np.argmin(np.sum((every[:, None, :] - there) ** 2, axis=2), axis=1)
+
+
 class MeasuredCurve(JointEffect):
     name = "measured_curve"
     equation = "s f(x) or s f(x, y), f interpolated linearly between the values v1, v2, ... of a table"
@@ -91,14 +101,10 @@ class MeasuredCurve(JointEffect):
         words = {v.word for v in self.variables(at)}
         self.needs_torque, self.follows_clock = "tau" in words, "t" in words
         self.needs_temperature = "temp" in words
-        # What is missing of the table (no measurement lay there) is as the nearest that is known.
-        every = np.array(list(np.ndindex(int(own["xn"]), int(own["yn"]))), float)
-        there = np.array(known) - 1
-        apart = np.sum((every[:, None, :] - every[there]) ** 2, axis=2)
-        self._known, self._nearest = known, np.argmin(apart, axis=1)
+        self._known, self._nearest = known, _nearest(int(own["xn"]), int(own["yn"]), tuple(known))
         self._table = np.array([self.shape[f"v{k}"] for k in known])[self._nearest]
-        self._missing = np.ones(len(every))
-        self._missing[there] = 0.0
+        self._missing = np.ones(len(self._nearest))
+        self._missing[np.array(known) - 1] = 0.0
 
     def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""

@@ -39,6 +39,8 @@ class TorqueRipple(Effect):
         )
     }
 
+    signless = True
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         k = f"{self.shape['k']:.6g}"
