@@ -44,8 +44,8 @@ def measured_curves(
     at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
     run with the model attached, for the held-out errors; without one they are those of folds. What a
     search without curves has named on such a joint is kept, unless curves without it explain the joint
-    better by the Bayesian information criterion (Schwarz 1978) and no worse on data left out; where what
-    follows the position is doubted, unless curves explain the joint up to its noise.
+    better by the Bayesian information criterion (Schwarz 1978) and, but for chance, no worse on data
+    left out; where what follows the position is doubted, unless curves explain it up to its noise.
     """
     seed, model = state.stage.seed, state.stage.candidacy.model
     variables = Variables(state.stage.rows, model.robot, [*model.effects, *state.effects])
@@ -68,10 +68,10 @@ def measured_curves(
             bare = state.with_picks((*kept, *state.picks[len(places) :]))
             alone, instead, other = search_curves(bare, variables, joint, seed, judge)
             better = _cost(beside, joint, found) - _cost(alone, joint, instead) > TOLD_APART
-            most = judged.error(joint)
+            worse = judged.surely_below(other, joint)
             if joint in doubtful and _explains(alone, joint):
-                better, most = True, float(np.sqrt(MISFIT)) * most
-            if instead and better and other.error(joint) <= most:
+                better, worse = True, other.error(joint) > np.sqrt(MISFIT) * judged.error(joint)
+            if instead and better and not worse:
                 beside, found, judged = alone, instead, other
                 replaced |= set(own)
                 places = [k for k in places if k not in own]
