@@ -21,7 +21,7 @@ from sdp_vs_penalty.robot.arrays import Array
 #: Characters of a line above which a file is no table.
 _LONGEST = 1_000_000
 #: Bytes that are read at once by the compiled core, and without it.
-_PART, _PLAIN_PART = 1 << 24, 1 << 20
+_PART, _PLAIN_PART = 1 << 24, 1 << 18
 #: Digits up to which a number is a whole one over a power of ten, both exact: one division rounds it as
 #: it should be (Clinger, PLDI 1990). And the share of cells that may be written otherwise.
 _EXACT, _ODD = 15, 0.02
