@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import PARTS, in_parts, without_each
+from sdp_vs_penalty.check.evidence import PARTS, in_parts, solve, without_each
 from sdp_vs_penalty.check.issue import Issue, Repair
-from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
 
 #: A hypothesis has to raise the score (see evidence.py) by so much: the residual of one joint, or of
 #: several together, to an e-th of its energy. On clean logs, where each only trades one small error of
@@ -84,9 +84,13 @@ class Number:
                 here.columns, high.columns, low.columns, scaled, change.T, strict=True
             )
         ]
-        parts = without_each(in_parts(wide, here.channels))
-        found = np.array([e.weighted(weights)[-1] for e in parts])
-        return float(np.sqrt((PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)))
+        parts = in_parts(wide, here.channels)
+        found = np.array([e.weighted(weights)[-1] for e in without_each(parts)])
+        left_out = (PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)
+        # Where nothing tells of the number, each part says zero alike: the noise's share speaks then.
+        gram = np.tensordot(weights, sum(e.gram for e in parts), 1)
+        noise = solve(gram, np.eye(len(gram))[:, -1:])[-1, 0] * OVERSAMPLING / len(here.channels)
+        return float(np.sqrt(left_out + max(noise, 0.0)))
 
 
 @dataclass(frozen=True)
