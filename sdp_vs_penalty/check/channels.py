@@ -37,6 +37,8 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A torque channel too large or too small beside its neighbours'."""
     n, same = physics.n, np.arange(physics.n)
     alive = np.std(physics.channels, axis=0) > 1e-9 * np.abs(physics.channels).max(axis=0)
+    if np.sum(moving & alive) < 2:
+        return  # a joint that moves alone has none to be compared with
     for j in np.flatnonzero(moving & alive):
 
         def scaled(log: float, j: int = int(j)) -> Array:

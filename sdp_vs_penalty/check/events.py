@@ -139,8 +139,7 @@ def knock(physics: Physics) -> Iterator[Issue]:
     for j, columns in enumerate(physics.columns):
         y = physics.channels[:, j]
         error = np.abs(y - columns @ solve(columns.T @ columns, (columns.T @ y)[:, None])[:, 0])
-        error[~slides[:, j]] = 0.0
-        k = int(np.argmax(error))
+        k = int(np.argmax(np.where(slides[:, j], error, 0.0)))
         if min(t[k] - t[0], t[-1] - t[k]) < 0.5 * _WIDTH:
             continue  # the arm starts or comes to rest there: stiction
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
