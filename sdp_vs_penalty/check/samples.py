@@ -177,7 +177,7 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
     """Single samples far from their neighbours on both sides: bits turned, packets torn."""
     if len(run.t) < 4 * _WIDTH:
         return
-    found: dict[str, NDArray[np.intp]] = {}
+    found: dict[str, NDArray[np.bool_]] = {}
     # Rows at rest are not used, and drives click when they start and stop.
     motion = movement(run, standstill)
     moves = motion.at(run.t - 0.5) & motion.moves & motion.at(run.t + 0.5)
@@ -189,29 +189,21 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
             scatter = np.quantile(off, 0.9)
             low, high = np.quantile(x, [0.02, 0.98])
             least = max(_SPIKE * scatter, _SPIKE_RANGE * (high - low) + 1e-9)
-            bad = np.flatnonzero((off > least) & moves)
-            if 0 < len(bad) <= _FEW * len(x):
+            bad = (off > least) & moves
+            if 0 < bad.sum() <= _FEW * len(x):
                 found[f"{name}{j + 1}"] = bad
     if not found:
         return
 
-    def repair(r: Measurements) -> Measurements:
-        q, tau = r.q.copy(), r.tau.copy()
-        for name, bad in found.items():
-            group, j = name.rstrip("0123456789"), int(name.lstrip("qtau")) - 1
-            good = np.setdiff1d(np.arange(len(r.t)), bad)
-            column = (q if group == "q" else tau)[:, j]
-            column[bad] = np.interp(r.t[bad], r.t[good], column[good])
-        return replace(r, q=q, tau=tau)
-
-    count = sum(len(bad) for bad in found.values())
-    first = min(int(bad[0]) for bad in found.values())
+    count = sum(int(bad.sum()) for bad in found.values())
+    first = min(int(np.argmax(bad)) for bad in found.values())
     joints = sorted({int(name.lstrip("qtau")) for name in found})
     yield Issue(
         "spikes", "error",
         f"{', '.join(found)}, row {first + 2}" + (f" and {count - 1} more" if count > 1 else ""),
         f"{show.count(count, 'sample')} of {', '.join(found)} lie far from the samples on both sides.",
-        "certain: no joint moves like that", "replace them by interpolation", repair,
+        "certain: no joint moves like that", "replace them by interpolation",
+        lambda r: zeros.interpolated(r, found),
         {"channels": list(found), "joints": joints, "samples": count},
     )  # fmt: skip
 

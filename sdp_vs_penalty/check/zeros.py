@@ -7,7 +7,7 @@ and out of them, are no measurement, whatever a fit says of the rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -51,13 +51,6 @@ def find(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
         for a, b in spans(bad):
             long[a:b] |= steps[a:b].sum() > _SHORT
 
-    def repair(r: Measurements) -> Measurements:
-        q, tau = r.q.copy(), r.tau.copy()
-        for name, bad in found.items():
-            column = (q if name[0] == "q" else tau)[:, int(name.lstrip("qtau")) - 1]
-            column[bad] = np.interp(r.t[bad], r.t[~bad], column[~bad])
-        return replace(r, q=q, tau=tau).rows(~long)
-
     rows = np.flatnonzero(np.any(list(found.values()), axis=0))
     named, be = ", ".join(found), "is" if len(found) == 1 else "are"
     joints = sorted({int(name.lstrip("qtau")) for name in found})
@@ -67,9 +60,19 @@ def find(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
         f"{named} {be} exactly zero in {show.count(len(rows), 'row')}, and jumps there or stays while "
         "the joint moves: nothing was measured.",
         "certain: the channel hardly ever takes any other value near zero",
-        "replace single rows by interpolation, delete longer parts", repair,
+        "replace single rows by interpolation, delete longer parts",
+        lambda r: interpolated(r, found).rows(~long),
         {"channels": list(found), "joints": joints, "rows": len(rows)},
     )  # fmt: skip
+
+
+def interpolated(run: Measurements, found: Mapping[str, NDArray[np.bool_]]) -> Measurements:
+    """With these samples (N,) of the channels q1, tau1 ... made from their neighbours."""
+    q, tau = run.q.copy(), run.tau.copy()
+    for name, bad in found.items():
+        column = (q if name[0] == "q" else tau)[:, int(name.lstrip("qtau")) - 1]
+        column[bad] = np.interp(run.t[bad], run.t[~bad], column[~bad])
+    return replace(run, q=q, tau=tau)
 
 
 def _filled(x: Array, travel: Array) -> NDArray[np.bool_]:
