@@ -108,10 +108,8 @@ def _check_range(run: Measurements, j: int, joint: Joint) -> None:
     if joint.kind == "prismatic":
         unit, advice = ("m", "millimetres to metres")
     raise InputError(
-        (
-            f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
-            f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
-        ),
+        f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
+        f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})",
         f"convert {advice}{_MOTORS if joint.kind == 'revolute' else ''}, or choose the problem that "
         "belongs to this file",
     )

@@ -33,10 +33,8 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
         return load_problem(source)
     raise InputError(
         "no problem",
-        (
-            f"give a built-in name ({', '.join(problem_names())}), a folder with a problem.toml, a "
-            "URDF file, or a Problem"
-        ),
+        f"give a built-in name ({', '.join(problem_names())}), a folder with a problem.toml, a "
+        "URDF file, or a Problem",
         what.replace("...", given(source)),
     )
 
