@@ -17,7 +17,8 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range a joint may seem to be: a turn [rad]; for prismatic joints twice the range.
 _TURN = 2.0 * np.pi

@@ -96,7 +96,7 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
 
 
 def _pair(ends: Sequence[float] | Array) -> list[float | None]:
-    return [float(x) if np.isfinite(x) else None for x in ends]
+    return [finite(x) for x in ends]
 
 
 def _ends(pair: Sequence[float | None]) -> tuple[float, float]:

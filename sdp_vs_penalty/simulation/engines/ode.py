@@ -18,7 +18,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.robot import Joint
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
 
 #: dParamVel and dParamFMax of ode/common.h.
