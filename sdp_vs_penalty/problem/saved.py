@@ -20,6 +20,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import finite
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
