@@ -54,14 +54,14 @@ class Stage:
     seed: int
     frozen: bool
 
-    @cached_property
+    @property
     def white(self) -> Library:
         """The library's columns, white."""
-        return self.candidacy.library.whitened(self.noise, self.rows)
+        return self.candidates.white
 
     @cached_property
     def candidates(self) -> Candidates:
-        return Candidates(self.rows, self.noise, self.white)
+        return Candidates(self.rows, self.noise, self.candidacy)
 
     @cached_property
     def plain_weighting(self) -> Weighting:
