@@ -16,7 +16,7 @@ ABOVE_NOISE = 2.0
 #: Relative errors [%]: up to the first a model whose noise is not known is good; above the second any
 #: model is none.
 GOOD, NO_MODEL = 5.0, 50.0
-_LEVELS = {"good": "good", "usable": "usable with care", "bad": "do not use it"}
+_LEVELS = {"good": "good", "usable": "usable", "bad": "do not use"}
 #: What is said where no motion repeats: the residual was taken for noise, which it then equals.
 NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
 #: Below this share of new motion, errors say more of repeatability than of other motions.
@@ -38,7 +38,7 @@ def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None) -> st
     level = _LEVELS[fit_level(relative_percent, rmse, floor)]
     text = f"explains the torque to {relative_percent:.3g} % (relative error): {level}"
     if floor is None:
-        return f"{text}; how much of it is noise is not known: no motion repeats."
+        return f"{text}; noise floor unknown: no motion repeats."
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(floor > 0.0, rmse / floor, np.inf)
     above = np.flatnonzero(ratio > ABOVE_NOISE)

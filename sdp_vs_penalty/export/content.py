@@ -130,3 +130,22 @@ def number(value: float) -> str:
 
 def numbers(values: Array) -> str:
     return " ".join(map(number, values))
+
+
+def about(estimate: Estimate) -> dict[str, object]:
+    """What both templates say of a model."""
+    model = estimate.model
+    return {
+        "robot": _quoted(estimate.robot.name),
+        "method": _quoted(estimate.method),
+        "version": _quoted(str(estimate.provenance.get("versions", {}).get("sdp_vs_penalty", ""))),
+        "joints": _quoted(", ".join(j.name for j in estimate.robot.joints)),
+        "effects": _quoted(", ".join(e.brief for e in model.effects)),
+        "theta": f"[{', '.join(map(number, estimate.theta))}]",
+        "names": [p.name for p in model.parameters],
+    }
+
+
+def _quoted(text: str) -> str:
+    """Text that cannot end the docstring it stands in."""
+    return text.replace("\\", "\\\\").replace('"', "'")
