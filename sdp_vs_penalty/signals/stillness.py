@@ -13,8 +13,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Positions are alike within so many standard deviations of their own noise.
 _ALIKE = 4.0
-#: How much farther than the noise a moving joint comes in three times the time: 27 times as far where its
-#: velocity passes through zero, as its cube, and 9 where it turns round. Farther: it stood.
+#: How much farther than the noise a moving joint comes in three times the time: 27 times as far where
+#: its velocity passes through zero, as its cube, and 9 where it turns round. Farther: it stood.
 _TURNS = 27.0
 #: Ratio of the lengths of time that are looked at, and their largest share of a stretch.
 _FINER, _LONGEST = 1.4, 0.1
