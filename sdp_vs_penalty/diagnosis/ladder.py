@@ -37,9 +37,6 @@ TOLD_APART = 10.0
 _TRIES = 3
 #: How many are refined to see what the best of them would leave.
 _LOOKED_AT = 3
-#: With so many blocks no threshold is as high: of G self-normalised sums of B terms of random sign the
-#: largest has a 99th percentile of t^2 = 2 ln(200 G) (Hoeffding 1963), and W = t^2 / (1 - t^2 / B).
-_BEYOND, _MANY = 30.0, 50
 _STEPS = 40
 #: How often the noise is estimated anew where only the residual shows it.
 _ROUNDS = 12
@@ -174,9 +171,7 @@ def accepted(state: SearchState, candidate: Candidate, threshold: float | None =
     excess = np.maximum(fit.joint_chi2 - least, 0.0) / level2
     if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
         return None
-    if threshold is None and not (exponent > _BEYOND and fit.rows.blocks >= _MANY):
-        threshold = state.threshold
-    if threshold is not None and exponent < threshold:
+    if exponent < (state.threshold if threshold is None else threshold):
         return None
     return Pick(candidate, gain, exponent, ())
 
