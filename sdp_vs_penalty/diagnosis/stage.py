@@ -27,8 +27,6 @@ _BLOCKS = 60
 _PHASE_FOLDS = 5
 #: How many fits a stage keeps.
 _FITS = 6
-#: Instants of a motion whose columns are worked out at a time.
-_PART = 1 << 11
 
 
 def quiet(_: str) -> None:
@@ -54,14 +52,14 @@ class Stage:
     seed: int
     frozen: bool
 
-    @cached_property
+    @property
     def white(self) -> Library:
         """The library's columns, white."""
-        return self.candidacy.library.whitened(self.noise, self.rows)
+        return self.candidates.white
 
     @cached_property
     def candidates(self) -> Candidates:
-        return Candidates(self.rows, self.noise, self.white)
+        return Candidates(self.rows, self.noise, self.candidacy)
 
     @cached_property
     def plain_weighting(self) -> Weighting:
@@ -168,20 +166,18 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
     """(n, M, p) filtered columns of the model's own parameters; none of a frozen model's."""
     if frozen:
         return np.zeros((rows.n, len(rows.t), 0))
-    out = np.zeros((rows.n, len(rows.t), len(estimate.theta)))
+    out, model = np.zeros((rows.n, len(rows.t), len(estimate.theta))), estimate.model
+    if not model.needs_reference:
+        for effect, indices in zip(model.effects, model.indices, strict=True):
+            for block in rows.blocks(effect):
+                out[block.joint][:, indices[block.parameters]] += block.columns
+        return out
     first = 0
     for segment in rows.segments:
         M = len(segment.t)
         bare = replace(segment.motion, torque=None, current=None)
-        # A part at a time, since columns are large; but memory and rates of a torque see all of it.
-        N, model = len(bare.t), estimate.model
-        whole = model.needs_reference or any(e.has_memory for e in model.effects)
-        length = N if whole else _PART
-        for start in range(0, N, length):
-            part = slice(start, start + length)
-            low_pass = segment.low_pass[:, part]
-            for joint, c in enumerate(model.columns(bare.part(part))):
-                out[joint, first : first + M][:, c.indices] += low_pass @ c.columns
+        for joint, c in enumerate(model.columns(bare)):
+            out[joint, first : first + M][:, c.indices] += segment.low_pass @ c.columns
         first += M
     return out
 

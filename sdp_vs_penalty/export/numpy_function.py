@@ -30,7 +30,18 @@ _PACKAGE = "sdp_vs_penalty"
 #: Of an effect's class: what identification, search and reader ask, and a torque does not need.
 _NOT_FOR_TORQUE = frozenset(
     {"constraints", "nominal", "starts", "candidates", "searched", "constants", "remark", "doubt"}
-    | {"shape_unit", "text", "to_dict", "outside", "brief", "undone", "contact"}
+    | {
+        "shape_unit",
+        "text",
+        "to_dict",
+        "outside",
+        "brief",
+        "undone",
+        "contact",
+        "parse",
+        "within",
+        "waves",
+    }
 )
 _TEMPLATE = '''\
 """Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.

@@ -45,20 +45,15 @@ from sdp_vs_penalty.page.run_jobs import (
     simulate,
 )
 from sdp_vs_penalty.page.summary import summary, violation
-from sdp_vs_penalty.problem.load import load_problem, problem_names
+from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.report import make_report
 from sdp_vs_penalty.simulation.hidden_runs import makers
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
 def catalogue(request: Request, progress: Progress) -> Answer:
-    """Everything that the page offers to choose from."""
-    problems = []
-    for name in problem_names():
-        problem = load_problem(name)
-        problems.append({"name": name, "title": problem.title, "joints": problem.robot.n})
+    """Everything that the page offers to choose from, but the robots."""
     return {
-        "problems": problems,
         "effects": [
             {"name": name, "explanation": kind.explanation, "frozen_only": kind.frozen_only}
             for name, kind in effect_types().items()

@@ -177,7 +177,8 @@ class SegmentedRuns:
             return made()
         # What a joint can have several times may look at other joints, but for what joins its own.
         joints = effect.joints if effect.joins or not effect.several else range(self.n)
-        widths = tuple(self.segments[0].motion.width(j) for j in joints)
+        motion = self.segments[0].motion
+        widths = () if effect.signless else tuple(motion.width(j) for j in joints)
         key = effect.name, effect.joints, tuple(effect.shape.items()), widths, id(effect.robot)
         if key not in self.derived:
             # The robot is kept as well: its number in the key stays its own.

@@ -130,10 +130,10 @@ def _curves(view: View, found: Diagnosis) -> None:
         with tag("div", style="card finding-card"):
             tag("h3", f"Missing torque without a name · joint {curve.joint}")
             tag("p", curve.sentence(units))
-            if len(curve.of) == 1:
-                chart(
-                    missing_chart(curve, units), f"Missing torque of joint {curve.joint}, with its band"
-                )
+            if session.model is not None:
+                read = session.recording(session.model, view.run)
+                drawn = missing_chart(curve, units, read)
+                chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
             if text in session.added:
                 tag("p", "Added to the model.", "chosen")
             else:

@@ -38,7 +38,7 @@ def _draw(view: View) -> None:
 
         drawn = chart(options(), "Friction torque over velocity with its 95 % band")
         tag("p", "Of the joint that is chosen under Measured against modelled; shaded: 95 %.", "soft")
-        view.followers["parameters"] = lambda: drawn.update_figure(options())
+        view.behind["parameters"] = lambda: drawn.update_figure(options())
     tag("h3", "Every parameter")
     tag(
         "p",
