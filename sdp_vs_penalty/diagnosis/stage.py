@@ -68,6 +68,11 @@ class Stage:
         inner = (Pieces(p[ORDER:] for p in self.rows.pieces(j) if len(p) > 2 * ORDER) for j in range(n))
         return Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(inner))
 
+    def with_noise(self, noise: Noise) -> Stage:
+        """The same with another idea of the noise."""
+        labels = replace(self.labels, count=informative(self.rows, noise))
+        return replace(self, noise=noise, labels=labels)
+
     def fit(self, weighting: Weighting) -> WhiteFit:
         """The model alone, fitted to its weighted white residual; the last few are kept."""
         key = weighting.level.tobytes() + weighting.colour.tobytes()
@@ -153,7 +158,7 @@ def prepare(
     columns = model_columns(rows, estimate, frozen)
     known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
     candidacy = Candidacy(rows, estimate.model, frozen)
-    labels = label_rows(rows, whole)
+    labels = label_rows(rows, noise, whole)
     return Stage(rows, noise, labels, columns, residual, candidacy, known, seed, frozen)
 
 
@@ -177,7 +182,7 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
     return out
 
 
-def label_rows(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> RowLabels:
+def label_rows(rows: SegmentedRuns, noise: Noise, whole: SegmentedRuns | None = None) -> RowLabels:
     """Blocks of equal length within runs; folds: whole motions, or phases of the one that there is.
 
     whole : what the runs may be windows of, and in which a motion may repeat.
@@ -199,12 +204,12 @@ def label_rows(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> RowLa
     if len(found) == 1:
         fold = phase_folds(rows, clocks)
     _, block = np.unique(block, return_inverse=True)
-    return RowLabels(rows.n, block, fold, informative(rows))
+    return RowLabels(rows.n, block, fold, informative(rows, noise))
 
 
-def informative(rows: SegmentedRuns) -> Array:
-    """(n,) rows that carry information: behind the past that whitening needs."""
-    return np.array([float(sum(max(len(p) - ORDER, 0) for p in rows.pieces(j))) for j in range(rows.n)])
+def informative(rows: SegmentedRuns, noise: Noise) -> Array:
+    """(n,) rows that carry information: behind the past that whitening needs, each by its worth."""
+    return np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
 
 
 def clocks_of(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> dict[int, MotionClock]:
