@@ -250,8 +250,8 @@ class _Bank(Effect):
         super().__init__(effects[0].robot, effects[0].joints)
         self.effects = effects
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         return tuple(
             Parameter(f"{p.name}_{m}", p.unit, self.name, p.joint)
             for m, effect in enumerate(self.effects)

@@ -107,7 +107,7 @@ def best_shapes(
 def settled(rest: Normal, curves: Sequence[Curve], variance: float) -> list[ShapeEstimate]:
     """The same of banks' columns alone, of which other columns explain nothing any more."""
     values = [curve.bank.now for curve in curves]
-    found = [curve.best(rest, np.zeros((len(rest.right), 0)), variance) for curve in curves]
+    found = dict[int, ShapeEstimate]()
     at = [curve.at(v) for curve, v in zip(curves, values, strict=True)]
     for _ in range(_TURNS):
         before = list(values)
@@ -117,7 +117,7 @@ def settled(rest: Normal, curves: Sequence[Curve], variance: float) -> list[Shap
         last = np.log(before)
         if np.all(np.abs(np.log(values) - last) <= 1e-3 + 1e-5 * np.abs(last)):
             break
-    return found
+    return list(found.values())
 
 
 def fitted(
@@ -177,6 +177,10 @@ class Curve:
         self.known = dict[float, Array]()
         self.signed = len(bank.effect.parameters) == 1 and bank.effect.parameters[0].lower == 0.0
         self.seen = 1e-9 * float(np.max(np.diagonal(rest.gram)[places]))
+        values = bank.values.tobytes()
+        _, self.fine, between = _interpolation(values)
+        #: (U + 1, K) weights at the constants that are looked at, and at the one that the model has.
+        self.looked_at = np.vstack([between, _weights(values, float(bank.now))])
 
     def at(self, value: float) -> Array:
         """(p, k) weights of all columns; outside the range those of its end."""
@@ -191,11 +195,8 @@ class Curve:
 
     def best(self, rest: Normal, others: Array, variance: float) -> ShapeEstimate:
         """The constant that takes most beside combinations ``others`` (p, q) of all columns."""
-        values = self.bank.values.tobytes()
-        _, fine, between = _interpolation(values)
-        w = np.vstack([between, _weights(values, float(self.bank.now))])
-        taken = self._taken(self._beside(rest, others), w) / variance
-        u, gain, bend = _vertex(fine, taken[:-1], int(np.argmax(taken[:-1])))
+        taken = self._taken(self._beside(rest, others), self.looked_at) / variance
+        u, gain, bend = _vertex(self.fine, taken[:-1], int(np.argmax(taken[:-1])))
         std = float(np.sqrt(2.0 / bend)) if bend > 0.0 else np.inf
         gain -= float(taken[-1])
         known = gain > _WORTH

@@ -134,8 +134,8 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
         *_clean(every),
         *_hidden(every),
         *_numbers(every),
-        *_effects(every),
-        *_curves(every),
+        *effect_lines(every),
+        *curve_lines(every),
         *_false_claims(records),
     ]
     return "\n".join(lines) + "\n"
@@ -194,7 +194,7 @@ def _numbers(records: Sequence[Record]) -> list[str]:
     return [*lines, ""]
 
 
-def _effects(records: Sequence[Record]) -> list[str]:
+def effect_lines(records: Sequence[Record]) -> list[str]:
     """By effect: cases, who was taken for whom, and how honest its size is."""
     mine = [r for r in records if r["class"] in ONE]
     rows = []
@@ -226,7 +226,7 @@ def _effects(records: Sequence[Record]) -> list[str]:
     return [title, "", note, "", *markdown_table(headings, rows), ""]
 
 
-def _curves(records: Sequence[Record]) -> list[str]:
+def curve_lines(records: Sequence[Record]) -> list[str]:
     """Torques without a name, by law: the curve, its band, its formula, and what adding it buys."""
     mine = [r for r in records if r["class"] == "unknown" and counted(r) and "curve" in r]
     if not mine:
