@@ -40,8 +40,6 @@ REPETITION, RESIDUAL = "repetition", "residual"
 _FEWEST = 60
 #: Rows of which a joint stood still for more than this show friction, not noise.
 _STILL = 0.01
-#: ... where they differ by more than so many standard deviations of those in motion.
-_LARGER = 3.0
 #: Share of a guessed noise that is left a row later, at most.
 _FADES = 0.95
 #: Independent values that a median of squares is worth, a value: its efficiency.
@@ -102,7 +100,7 @@ class Noise:
 def noise_floor(runs: SegmentedRuns) -> Array | None:
     """Standard deviation (n,) of the torque noise below ``runs.cutoff`` [N m or N]; None where too
     little repeats. ``runs`` carry a model, of which only what repeats must be right."""
-    noise = _from_repetition(runs, runs.residual) if runs.segments else None
+    noise = _from_repetition(runs, runs.residual, standing=True) if runs.segments else None
     return None if noise is None else noise.floor
 
 
@@ -138,24 +136,17 @@ def _forgetting(a: Array) -> Array:
     return np.asarray(min(1.0, _FADES / max(largest, 1e-12)) ** np.arange(1, ORDER + 1))
 
 
-def _moving(pieces: Pieces, still: Array, shown: Array | None = None) -> Pieces:
-    """Without the rows during which the joint stood still, unless too few would be left, or what they
-    have ``shown`` is no larger than noise."""
-    moving, every = Pieces(p[still[p] < _STILL] for p in pieces), np.concatenate([np.arange(0), *pieces])
-    if shown is not None and len(moving.predicted) >= _FEWEST:
-        stood = still[every] >= _STILL
-        there, elsewhere = (
-            float(np.sum(shown[every[w]] ** 2)) / max(w.sum(), 1) for w in (stood, ~stood)
-        )
-        if there < _LARGER**2 * elsewhere:
-            return pieces
+def _moving(pieces: Pieces, still: Array) -> Pieces:
+    """Without the rows during which the joint stood still, unless too few would be left."""
+    moving = Pieces(p[still[p] < _STILL] for p in pieces)
     return moving if len(moving.predicted) >= _FEWEST else pieces
 
 
 def _from_repetition(
-    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None
+    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None, standing: bool = False
 ) -> Noise | None:
-    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``."""
+    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``; of ``standing``
+    joints as well, whose friction holds what torque there is, or of moving ones alone."""
     repeats = find_repeats(runs)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
@@ -172,7 +163,7 @@ def _from_repetition(
     suspect = np.zeros(residual.shape, bool)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
-        pieces = _moving(every, stood[:, j], difference[:, j])
+        pieces = every if standing else _moving(every, stood[:, j])
         drift = _drift_columns(t, gap, speed[:, j])
         rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
         steady = Pieces(p[good[p]] for p in pieces)
