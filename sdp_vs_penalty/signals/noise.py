@@ -100,7 +100,7 @@ class Noise:
 def noise_floor(runs: SegmentedRuns) -> Array | None:
     """Standard deviation (n,) of the torque noise below ``runs.cutoff`` [N m or N]; None where too
     little repeats. ``runs`` carry a model, of which only what repeats must be right."""
-    noise = _from_repetition(runs, runs.residual) if runs.segments else None
+    noise = _from_repetition(runs, runs.residual, standing=True) if runs.segments else None
     return None if noise is None else noise.floor
 
 
@@ -143,9 +143,10 @@ def _moving(pieces: Pieces, still: Array) -> Pieces:
 
 
 def _from_repetition(
-    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None
+    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None, standing: bool = False
 ) -> Noise | None:
-    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``."""
+    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``; of ``standing``
+    joints as well, whose friction holds what torque there is, or of moving ones alone."""
     repeats = find_repeats(runs)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
@@ -162,7 +163,7 @@ def _from_repetition(
     suspect = np.zeros(residual.shape, bool)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
-        pieces = _moving(every, stood[:, j])
+        pieces = every if standing else _moving(every, stood[:, j])
         drift = _drift_columns(t, gap, speed[:, j])
         rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
         steady = Pieces(p[good[p]] for p in pieces)
