@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check.issue import Issue, Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import beside_range, check_plausible, far_outside
+from sdp_vs_penalty.data.plausibility import beside_range, check_plausible, extremes, far_outside
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -68,8 +68,9 @@ def implausible(run: Measurements, robot: Robot) -> Iterator[Issue]:
     try:
         check_plausible(robot, run)
     except InputError as error:
-        far = [j for j, joint in enumerate(robot.joints) if far_outside(run.q[:, j], joint)]
-        reach = 0.5 * np.ptp(run.q, axis=0) * angle_scale(robot)
+        low, high = extremes(run.q)
+        far = [j for j, joint in enumerate(robot.joints) if far_outside(low[j], high[j], joint)]
+        reach = 0.5 * (high - low) * angle_scale(robot)
         degrees = [j for j in far if robot.joints[j].kind == "revolute" and reach[j] < np.pi]
         kind = "encoder offset" if beside else "position unit" if degrees else "position range"
         joints = beside or degrees or far

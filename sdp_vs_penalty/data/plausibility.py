@@ -17,7 +17,8 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range a joint may seem to be: a turn [rad]; for prismatic joints twice the range.
 _TURN = 2.0 * np.pi
@@ -40,14 +41,17 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         check_torque(run)
         _check_derivative(robot, run)
         _check_side(robot, run)
-        for j, joint in enumerate(robot.joints):
-            q = run.q[:, j]
-            if np.isfinite(joint.lower) and np.isfinite(joint.upper):
-                _check_range(run, j, joint)
-            elif joint.kind == "revolute" and np.ptp(q) > _UNLIMITED and _returns(q):
+        for j, (joint, low, high) in enumerate(zip(robot.joints, *extremes(run.q), strict=True)):
+            q, travel = run.q[:, j], high - low
+            if far_outside(low, high, joint):
+                raise _out_of_range(run, j, joint)
+            unlimited = not (np.isfinite(joint.lower) and np.isfinite(joint.upper))
+            # A motion to and fro, not a shaft that goes on turning.
+            to_and_fro = travel > _UNLIMITED and abs(q[-1] - q[0]) < 0.5 * travel
+            if unlimited and joint.kind == "revolute" and to_and_fro:
                 raise InputError(
                     f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} "
-                    f"swings through {np.ptp(q) / _TURN:.0f} turns: positions look like degrees",
+                    f"swings through {travel / _TURN:.0f} turns: positions look like degrees",
                     f"convert to radians{_MOTORS}",
                 )
         run.release()
@@ -62,9 +66,9 @@ def check_torque(run: Measurements) -> None:
 def _check_side(robot: Robot, run: Measurements) -> None:
     """Positions of motors, where the robot's transmission is known and brings them into the ranges."""
     gears = robot.transmission
-    if gears is None or not np.any(_outside(robot, run.q)) or beside_range(robot, run.q):
+    if gears is None or not np.any(_outside(robot, *extremes(run.q))) or beside_range(robot, run.q):
         return
-    if not np.any(_outside(robot, np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T)):
+    if not np.any(_outside(robot, *extremes(np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T))):
         raise InputError(
             "the positions are those of the motors: through the transmission they lie within the "
             "joints' ranges",
@@ -73,10 +77,17 @@ def _check_side(robot: Robot, run: Measurements) -> None:
         )
 
 
-def _outside(robot: Robot, q: np.ndarray) -> np.ndarray:
+def extremes(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) least and (n,) largest of positions (N, n), in the memory of a part of them."""
+    ends = [(part.min(axis=0), part.max(axis=0)) for _, part in parts(q)]
+    low, high = zip(*ends, strict=True)
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def _outside(robot: Robot, least: np.ndarray, largest: np.ndarray) -> np.ndarray:
     """(n,) by how much each joint leaves its range, less what an encoder's zero may be wrong."""
     low, high = (np.array([getattr(j, end) for j in robot.joints]) for end in ("lower", "upper"))
-    return np.maximum(np.maximum(low - q.min(axis=0), q.max(axis=0) - high) - _ZERO, 0.0)
+    return np.maximum(np.maximum(low - least, largest - high) - _ZERO, 0.0)
 
 
 def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
@@ -84,34 +95,32 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
 
     Where many joints are outside, or travel farther than they can, something else is wrong with all.
     """
-    outside = np.flatnonzero(_outside(robot, q))
+    low, high = extremes(q)
+    outside = np.flatnonzero(_outside(robot, low, high))
     width = np.array([j.upper - j.lower for j in robot.joints])
-    if not len(outside) or 2 * len(outside) > robot.n or np.any(np.ptp(q, axis=0) > width + _ZERO):
+    if not len(outside) or 2 * len(outside) > robot.n or np.any(high - low > width + _ZERO):
         return ()
     return tuple(int(j) for j in outside)
 
 
-def far_outside(q: np.ndarray, joint: Joint) -> bool:
-    """Whether one joint's positions (N,) lie farther outside its range than any zero explains."""
+def far_outside(low: float, high: float, joint: Joint) -> bool:
+    """Whether one joint's positions, from low to high, lie farther outside its range than any zero
+    explains."""
     if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
         return False
     allowed = _TURN if joint.kind == "revolute" else 2.0 * (joint.upper - joint.lower)
-    return bool(max(joint.lower - q.min(), q.max() - joint.upper) > allowed)
+    return bool(max(joint.lower - low, high - joint.upper) > allowed)
 
 
-def _check_range(run: Measurements, j: int, joint: Joint) -> None:
+def _out_of_range(run: Measurements, j: int, joint: Joint) -> InputError:
     q = run.q[:, j]
-    if not far_outside(q, joint):
-        return
     worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
     unit, advice = ("rad", "degrees to radians")
     if joint.kind == "prismatic":
         unit, advice = ("m", "millimetres to metres")
-    raise InputError(
-        (
-            f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
-            f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
-        ),
+    return InputError(
+        f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
+        f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})",
         f"convert {advice}{_MOTORS if joint.kind == 'revolute' else ''}, or choose the problem that "
         "belongs to this file",
     )
@@ -142,11 +151,6 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
                     f"convert {name} from degrees to radians",
                     run.names[0],
                 )
-
-
-def _returns(q: np.ndarray) -> bool:
-    """A motion to and fro, not a shaft that goes on turning."""
-    return bool(abs(q[-1] - q[0]) < 0.5 * np.ptp(q))
 
 
 def _place(run: Measurements, k: int) -> str:

@@ -18,7 +18,6 @@ from sdp_vs_penalty.diagnosis.added_shapes import (
     refitted,
     shaped_effects,
 )
-from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.refit import (
     estimator_beside,
@@ -80,12 +79,12 @@ def add(
     )
     estimate.require_joints(measurements)
     if isinstance(effects, Diagnosis):
-        # What a curve stands instead of is not added beside it.
-        named = [
-            f for f in effects.effects if not (effects.curves and CURVE in f.indistinguishable_from)
-        ]
         frozen = frozen or effects.frozen
-        effects = (*effects.retuned, *named, *(c.effect(estimate.robot).text for c in effects.curves))
+        effects = (
+            *effects.retuned,
+            *effects.beside_curves,
+            *(c.effect(estimate.robot).text for c in effects.curves),
+        )
     texts = effects if isinstance(effects, str) else ",".join(map(_text, effects))
     wanted = parse_effects(texts, estimate.robot)
     if not wanted:

@@ -112,8 +112,19 @@ def _wald(pull: Array, beta: Array, spread: Array, scores: Array) -> Array:
     size = np.trace(spread, axis1=2, axis2=3)
     rounding = 1e-12 * np.sum(scores**2, axis=(1, 2))[:, None] + 1e-300
     spread = spread + (1e-9 * np.maximum(size, 0.0) + rounding)[:, :, None, None] * np.eye(k)
-    robust = np.sum(pull * np.linalg.solve(spread, pull[..., None])[..., 0], axis=2)
-    return np.minimum(robust, np.sum(pull * beta, axis=2))
+    return np.minimum(_energy(spread, pull), np.sum(pull * beta, axis=2))
+
+
+def _energy(A: Array, x: Array) -> Array:
+    """x'A^-1 x of positive definite A (..., k, k) and x (..., k): nearly all groups are of one column or
+    two, for which LAPACK's calls would cost more than the work."""
+    if x.shape[-1] == 1:
+        return np.asarray(x[..., 0] ** 2 / A[..., 0, 0])
+    if x.shape[-1] == 2:
+        along = x[..., 0] ** 2 / A[..., 0, 0]
+        across = x[..., 1] - A[..., 1, 0] * x[..., 0] / A[..., 0, 0]
+        return np.asarray(along + across**2 / (A[..., 1, 1] - A[..., 1, 0] ** 2 / A[..., 0, 0]))
+    return np.asarray(np.sum(x * np.linalg.solve(A, x[..., None])[..., 0], axis=-1))
 
 
 def flip_threshold(

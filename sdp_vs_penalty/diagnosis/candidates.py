@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.library import Batch, Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.library import Batch, Candidacy, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
     Beside,
     Scores,
@@ -16,6 +17,7 @@ from sdp_vs_penalty.diagnosis.scoring import (
     cross_validate,
     effective,
     evidence,
+    passive,
     score_library,
     signed,
 )
@@ -55,22 +57,43 @@ class Candidate:
 
 
 class Candidates:
-    """The library on white rows, with the means to solve for, refine and cross-validate any of it."""
+    """The library on white rows, with the means to solve for, refine and cross-validate any of it; it
+    is made when something of it is first asked for."""
 
-    def __init__(self, rows: SegmentedRuns, noise: Noise, white: Library) -> None:
-        self.rows, self.noise, self.white = rows, noise, white
+    def __init__(self, rows: SegmentedRuns, noise: Noise, candidacy: Candidacy) -> None:
+        self.rows, self.noise, self.candidacy = rows, noise, candidacy
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
         self._scored: tuple[WhiteFit, Array] | None = None
         self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
-        self.texts = [group.effect.text for group in white.groups]
-        self.by_key: dict[Key, list[int]] = {}
-        for g, group in enumerate(white.groups):
-            self.by_key.setdefault(group.key, []).append(g)
-        every = frozenset(range(rows.n))
-        self.acting = {
-            key: every if white.groups[g[0]].joint is None else frozenset([white.groups[g[0]].joint])
-            for key, g in self.by_key.items()
-        }
+
+    @cached_property
+    def white(self) -> Library:
+        return self.candidacy.library.whitened(self.noise, self.rows)
+
+    @cached_property
+    def texts(self) -> list[str]:
+        """Of the groups' effects."""
+        return [group.effect.text for group in self.white.groups]
+
+    @cached_property
+    def bounded(self) -> list[list[bool]]:
+        """Which parameters of each group may not be negative."""
+        return [bounded(group.effect) for group in self.white.groups]
+
+    @cached_property
+    def by_key(self) -> dict[Key, list[int]]:
+        """The groups of each candidate."""
+        found: dict[Key, list[int]] = {}
+        for g, group in enumerate(self.white.groups):
+            found.setdefault(group.key, []).append(g)
+        return found
+
+    @cached_property
+    def acting(self) -> dict[Key, frozenset[int]]:
+        """The joints on which each candidate acts."""
+        joints = {key: self.white.groups[g[0]].joint for key, g in self.by_key.items()}
+        every = frozenset(range(self.rows.n))
+        return {key: every if j is None else frozenset([j]) for key, j in joints.items()}
 
     def eligible(self, picked: Sequence[Candidate], known: frozenset[Key]) -> list[Key]:
         """What may be added beside those ``picked`` and what the model has (``known``): nothing twice,
@@ -164,23 +187,22 @@ class Candidates:
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
                 if k > 1:
-                    chi2 = self._with_signs(fit, scaled, batch, scores)
+                    chi2 = self._with_signs(batch, scores)
                 gains = fit.joint_gains(batch.joint, chi2)
                 out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
                 continue
             out[batch.groups] = self._spread_evidence(fit, scaled, batch, scores)
         return out
 
-    def _with_signs(self, fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
+    def _with_signs(self, batch: Batch, scores: Scores) -> Array:
         """(G,) chi2 of a batch on one joint, as far as the signs of its parameters allow: what is
         plausible with the wrong signs only would stand in the way of all others."""
-        chi2, joint = scores.chi2[batch.groups].copy(), batch.joint
-        assert joint is not None
-        for place, g in enumerate(batch.groups):
-            effect = self.white.groups[g].effect
-            if np.any(scores.beta[g][bounded(effect)] < 0.0):
-                columns = scaled.joints[joint][:, batch.columns[place]]
-                chi2[place] = Beside.on(fit, {joint: columns}, columns.shape[1]).solved(effect)[0]
+        chi2 = scores.chi2[batch.groups].copy()
+        limited = np.array([self.bounded[g] for g in batch.groups])
+        if limited.any():
+            beta = np.array([scores.beta[g] for g in batch.groups])
+            for place in np.flatnonzero(np.any(limited & (beta < 0.0), axis=1)):
+                chi2[place] = passive(*scores.products[batch.groups[place]])[0]
         return chi2
 
     @staticmethod

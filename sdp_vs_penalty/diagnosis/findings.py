@@ -237,6 +237,11 @@ class Diagnosis(Shown):
         rows += [(r.text, r.explanation, r.confidence, "") for r in self.retuned]
         return ("effect", "size", "confidence", "indistinguishable from"), rows
 
+    @property
+    def beside_curves(self) -> tuple[Finding, ...]:
+        """The findings that no curve stands instead of."""
+        return tuple(f for f in self.effects if not self.curves or CURVE not in f.indistinguishable_from)
+
     def to_dict(self) -> dict[str, Any]:
         """findings.json; :meth:`from_dict` restores the same diagnosis."""
         return {

@@ -19,11 +19,13 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Scores:
-    """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy."""
+    """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy, and
+    what they follow from: the partialled gram (k, k) and z'r (k,)."""
 
     chi2: Array
     beta: tuple[Array, ...]
     absorbed: Array
+    products: tuple[tuple[Array, Array], ...]
 
 
 def score_library(fit: WhiteFit, library: Library) -> Scores:
@@ -38,14 +40,16 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
     joints.append(_Scored(fit.Q, library.robot.reshape(n * M, -1), fit.residual))
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
+    products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
     for batch in library.batches:
         scored = joints[n if batch.joint is None else batch.joint]
         c = batch.columns
-        found = solve_groups(scored.grams(c), scored.raw[c], scored.right[c], batch.signed, batch.known)
+        grams, right = scored.grams(c), scored.right[c]
+        found = solve_groups(grams, scored.raw[c], right, batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
-        for g, b in zip(batch.groups, found[1], strict=True):
-            beta[g] = b
-    return Scores(chi2, tuple(beta), absorbed)
+        for g, b, gram, pull in zip(batch.groups, found[1], grams, right, strict=True):
+            beta[g], products[g] = b, (gram, pull)
+    return Scores(chi2, tuple(beta), absorbed, tuple(products))
 
 
 class _Scored:
@@ -151,7 +155,7 @@ class Beside:
         """chi2 and coefficients."""
         chi2, beta, _ = solve_group(self.gram, self.raw, self.right, signed(effect), effect.plausible)
         if np.any(beta[bounded(effect)] < 0.0):
-            return _passive(self.gram, self.right)
+            return passive(self.gram, self.right)
         return chi2, beta
 
     def left(self, fit: WhiteFit, beta: Array) -> Array:
@@ -167,7 +171,7 @@ class Beside:
         return fit.weighting.level**2 * squares
 
 
-def _passive(gram: Array, right: Array) -> tuple[float, Array]:
+def passive(gram: Array, right: Array) -> tuple[float, Array]:
     """chi2 and coefficients of non-negative least squares (Lawson and Hanson 1974), from the partialled
     gram (k, k) and z'r (k,)."""
     from scipy.optimize import nnls
@@ -220,18 +224,24 @@ def cross_validate(
     shapes : white columns (n M, k) of one candidate with different shape constants; each fold
     takes the one that explains its own training data best. folds : (M,) labels.
     """
-    gain = np.zeros(len(fit.target))
-    whole = [(Z, fit.Q.T @ Z, Z.T @ Z, Z.T @ fit.target, np.sum(Z**2, axis=0)) for Z in shapes]
+    gain, M = np.zeros(len(fit.target)), len(fit.rows.block)
+    acts = np.any([np.any(Z.reshape(fit.rows.n, -1), axis=1) for Z in shapes], axis=0)
+    mine = np.repeat(acts, M)  # all other rows of these columns are zero
+    own, Q, target = [Z[mine] for Z in shapes], fit.Q[mine], fit.target[mine]
+    whole = [(Z, Q.T @ Z, Z.T @ Z, Z.T @ target, np.sum(Z**2, axis=0)) for Z in own]
     for f in fit.without_folds(folds):
+        here, there = f.out[mine], mine[f.out]
+        Q_out, target_out = f.Q[there], f.target[there]
         best, change = 0.0, np.zeros(len(f.error))
         for Z, overlap, square, right, raw in whole:
-            Z_out = Z[f.out]
-            C = overlap - f.Q.T @ Z_out
+            Z_out = Z[here]
+            C = overlap - Q_out.T @ Z_out
             gram = square - Z_out.T @ Z_out - C.T @ f.inverse @ C
-            pull = right - Z_out.T @ f.target - C.T @ f.theta
+            pull = right - Z_out.T @ target_out - C.T @ f.theta
             chi2, beta, _ = solve_group(gram, raw, pull, signed, known)
             if chi2 > best:
                 best = chi2
-                change = (Z_out - f.Q @ (f.inverse @ C)) @ beta
+                change = np.negative(f.Q @ (f.inverse @ (C @ beta)))
+                change[there] += Z_out @ beta
         gain[f.out] = f.error**2 - (f.error - change) ** 2
     return fit.rows.block_sums(gain)

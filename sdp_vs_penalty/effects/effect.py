@@ -153,6 +153,11 @@ class Effect(ABC):
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be left out."""
 
+    @property
+    def waves(self) -> float | None:
+        """How often its torque repeats in a turn [-, or rad/m]; None where it follows no phase."""
+        return None
+
     # What is known of the parameters before anything is measured.
 
     def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
@@ -245,9 +250,13 @@ class Effect(ABC):
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
-    def looks_like(self, size: float) -> str:
-        """What a model may lack that passes for this effect of this size, if there is such a thing."""
-        return ""
+    def looks_like(self, size: float, travel: float = np.inf) -> str:
+        """What a model may lack that passes for this effect of this size on a joint that went so far
+        [rad, m], if there is such a thing."""
+        slow = self.shape.get("k", np.inf) * travel < 2.0 * np.pi
+        return (
+            "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
+        )
 
     @classmethod
     def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:
@@ -274,6 +283,22 @@ class Effect(ABC):
     def to_dict(self) -> dict[str, object]:
         joints = None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
         return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
+
+
+def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
+    """Whether the torque changes with the joints' position, or velocity, or not at all, and with nothing
+    else."""
+    if effect.has_memory or effect.needs_torque or effect.needs_links or effect.needs_temperature:
+        return False
+    own = np.random.default_rng(0).normal(size=(3, effect.robot.n))
+
+    def columns(x: float) -> list[Block]:
+        still = np.full_like(own, x)
+        q, dq = (own if s == signal else still for s in ("q", "dq"))
+        return effect.blocks(Motion(still[:, 0], q, dq, still))
+
+    first, second = columns(0.0), columns(0.7)
+    return all(np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True))
 
 
 class OneAJoint(Effect):

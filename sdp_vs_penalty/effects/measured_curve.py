@@ -4,52 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.effects.curve_variable import WORDS, Variable
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
-#: What a curve can run over; "none" as the second of a pair is no second variable.
-VARIABLES = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)", "temp")
 #: Most values of a table along one variable.
 _MOST = 200
-
-
-def variable(motion: Motion, word: str, joint: int) -> Array:
-    """(N,) one of VARIABLES along a motion, of a joint from 0; tau is the current model's torque."""
-    if word == "t":
-        return motion.t
-    if word == "temp":
-        return motion.joint_temperature[:, joint]
-    if word == "tau":
-        return motion.model_torque[:, joint]
-    if word == "sign(dq)":
-        return motion.sign(joint)
-    if word == "abs(ddq)":
-        return np.abs(motion.ddq[:, joint])
-    return np.asarray({"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}[word][:, joint])
-
-
-def variable_unit(torque_units: Sequence[str], word: str, joint: int) -> str:
-    """Unit of one of VARIABLES of a joint, from the units of the joints' torques."""
-    position = "m" if torque_units[joint] == "N" else "rad"
-    rates = {"q": position, "dq": f"{position}/s", "ddq": f"{position}/s^2"}
-    return {
-        **rates,
-        "abs(ddq)": f"{position}/s^2",
-        "t": "s",
-        "tau": torque_units[joint],
-        "temp": "K",
-    }.get(word, "-")
 
 
 def _is_value(key: str) -> bool:
     """Whether a shape constant is a value of the table: v1, v2, ..."""
     return key[0] == "v" and key[1:].isdigit()
+
+
+def _axis(axis: str, count: float, default: float, words: tuple[str, ...]) -> dict[str, Shape]:
+    """Shape constants of one variable: its word and joint, the joint that is added to it (0: none) in a
+    ratio, the order of a phase, the ends and the number of the table's values along it."""
+    numbers = tuple(WORDS.index(w) + 1.0 for w in words)
+    return {
+        axis: Shape(default, choices=numbers, words=words),
+        f"{axis}j": Shape(0.0, signed=True),
+        f"{axis}i": Shape(0.0, signed=True),
+        f"{axis}c": Shape(1.0, signed=True),
+        f"{axis}k": Shape(1.0, ("1/turn", "rad/m")),
+        f"{axis}low": Shape(-1.0, signed=True),
+        f"{axis}high": Shape(1.0, signed=True),
+        f"{axis}n": Shape(count),
+    }
+
+
+def _variable(own: Mapping[str, float], axis: str, joint: int) -> Variable | None:
+    """Of an axis of a curve of a joint (from 0), or None."""
+    word, first, other = WORDS[int(own[axis]) - 1], int(own[f"{axis}j"]), int(own.get(f"{axis}i", 0))
+    if word == "none":
+        return None
+    ratio, order = own.get(f"{axis}c", 1.0), own.get(f"{axis}k", 1.0)
+    return Variable(word, first - 1 if first else joint, other - 1, ratio, order)
 
 
 def corners(x: Array, low: float, high: float, count: int) -> tuple[Array, NDArray[np.intp]]:
@@ -60,6 +58,15 @@ def corners(x: Array, low: float, high: float, count: int) -> tuple[Array, NDArr
     share = place - below
     above = np.minimum(below + 1, count - 1)
     return np.column_stack([1.0 - share, share]), np.column_stack([below, above])
+
+
+@lru_cache(maxsize=8)
+def _nearest(rows: int, columns: int, known: tuple[int, ...]) -> NDArray[np.intp]:
+    """(rows columns,) the place among the known values (from 1) of the nearest one: what is missing of
+    a table (no measurement lay there) is as that."""
+    every = np.array(list(np.ndindex(rows, columns)), float)
+    there = every[np.array(known) - 1]
+    return np.argmin(np.sum((every[:, None, :] - there) ** 2, axis=2), axis=1)
 
 
 class MeasuredCurve(JointEffect):
@@ -75,20 +82,8 @@ class MeasuredCurve(JointEffect):
     units = ("-", "-")
     several = True
     shapes = {
-        "x": Shape(1.0, choices=tuple(map(float, range(1, len(VARIABLES) + 1))), words=VARIABLES),
-        "xj": Shape(0.0, signed=True),
-        "xlow": Shape(-1.0, signed=True),
-        "xhigh": Shape(1.0, signed=True),
-        "xn": Shape(2.0),
-        "y": Shape(
-            len(VARIABLES) + 1.0,
-            choices=tuple(map(float, range(1, len(VARIABLES) + 2))),
-            words=(*VARIABLES, "none"),
-        ),
-        "yj": Shape(0.0, signed=True),
-        "ylow": Shape(-1.0, signed=True),
-        "yhigh": Shape(1.0, signed=True),
-        "yn": Shape(1.0),
+        **_axis("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
+        **_axis("y", 1.0, WORDS.index("none") + 1.0, WORDS),
         "v1": Shape(-1.0, signed=True),
         "v2": Shape(1.0, signed=True),
     }
@@ -103,17 +98,13 @@ class MeasuredCurve(JointEffect):
         self.shapes = self._own_shapes(robot, at, own, [f"v{k}" for k in known])
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
-        self.needs_torque = "tau" in (self._word("x"), self._word("y"))
-        self.follows_clock = "t" in (self._word("x"), self._word("y"))
-        self.needs_temperature = "temp" in (self._word("x"), self._word("y"))
-        # What is missing of the table (no measurement lay there) is as the nearest that is known.
-        every = np.array(list(np.ndindex(int(own["xn"]), int(own["yn"]))), float)
-        there = np.array(known) - 1
-        apart = np.sum((every[:, None, :] - every[there]) ** 2, axis=2)
-        self._known, self._nearest = known, np.argmin(apart, axis=1)
+        words = {v.word for v in self.variables(at)}
+        self.needs_torque, self.follows_clock = "tau" in words, "t" in words
+        self.needs_temperature = "temp" in words
+        self._known, self._nearest = known, _nearest(int(own["xn"]), int(own["yn"]), tuple(known))
         self._table = np.array([self.shape[f"v{k}"] for k in known])[self._nearest]
-        self._missing = np.ones(len(every))
-        self._missing[there] = 0.0
+        self._missing = np.ones(len(self._nearest))
+        self._missing[np.array(known) - 1] = 0.0
 
     def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""
@@ -132,27 +123,33 @@ class MeasuredCurve(JointEffect):
             raise InputError(
                 f"effect {self.name}: a table's low end is not below its high end", "swap the ends"
             )
-        for key in ("xj", "yj"):
+        for key in ("xj", "yj", "xi", "yi"):
             if own[key] != int(own[key]) or not 0 <= own[key] <= robot.n:
                 raise InputError(
                     f"effect {self.name}: {key} = {own[key]:g} is no joint",
-                    f"give one from 1 to {robot.n}, or 0 for its own",
+                    f"give one from 1 to {robot.n}, or 0 for {'none' if 'i' in key else 'its own'}",
+                )
+            if "i" in key and own[key] and own[key[0]] not in (1.0, 2.0):
+                raise InputError(
+                    f"effect {self.name}: {key} adds a joint to what is no position or velocity",
+                    f"leave it out, or write {key[0]}=q or {key[0]}=dq",
                 )
 
     @classmethod
     def _own_shapes(
         cls, robot: Robot, joint: int, own: Mapping[str, float], values: Sequence[str]
     ) -> dict[str, Shape]:
-        """The class's, with the units of this table's variables and of its torque."""
+        """The class's that say something, with the units of this table's variables and of its torque."""
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
         for axis in "xy":
-            known = own[axis] in cls.shapes[axis].choices
-            word = cls.shapes[axis].written(own[axis]) if known else ""
-            partner = int(own[f"{axis}j"]) - 1 if 0 < own[f"{axis}j"] <= robot.n else joint
-            unit = variable_unit(robot.torque_units, word, partner)
+            over = _variable(own, axis, joint) if own[axis] in cls.shapes[axis].choices else None
+            unit = "-" if over is None else over.unit(robot.torque_units)
             for end in ("low", "high"):
-                shape = cls.shapes[axis + end]
-                out[axis + end] = Shape(shape.default, unit, signed=True)
+                out[axis + end] = replace(cls.shapes[axis + end], unit=unit)
+            silent = "" if own[f"{axis}i"] else "ic"
+            silent += "" if over is not None and over.word == "phase" else "k"
+            for key in silent:
+                del out[axis + key]
         return out | {v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values}
 
     @classmethod
@@ -164,13 +161,10 @@ class MeasuredCurve(JointEffect):
     def searched(self) -> tuple[str, ...]:
         return ()
 
-    def _word(self, axis: str) -> str:
-        return self.shapes[axis].written(self.shape[axis])
-
-    def variables(self, joint: int) -> tuple[tuple[str, int], ...]:
-        """What the curve runs over: words of VARIABLES with their joints (from 0)."""
-        found = [(self._word(axis), int(self.shape[f"{axis}j"]) - 1) for axis in "xy"]
-        return tuple((word, joint if j < 0 else j) for word, j in found if word != "none")
+    def variables(self, joint: int) -> tuple[Variable, ...]:
+        """What the curve runs over."""
+        found = (_variable(self.shape, axis, joint) for axis in "xy")
+        return tuple(v for v in found if v is not None)
 
     @property
     def constants(self) -> str:
@@ -183,7 +177,7 @@ class MeasuredCurve(JointEffect):
 
     def of(self, joint: int) -> tuple[str, ...]:
         """The variables as they are written: q4, sign(dq4), t."""
-        return tuple(variable_name(word, j) for word, j in self.variables(joint))
+        return tuple(v.name for v in self.variables(joint))
 
     def parameter_name(self, joint: int) -> str:
         return f"{self.symbol}{joint + 1}_{'_'.join(self.of(joint))}"
@@ -201,9 +195,9 @@ class MeasuredCurve(JointEffect):
     def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
         """(N,) linear interpolation of values (xn yn,) at the corners of the cell of each instant."""
         weights, index = np.ones((len(motion.t), 1)), np.zeros((len(motion.t), 1), int)
-        for axis, (word, partner) in zip("xy", self.variables(joint), strict=False):
+        for axis, over in zip("xy", self.variables(joint), strict=False):
             low, high, count = (self.shape[axis + key] for key in ("low", "high", "n"))
-            own, at = corners(variable(motion, word, partner), low, high, int(count))
+            own, at = corners(over.along(motion), low, high, int(count))
             weights = (weights[:, :, None] * own[:, None, :]).reshape(len(motion.t), -1)
             index = (int(count) * index[:, :, None] + at[:, None, :]).reshape(len(motion.t), -1)
         return np.asarray(np.sum(weights * table[index], axis=1))
@@ -214,27 +208,7 @@ class MeasuredCurve(JointEffect):
         out = np.zeros(len(motion.t), bool)
         for joint in self.joints:
             out |= self._interpolated(self._missing, motion, joint) > 0.5
-            for axis, (word, partner) in zip("xy", self.variables(joint), strict=False):
-                x = variable(motion, word, partner)
+            for axis, over in zip("xy", self.variables(joint), strict=False):
+                x = over.along(motion)
                 out |= (x < self.shape[f"{axis}low"]) | (x > self.shape[f"{axis}high"])
         return out
-
-
-def variable_name(word: str, joint: int) -> str:
-    """As findings.json writes a variable of a joint (from 0).
-
-    >>> variable_name("sign(dq)", 3), variable_name("t", 3)
-    ('sign(dq4)', 't')
-    """
-    if word == "t":
-        return "t"
-    return f"{word[:-1]}{joint + 1})" if word.endswith(")") else f"{word}{joint + 1}"
-
-
-def parse_variable(text: str) -> tuple[str, int]:
-    """Word and joint (from 0) of a variable as it is written; ValueError where it is none."""
-    digits = "".join(c for c in text if c.isdigit())
-    word = text.replace(digits, "") if digits else text
-    if word not in VARIABLES or (word == "t") == bool(digits):
-        raise ValueError(f"{text!r} is no variable of a curve")
-    return word, int(digits or 1) - 1

@@ -39,6 +39,8 @@ class TorqueRipple(Effect):
         )
     }
 
+    signless = True
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         k = f"{self.shape['k']:.6g}"
@@ -52,6 +54,10 @@ class TorqueRipple(Effect):
             for j in self.joints
             for symbol in ("a_r", "b_r")
         )
+
+    @property
+    def waves(self) -> float | None:
+        return self.shape["k"]
 
     def blocks(self, motion: Motion) -> list[Block]:
         return [

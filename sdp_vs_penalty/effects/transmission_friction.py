@@ -144,7 +144,7 @@ class TransmissionFriction(Remembering):
     ) -> list[Effect]:
         """Every law on every combination that begins with this joint, or on the ``given`` one."""
         ratios = {key: value for key, value in given.items() if key[:1] == "c"}
-        found = [ratios] if ratios else _combinations(robot, joint or 0)
+        found = [ratios] if ratios else combinations(robot, joint or 0)
         laws = [
             law for law in cls.starts(robot, joint or 0) if given.get("law", law["law"]) == law["law"]
         ]
@@ -179,7 +179,7 @@ def _worth_a_guess(
     return not known and all(abs(x) == 1.0 for x in ratios.values())
 
 
-def _combinations(robot: Robot, first: int) -> list[dict[str, float]]:
+def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
     """Ratios of neighbours of one kind, and the couplings that are known of the robot."""
     kinds = [j.kind for j in robot.joints]
     out = [_ratios(row) for row in robot.couplings if np.flatnonzero(row)[0] == first]

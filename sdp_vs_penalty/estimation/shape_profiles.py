@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.normal_equations import Normal, pseudo_inverse
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Values looked at between two of the grid.
@@ -75,78 +76,6 @@ class ShapeEstimate:
         return cls(effect, joint, shape, before, after, std, gain, bool(data["at_end"]))
 
 
-@dataclass(frozen=True)
-class Normal:
-    """Normal equations of rows [Y tau]: gram (p, p) = Y'Y, right (p,) = Y'tau, square = |tau|^2."""
-
-    gram: Array
-    right: Array
-    square: float
-
-    @classmethod
-    def of(cls, rows: Array, torque: Array) -> Normal:
-        """From rows (n, M, p) and torque (n, M) of n joints: columns that are zero on one cost nothing
-        there."""
-        gram, right = np.zeros((rows.shape[2], rows.shape[2])), np.zeros(rows.shape[2])
-        for Y, tau in zip(rows, torque, strict=True):
-            seen = np.flatnonzero(Y.any(axis=0))
-            part = Y[:, seen]
-            gram[np.ix_(seen, seen)] += part.T @ part
-            right[seen] += part.T @ tau
-        return cls(gram, right, float(np.sum(torque**2)))
-
-    def __add__(self, other: Normal) -> Normal:
-        return Normal(self.gram + other.gram, self.right + other.right, self.square + other.square)
-
-    def part(self, columns: NDArray[np.intp]) -> Normal:
-        """Of some of the columns."""
-        return Normal(self.gram[np.ix_(columns, columns)], self.right[columns], self.square)
-
-    def through(self, columns: Array, torque: Array) -> Normal:
-        """Of rows [Y columns, tau - Y torque], with columns (p, q) and torque (p,)."""
-        half = self.gram @ columns
-        return Normal(columns.T @ half, columns.T @ self.right - half.T @ torque, self.left(torque))
-
-    def least(self) -> float:
-        """The squared error of least squares."""
-        return self.left(self.solved()[0])
-
-    def solved(self) -> tuple[Array, int]:
-        """Least-squares coefficients (p,), and how many of their directions the data show."""
-        norms = np.sqrt(np.maximum(np.diagonal(self.gram), 0.0))
-        unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
-        inverse, rank = _pseudo_inverse(self.gram / np.outer(unit, unit))
-        return (inverse @ (self.right / unit)) / unit, rank
-
-    def taken(self, columns: NDArray[np.intp]) -> Array:
-        """(N,) what least squares takes from |tau|^2 with each of N sets of columns (N, c) alone."""
-        gram = self.gram[columns[:, :, None], columns[:, None, :]]
-        norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 0.0))
-        unit = np.where(norms > 1e-10 * norms.max(axis=1, keepdims=True), norms, np.inf)
-        values, vectors = np.linalg.eigh(gram / unit[:, :, None] / unit[:, None, :])
-        good = values > 1e-12 * values[:, -1:]
-        part = np.einsum("nij,ni->nj", vectors, self.right[columns] / unit)
-        return np.asarray(np.sum(np.where(good, part**2, 0.0) / np.where(good, values, 1.0), axis=1))
-
-    def left(self, theta: Array) -> float:
-        """|Y theta - tau|^2."""
-        return float(theta @ self.gram @ theta - 2.0 * self.right @ theta + self.square)
-
-
-def total(parts: Sequence[Normal]) -> Normal:
-    """Of all rows together."""
-    return sum(parts[1:], parts[0])
-
-
-def _pseudo_inverse(gram: Array) -> tuple[Array, int]:
-    if not gram.size:
-        return gram, 0
-    values, vectors = np.linalg.eigh(gram)
-    good = values > 1e-12 * values.max(initial=0.0)
-    half = vectors[:, good] / np.sqrt(values[good])
-    return half @ half.T, int(good.sum())
-
-
 @lru_cache(maxsize=64)
 def _interpolation(values: bytes) -> tuple[CubicSpline, Array, Array]:
     """From a constant's logarithm to weights (K,) of its grid's values; a finer grid, its weights."""
@@ -178,7 +107,7 @@ def best_shapes(
 def settled(rest: Normal, curves: Sequence[Curve], variance: float) -> list[ShapeEstimate]:
     """The same of banks' columns alone, of which other columns explain nothing any more."""
     values = [curve.bank.now for curve in curves]
-    found = [curve.best(rest, np.zeros((len(rest.right), 0)), variance) for curve in curves]
+    found = dict[int, ShapeEstimate]()
     at = [curve.at(v) for curve, v in zip(curves, values, strict=True)]
     for _ in range(_TURNS):
         before = list(values)
@@ -188,7 +117,7 @@ def settled(rest: Normal, curves: Sequence[Curve], variance: float) -> list[Shap
         last = np.log(before)
         if np.all(np.abs(np.log(values) - last) <= 1e-3 + 1e-5 * np.abs(last)):
             break
-    return found
+    return list(found.values())
 
 
 def fitted(
@@ -232,7 +161,7 @@ def left_by(data: Normal, pool: NDArray[np.intp], others: Array) -> tuple[Array,
     seen = norms > 1e-10 * norms.max(initial=0.0)
     others = others[:, seen] / norms[seen]
     half = data.gram @ others
-    inverse, _ = _pseudo_inverse(others.T @ half)
+    inverse, _ = pseudo_inverse(others.T @ half)
     explaining = others @ inverse
     return np.eye(len(data.right))[:, pool] - explaining @ half[pool].T, explaining @ (
         others.T @ data.right
@@ -248,6 +177,10 @@ class Curve:
         self.known = dict[float, Array]()
         self.signed = len(bank.effect.parameters) == 1 and bank.effect.parameters[0].lower == 0.0
         self.seen = 1e-9 * float(np.max(np.diagonal(rest.gram)[places]))
+        values = bank.values.tobytes()
+        _, self.fine, between = _interpolation(values)
+        #: (U + 1, K) weights at the constants that are looked at, and at the one that the model has.
+        self.looked_at = np.vstack([between, _weights(values, float(bank.now))])
 
     def at(self, value: float) -> Array:
         """(p, k) weights of all columns; outside the range those of its end."""
@@ -262,11 +195,8 @@ class Curve:
 
     def best(self, rest: Normal, others: Array, variance: float) -> ShapeEstimate:
         """The constant that takes most beside combinations ``others`` (p, q) of all columns."""
-        values = self.bank.values.tobytes()
-        _, fine, between = _interpolation(values)
-        w = np.vstack([between, _weights(values, float(self.bank.now))])
-        taken = self._taken(self._beside(rest, others), w) / variance
-        u, gain, bend = _vertex(fine, taken[:-1], int(np.argmax(taken[:-1])))
+        taken = self._taken(self._beside(rest, others), self.looked_at) / variance
+        u, gain, bend = _vertex(self.fine, taken[:-1], int(np.argmax(taken[:-1])))
         std = float(np.sqrt(2.0 / bend)) if bend > 0.0 else np.inf
         gain -= float(taken[-1])
         known = gain > _WORTH
@@ -287,7 +217,7 @@ class Curve:
             norms = np.sqrt(np.maximum(np.diagonal(inner), 0.0))
             unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
             shared = half[self.places] / unit
-            explained = shared @ _pseudo_inverse(inner / np.outer(unit, unit))[0]
+            explained = shared @ pseudo_inverse(inner / np.outer(unit, unit))[0]
             gram = gram - explained @ shared.T
             right = right - explained @ ((others.T @ rest.right) / unit)
         return Normal(gram, right, rest.square)

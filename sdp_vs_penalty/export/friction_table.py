@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.effect import Motion, follows_alone
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
@@ -40,7 +40,9 @@ def make_friction_table(estimate: Estimate) -> tuple[bytes, tuple[str, ...]]:
     for c in curves:
         for row in zip(c.velocity, c.torque, c.std, strict=True):
             lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
-    left = (e.text for e in estimate.model.effects if not _by_velocity(e) and e.name != "rigid_body")
+    left = (
+        e.text for e in estimate.model.effects if not follows_alone(e, "dq") and e.name != "rigid_body"
+    )
     return ("\n".join(lines) + "\n").encode(), tuple(left)
 
 
@@ -51,7 +53,7 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     """
     model, robot = estimate.model, estimate.robot
     own = zip(model.effects, model.indices, strict=True)
-    held = [(e, k) for e, k in own if _by_velocity(e)]
+    held = [(e, k) for e, k in own if follows_alone(e, "dq")]
     curves = []
     for j, joint in enumerate(robot.joints):
         fastest = joint.velocity if 0.0 < joint.velocity < np.inf else _FASTEST
@@ -72,14 +74,3 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
                 spread += block.columns @ estimate.uncertainty.factor[at]
         curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))
     return curves if held else []
-
-
-def _by_velocity(effect: Effect) -> bool:
-    """Whether the torque changes with the joints' velocity, or not at all, and with nothing else."""
-    if effect.has_memory or effect.needs_torque or effect.needs_links or effect.needs_temperature:
-        return False
-    n, rng = effect.robot.n, np.random.default_rng(0)
-    dq = rng.normal(size=(3, n))
-    motions = [Motion(x * np.ones(3), np.full((3, n), x), dq, np.full((3, n), x)) for x in (0.0, 0.7)]
-    first, second = (effect.blocks(motion) for motion in motions)
-    return all(np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True))

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.report.plots import (
     SIGNALS,
     Curves,
-    band_figure,
     envelope,
     friction_figure,
     ladder_figure,
+    missing_figure,
     residual_figure,
     scatter_rows,
     styled,
@@ -105,12 +107,14 @@ def _friction_frame(unit: str) -> dict[str, Any]:
     return _ready(styled(friction_figure([0.0], [0.0], [0.0], 0, unit), 300))
 
 
-def missing_chart(curve: Curve, units: Sequence[str]) -> dict[str, Any]:
-    """A measured curve of one variable with its band."""
-    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
-    plot.update_xaxes(title_text=curve.of[0])
-    plot.update_yaxes(title_text=f"joint {curve.joint} [{units[curve.joint - 1]}]")
-    return _ready(styled(plot, 260))
+def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -> dict[str, Any]:
+    """A measured curve with its band, and where the rows of a recording lie."""
+    over = [Variable.parse(v) for v in curve.of]
+    along = []
+    if all(v.word != "temp" for v in over):  # a recording holds none
+        motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
+        along = [v.along(motion) for v in over]
+    return _ready(styled(missing_figure(curve, units, along), 260))
 
 
 def residual_chart(
@@ -174,6 +178,8 @@ def _ready(plot: Any) -> dict[str, Any]:
     for trace, made in zip(data["data"], plot.data, strict=True):
         for axis in ("x", "y"):
             values = made[axis]
+            if values is None:  # a histogram's
+                continue
             words = len(values) > 0 and isinstance(values[0], str)
             trace[axis] = list(values) if words else _short(values)
     data["layout"].pop("template", None)

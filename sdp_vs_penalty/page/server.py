@@ -11,6 +11,7 @@ import secrets
 import signal
 import socket
 import sys
+import tomllib
 import webbrowser
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
 from sdp_vs_penalty.page.session import Session
@@ -32,7 +34,7 @@ from sdp_vs_penalty.page.steps import STEPS
 from sdp_vs_penalty.page.steps.take_away import FILES, MADE
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.workshop import Workshop
+from sdp_vs_penalty.page.workshop import Work, Workshop
 
 #: Tried first, so that the page can be bookmarked.
 PORT = 8137
@@ -47,22 +49,29 @@ class Page:
         self.folder, self.forms = folder, forms
         self.workshop = Workshop()
         self.sessions = Sessions(self.workshop)
-        self._catalogue: asyncio.Task[dict[str, Any]] | None = None
+        #: What there is to choose from: the robots at once, the rest when a worker has loaded it.
+        self.catalogue: dict[str, Any] = {"problems": _problems()}
 
     def start(self) -> None:
         """Ask a first worker what there is to choose from; the next one warms up meanwhile."""
-        work = self.workshop.worker()
-        self._catalogue = asyncio.get_running_loop().create_task(
-            work.do({"job": "catalogue"}, lambda _: None)
-        )
+        self._asking = asyncio.get_running_loop().create_task(self._ask(self.workshop.worker()))
 
-    async def catalogue(self) -> dict[str, Any]:
-        assert self._catalogue is not None
-        return await asyncio.shield(self._catalogue)
+    async def _ask(self, work: Work) -> None:
+        try:
+            self.catalogue |= await work.do({"job": "catalogue"}, lambda _: None)
+            self.sessions.changed()
+        except InputError as error:
+            self.sessions.say(str(error))
 
     def close(self) -> None:
         self.sessions.close()
         self.workshop.close()
+
+
+def _problems() -> list[dict[str, str]]:
+    """Names and titles of the built-in robots, read without what computes with them."""
+    files = sorted(problems_folder().glob("*/problem.toml"))
+    return [{"name": f.parent.name, "title": tomllib.loads(f.read_text())["title"]} for f in files]
 
 
 @dataclass(frozen=True)
@@ -211,13 +220,12 @@ def make_app(page: Page) -> FastAPI:
             return _gone()
         return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
 
-    # The first page waits for the first worker, which has to load everything.
-    @ui.page("/s/{token}", title="sdp-vs-penalty workbench", response_timeout=60.0)
+    @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
     async def _show(token: str) -> Response | None:
         session = page.sessions.get(token)
         if session is None:
             return RedirectResponse("/")
-        await _build(page, session)
+        _build(page, session)
         return None
 
     ui.run_with(
@@ -231,14 +239,14 @@ def make_app(page: Page) -> FastAPI:
     return app
 
 
-async def _build(page: Page, session: Session) -> None:
+def _build(page: Page, session: Session) -> None:
     client = ui.context.client
     limits = f"<script>const LARGEST = {uploads.LARGEST_FILE};</script>"
     shown = ", ".join(f"[data-at={s.anchor}] [data-step={s.anchor}]" for s in STEPS)
     look = f"{(_HERE / 'look.css').read_text()}\n:is({shown}) {{ display: block; }}"
     ui.add_head_html(f"<style>{look}</style>")
     ui.add_head_html(f"{limits}<script>{(_HERE / 'workbench.js').read_text()}</script>")
-    bench = Workbench(View(session, await page.catalogue(), page.folder, client, page.forms))
+    bench = Workbench(View(session, page.catalogue, page.folder, client, page.forms))
     bench.build()
 
     def leave() -> None:

@@ -126,7 +126,8 @@ class Workbench:
 
     def _redraw_step(self, step: Step) -> None:
         session, body = self.session, self._bodies[step.anchor]
-        ready = step.ready(session)
+        # What the steps after the first offer comes when the first worker has loaded everything.
+        ready = step.ready(session) and (step is STEPS[0] or "effects" in self.view.catalogue)
         self._redraw_end(step, step.verdict(session) if ready else None, ready)
         state = json.dumps(step.depends(session) if ready else None, default=str)
         if self._drawn.get(step.anchor) == state:
@@ -134,7 +135,7 @@ class Workbench:
         self._drawn[step.anchor] = state
         for place in (self._links[step.anchor], self._sections[step.anchor]):
             place.classes(add="" if ready else "later", remove="later" if ready else "")
-        self.view.followers.pop(step.anchor, None)
+        self.view.forget(step.anchor)
         body.clear()
         with body:
             if ready:

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError
@@ -29,23 +30,41 @@ class Cancelled(Exception):  # noqa: N818  (it is no error)
 
 
 class Work:
-    """One worker and the job that it does."""
+    """One worker and the job that it does; its process starts meanwhile, which can take seconds."""
 
     def __init__(self, context: BaseContext) -> None:
         self.connection, theirs = context.Pipe()
-        process = context.Process(target=_run, args=(theirs,), daemon=True)  # type: ignore[attr-defined]
-        process.start()
+        self.process = self._of(context, theirs)
+        self.cancelled = self.killed = self._started = False
+        self._lock = threading.Lock()
+        self._starting = threading.Thread(target=self._start, args=(theirs,), daemon=True)
+        self._starting.start()
+
+    @staticmethod
+    def _of(context: BaseContext, theirs: Connection) -> BaseProcess:
+        return context.Process(target=_run, args=(theirs,), daemon=True)  # type: ignore[attr-defined, no-any-return]
+
+    def _start(self, theirs: Connection) -> None:
+        try:
+            self.process.start()
+        except OSError:  # the name of a temporary folder can be too long for a forking server
+            self.process = self._of(multiprocessing.get_context("spawn"), theirs)
+            self.process.start()
         theirs.close()
-        self.process = process
-        self.cancelled = self.killed = False
+        with self._lock:
+            self._started = True
+            if self.killed:
+                self._kill()
+
+    @property
+    def ended(self) -> bool:
+        return self._started and not self.process.is_alive()
 
     async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
         """The answer to a request; raises InputError with the worker's sentence, or Cancelled."""
         loop, messages = asyncio.get_running_loop(), asyncio.Queue[Any]()
-        with contextlib.suppress(OSError):  # killed already: the listener says so
-            self.connection.send_bytes(json.dumps(request).encode())
-        listener = threading.Thread(target=_listen, args=(self.connection, loop, messages), daemon=True)
-        listener.start()
+        talk = (json.dumps(request).encode(), loop, messages)
+        threading.Thread(target=self._talk, args=talk, daemon=True).start()
         try:
             while (message := await messages.get()) is not None:
                 if "progress" in message:
@@ -58,16 +77,35 @@ class Work:
         finally:
             self.kill()
 
+    def _talk(self, request: bytes, loop: asyncio.AbstractEventLoop, messages: Any) -> None:
+        """Ask, and hand every message to the event loop; None at the end of the pipe."""
+        self._starting.join()
+        with contextlib.suppress(OSError):  # killed already: reading says so
+            self.connection.send_bytes(request)
+        message: Any = {}
+        while message is not None:
+            try:
+                message = json.loads(self.connection.recv_bytes())
+            except (EOFError, OSError):
+                message = None
+            with contextlib.suppress(RuntimeError):  # the loop is closed: the server is ending
+                loop.call_soon_threadsafe(messages.put_nowait, message)
+        self.connection.close()
+
     def cancel(self) -> None:
         self.cancelled = True
         self.kill()
 
     def kill(self) -> None:
         """End the worker and whatever it has started, at once; its number may be another's later."""
+        with self._lock:
+            if self._started and not self.killed:
+                self._kill()
+            self.killed = True
+
+    def _kill(self) -> None:
         pid = self.process.pid
-        if pid is None or self.killed:
-            return
-        self.killed = True
+        assert pid is not None
         with contextlib.suppress(OSError, AttributeError):
             if os.getpgid(pid) == pid:
                 os.killpg(pid, signal.SIGKILL)
@@ -79,19 +117,6 @@ def _run(connection: Connection) -> None:
     from sdp_vs_penalty.page.worker import main
 
     main(connection)
-
-
-def _listen(connection: Connection, loop: asyncio.AbstractEventLoop, messages: Any) -> None:
-    """Hand every message to the event loop; None at the end of the pipe."""
-    message: Any = {}
-    while message is not None:
-        try:
-            message = json.loads(connection.recv_bytes())
-        except (EOFError, OSError):
-            message = None
-        with contextlib.suppress(RuntimeError):  # the loop is closed: the server is ending
-            loop.call_soon_threadsafe(messages.put_nowait, message)
-    connection.close()
 
 
 class Workshop:
@@ -125,19 +150,15 @@ class Workshop:
 
     def warm(self) -> None:
         """Start the next worker."""
-        if self._spare is None or not self._spare.process.is_alive():
-            try:
-                self._spare = Work(self._context)
-            except OSError:  # the name of a temporary folder can be too long for a forking server
-                self._context = multiprocessing.get_context("spawn")
-                self._spare = Work(self._context)
+        if self._spare is None or self._spare.ended:
+            self._spare = Work(self._context)
 
     def worker(self) -> Work:
         """A started worker; the next one starts meanwhile."""
         self.warm()
         work, self._spare = self._spare, None
         assert work is not None
-        threading.Thread(target=self.warm, daemon=True).start()
+        self.warm()
         return work
 
     def close(self) -> None:

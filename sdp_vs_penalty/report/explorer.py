@@ -9,21 +9,20 @@ import numpy as np
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.effects.measured_curve import parse_variable, variable, variable_unit
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.report.plots import (
     COLOURS,
-    MEASURED,
     SIGNALS,
-    band_figure,
     ladder_figure,
+    missing_figure,
     noise_band,
     scatter_rows,
 )
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Points of a curve's rows, lags of a correlation.
-_POINTS, _LAGS = 700, 40
+#: Lags of a correlation.
+_LAGS = 40
 
 
 def explorer(material: Material) -> Section:
@@ -168,7 +167,16 @@ def findings(material: Material) -> Section:
                 number(found.noise_floor[joint], 3),
             )
         )
-    heads = ("effect", "joint", "", "size", "not told from", "held-out RMSE", "with it", "noise floor")
+    heads = (
+        "effect",
+        "joint",
+        "confidence",
+        "size",
+        "not told from",
+        "held-out RMSE",
+        "with it",
+        "noise floor",
+    )
     body = text(found.headline)
     if rows:
         names = ["model", *(f"+ {k}. {row[0]} {row[1]}" for k, row in enumerate(rows, start=1))]
@@ -189,59 +197,15 @@ def curves(material: Material) -> Section:
     units = material.last.robot.torque_units
     for curve in material.diagnosis.curves:
         said = curve.sentence(units)
-        draw = _line if len(curve.of) == 1 else _surface
-        body += figure(draw(curve, material), f"{said[0].upper()}{said[1:]}", 360)
+        plot = missing_figure(curve, units, _along(curve, material))
+        body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
     return Section("curves", "Missing torque without a name", body)
 
 
-def _values(curve: Curve, material: Material) -> list[Array]:
+def _along(curve: Curve, material: Material) -> list[Array]:
     """Each variable of a curve along the judged runs."""
-    name, estimate = material.last_name, material.last
-    out = []
-    for text_of in curve.of:
-        word, joint = parse_variable(text_of)
-        parts = []
-        for rows in material.rows[name]:
-            torque = predicted(rows, estimate.theta)
-            parts.append(variable(replace(rows.motion, torque=torque), word, joint))
-        out.append(np.concatenate(parts))
-    return out
-
-
-def _titles(curve: Curve, material: Material) -> list[str]:
-    units = material.last.robot.torque_units
-    return [f"{v} [{variable_unit(units, *parse_variable(v))}]" for v in curve.of]
-
-
-def _line(curve: Curve, material: Material) -> Any:
-    from plotly.graph_objects import Histogram
-
-    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
-    (values,) = _values(curve, material)
-    shade = {"color": MEASURED}
-    plot.add_trace(Histogram(x=values, yaxis="y2", opacity=0.3, marker=shade, name="rows", nbinsx=60))
-    plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"}, barmode="overlay")
-    unit = material.last.robot.torque_units[curve.joint - 1]
-    plot.update_layout(
-        xaxis={"title": _titles(curve, material)[0]}, yaxis={"title": f"joint {curve.joint} [{unit}]"}
-    )
-    return plot
-
-
-def _surface(curve: Curve, material: Material) -> Any:
-    from plotly.graph_objects import Figure, Scatter
-
-    plot, (x, y) = Figure(), _titles(curve, material)
-    marker = {"color": curve.torque, "colorscale": "RdBu", "symbol": "square", "size": 11}
-    half = 0.5 * (curve.upper - curve.lower)
-    told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
-    unit = material.last.robot.torque_units[curve.joint - 1]
-    marker["colorbar"] = {"title": unit}
-    points = {"x": curve.points[:, 0], "y": curve.points[:, 1], "mode": "markers"}
-    plot.add_trace(Scatter(**points, marker=marker, text=told, name="missing torque and its band"))
-    first, second = _values(curve, material)
-    keep = np.unique(np.linspace(0, len(first) - 1, _POINTS).astype(int))
-    rows = {"size": 2, "color": MEASURED}
-    plot.add_trace(Scatter(x=first[keep], y=second[keep], mode="markers", marker=rows, name="rows"))
-    plot.update_layout(xaxis={"title": x}, yaxis={"title": y})
-    return plot
+    parts = []
+    for rows in material.rows[material.last_name]:
+        motion = replace(rows.motion, torque=predicted(rows, material.last.theta))
+        parts.append([Variable.parse(v).along(motion) for v in curve.of])
+    return [np.concatenate(values) for values in zip(*parts, strict=True)]

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on white and black.
@@ -177,6 +179,32 @@ def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> 
     fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
     plot = Figure([Scatter(x=x, y=high, **band), Scatter(x=x, y=low, **fill, **band)])
     return plot.add_trace(Scatter(x=x, y=y, line={"color": COLOURS[0]}, showlegend=False))
+
+
+def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = ()) -> Any:
+    """A measured curve with its band, over two variables by colour, and where measurements lie; units :
+    of the joints' torques; along : the variables along these."""
+    from plotly.graph_objects import Figure, Histogram, Scatter
+
+    names, unit = [f"{v} [{Variable.parse(v).unit(units)}]" for v in curve.of], units[curve.joint - 1]
+    rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
+    if len(names) == 1:
+        plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
+        shade: dict[str, Any] = {"marker": {"color": MEASURED}, "opacity": 0.3, "nbinsx": 60}
+        for x in rows:
+            plot.add_trace(Histogram(x=x, yaxis="y2", name="rows", **shade))
+        plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
+        return plot.update_layout(xaxis_title=names[0], yaxis_title=f"joint {curve.joint} [{unit}]")
+    half = 0.5 * (curve.upper - curve.lower)
+    told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
+    marker = {"color": curve.torque, "colorscale": "RdBu", "symbol": "square", "size": 11}
+    marker["colorbar"] = {"title": unit}
+    places: list[Any] = [(curve.points.T, marker, told, "missing torque and its band")]
+    places += [(rows, {"size": 2, "color": MEASURED}, None, "rows")] if rows else []
+    plot = Figure()
+    for (x, y), look, words, name in places:
+        plot.add_trace(Scatter(x=x, y=y, mode="markers", marker=look, text=words, name=name))
+    return plot.update_layout(xaxis_title=names[0], yaxis_title=names[1])
 
 
 def friction_figure(

@@ -77,14 +77,16 @@ class Movement:
         self.moves = np.zeros(len(run.t), bool)
         joints = np.flatnonzero(moving_joints(run)).tolist()
         pieces = [slice(k, k + PART) for k in range(0, len(run.t), PART)]
-        largest = np.zeros((2, len(joints)))  # of the pieces so far, and of the one at hand
+        largest, own = np.zeros(len(joints)), list[Array]()
         for piece in pieces:
-            largest[1] = [_travel(run, j, piece).max() for j in joints]
-            largest[0] = largest.max(axis=0)
+            own = [_travel(run, j, piece) for j in joints]
+            largest = np.maximum(largest, [travel.max() for travel in own])
             run.release()
         for piece in pieces:
-            for j, farthest in zip(joints, largest[0], strict=True):
-                self.moves[piece] |= _travel(run, j, piece) > share * farthest
+            if len(pieces) > 1:  # else it is still there
+                own = [_travel(run, j, piece) for j in joints]
+            for travel, farthest in zip(own, largest, strict=True):
+                self.moves[piece] |= travel > share * farthest
             run.release()
 
     def at(self, t: Array) -> NDArray[np.bool_]:

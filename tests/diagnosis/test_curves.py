@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +13,19 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
+from sdp_vs_penalty.diagnosis.curves.formula import _dictionary
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, _falls
 from sdp_vs_penalty.effects import effect_from_dict, parse_effects
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.hidden import at_joint
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import draw_motion, draw_world, log_run
 
 JOINT, SIZE = 1, 0.4
@@ -34,12 +39,11 @@ class Made:
     found: Diagnosis
 
 
-@pytest.fixture(scope="module")
-def made() -> Made:
-    """A two-axis SCARA whose second joint has a torque of q dq, which no effect of the library is."""
+def diagnosed(law: Callable[[TrueMotion], Array]) -> Made:
+    """A two-axis SCARA whose second joint has a torque that no effect of the library is."""
     rng = np.random.default_rng(7)
     world = draw_world(Conditions("scara", runs=2, duration=16.0), rng)
-    hidden = at_joint("q dq", JOINT, lambda _, m: SIZE * m.q[:, JOINT] * m.dq[:, JOINT])
+    hidden = at_joint("nameless", JOINT, lambda _, m: SIZE * law(m))
     runs = []
     for k in range(3):
         motion = draw_motion(world, k, rng)
@@ -47,6 +51,36 @@ def made() -> Made:
     data = concatenate(runs[:2])
     estimate = identify(load_problem(world.arm.urdf), data, "ols")
     return Made(estimate, data, runs[2], diagnose(estimate, data, runs[2]))
+
+
+@pytest.fixture(scope="module")
+def made() -> Made:
+    return diagnosed(lambda m: m.q[:, JOINT] * m.dq[:, JOINT])
+
+
+def test_a_law_of_a_combination_is_found_as_one_and_added() -> None:
+    made = diagnosed(lambda m: np.tanh((m.q[:, 0] - m.q[:, 1]) / 0.3))
+    curve = made.found.curves[0]
+    assert (curve.joint, curve.of) == (JOINT + 1, ("q1-q2",))
+    assert curve.formula is not None
+    assert "tanh((q1-q2) / 0." in curve.formula
+    bigger = add(made.estimate, made.found, made.data)
+    assert "curve2_q1-q2" in [p.name for p in bigger.model.parameters]
+    before, after = (compare(e, made.test)[0].rmse[JOINT] for e in (made.estimate, bigger))
+    assert after < 0.3 * before
+
+
+def test_the_waves_of_a_phase_are_those_of_the_position() -> None:
+    """Every torque that repeats with a wheel's teeth is a sum of them, whatever its shape."""
+    q = np.linspace(-2.0, 2.0, 400)
+    axis = Axis(Variable("phase", order=7.0), 0.0, 2.0 * np.pi, 24)
+    teeth = np.exp(3.0 * (np.cos(7.0 * q - 0.4) - 1.0))
+    B = np.column_stack([np.ones_like(q), axis.columns(np.mod(7.0 * q, 2.0 * np.pi))])
+    assert np.abs(B @ np.linalg.lstsq(B, teeth)[0] - teeth).max() < 1e-5
+    _, _, _, both = _dictionary([axis])
+    assert both.text(np.array([0.3, 0.0, 0.0, -0.2]), np.zeros(0)) == (
+        "0.3 sin(7 q1 + 0) + 0.2 sin(14 q1 - 1.571)"
+    )
 
 
 def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made: Made) -> None:
@@ -124,7 +158,7 @@ def test_an_error_that_falls_in_one_stretch_only_has_not_fallen() -> None:
 
 def test_a_curve_levels_off_where_nothing_was_measured() -> None:
     """A straight line over the lower half of the range is not continued beyond it."""
-    axis = Axis(("q", 0), 0.0, 1.0, 32)
+    axis = Axis(Variable("q"), 0.0, 1.0, 32)
     x = np.linspace(0.0, 0.5, 200)
     B = axis.columns(x)
     c = np.linalg.solve(B.T @ B + 10.0 * axis.penalty + 1e-6 * np.eye(32), B.T @ (4.0 * x))

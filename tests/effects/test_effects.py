@@ -12,8 +12,9 @@ from random_robots import uicker_torques
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.bristles import Bristles, Law, dahl, stop
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.drift_offset import DriftOffset
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
+from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion, follows_alone
 from sdp_vs_penalty.effects.measured_curve import corners
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.presliding_hysteresis import bristle
@@ -269,11 +270,70 @@ def test_a_curve_reads_the_joint_that_it_names(at: int, reads: int) -> None:
     assert curve.of(1) == (f"dq{reads + 1}",)
 
 
+def test_a_curve_reads_a_combination_of_joints_and_the_phase_of_a_turn() -> None:
+    robot, motion = robots()["arm"], steady_motion(robots()["arm"])
+    ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"
+    both, fast, phase = parse_effects(
+        [
+            f"measured_curve:2@x=q@xj=2@xi=3@xc=-2{ends}",
+            f"measured_curve:2@x=dq@xj=1@xi=2{ends}",
+            f"measured_curve:2@x=phase@xj=2@xk=5{ends}",
+        ],
+        robot,
+    )
+    assert [e.of(1) for e in (both, fast, phase)] == [("q2-2q3",), ("dq1+dq2",), ("phase(5 q2)",)]
+    q, dq = motion.q, motion.dq
+    for effect, x in (
+        (both, q[:, 1] - 2.0 * q[:, 2]),
+        (fast, dq[:, 0] + dq[:, 1]),
+        (phase, np.mod(5.0 * q[:, 1], 2.0 * np.pi)),
+    ):
+        np.testing.assert_allclose(wide_columns(effect, motion)[1, :, 0], np.clip(x, -9.0, 9.0))
+        np.testing.assert_array_equal(effect.outside(motion), np.abs(x) > 9.0)
+    with pytest.raises(InputError, match="adds a joint to what is no position"):
+        parse_effects(f"measured_curve:2@x=ddq@xi=3{ends}", robot)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6", "phase(80 q4)"],
+)
+def test_a_variable_reads_back_as_it_is_written(name: str) -> None:
+    assert Variable.parse(name).name == name
+
+
+@pytest.mark.parametrize("text", ["q", "q0", "speed2", "t3", "q5+dq6", "phase(q4)", "sign(q4)", "none1"])
+def test_what_is_no_variable_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="no variable"):
+        Variable.parse(text)
+
+
+def test_a_function_of_a_part_is_a_function_of_the_whole() -> None:
+    parse = Variable.parse
+    pair = [parse("q5"), parse("q6")]
+    assert all(parse(v).within(pair) for v in ("q5", "q5+q6", "phase(7 q6)"))
+    assert not any(parse(v).within(pair) for v in ("dq5", "q4+q5", "sign(dq5)"))
+    assert parse("sign(dq5)").within([parse("dq5")])
+
+
+def test_what_follows_the_position_alone_does_so() -> None:
+    names = ("joint_spring", "torque_ripple", "viscous_friction", "position_dependent_friction")
+    effects = parse_effects(names, robots()["arm"])
+    assert [follows_alone(e, "q") for e in effects] == [True, True, False, False]
+    assert [follows_alone(e, "dq") for e in effects] == [False, False, True, False]
+
+
 @pytest.mark.parametrize("text", ["torque_delay:1", "global_delay"])
 def test_a_torque_that_comes_early_may_be_friction(text: str) -> None:
     (effect,) = parse_effects(text, robots()["arm"])
     assert "sticks" in effect.looks_like(-0.003)
     assert effect.looks_like(0.003) == ""
+
+
+def test_a_wave_is_doubtful_where_less_than_one_was_travelled() -> None:
+    ripple = TorqueRipple(robots()["arm"], [1], k=4.0)
+    assert "less than one wave" in ripple.looks_like(1.0, 1.5)
+    assert ripple.looks_like(1.0, 1.6) == ""
 
 
 def test_a_tilt_is_told_in_degrees() -> None:

@@ -341,7 +341,10 @@ def test_numpy_function_makes_the_same_torques(name: str, tmp_path: Path) -> Non
     assert np.abs(torque(q[4], dq[4], ddq[4]) - expected[4]).max() <= PARITY
 
 
-@pytest.mark.parametrize("effect", [e for e in effect_types() if e != "rigid_body"])
+CURVES = [f"measured_curve:1@x={x}@xhigh=3@v1=-1@v2=2" for x in ("dq@xi=2@xc=-2", "phase@xk=7")]
+
+
+@pytest.mark.parametrize("effect", [*(e for e in effect_types() if e != "rigid_body"), *CURVES])
 def test_numpy_function_holds_every_effect(effect: str, tmp_path: Path) -> None:
     """The contract of a new effect: it can be taken along as plain NumPy."""
     robot = load_problem("two_link").robot

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from random_robots import link_parameters, tree
 
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -74,6 +75,13 @@ def variants(name: str, robot: Robot) -> list[Effect]:
         for joint in ([None] if kind.whole_robot else range(robot.n))
         for effect in kind.candidates(robot, joint)
     ]
+    if name == "measured_curve":  # measured, not searched: over what is more than a joint's own signal
+        kinds = [j.kind for j in robot.joints]
+        other = 2 + kinds[1:].index(kinds[0]) if kinds[0] in kinds[1:] else 0
+        over = [f"x={w}@xj=1@xi={other}@xc=-2" for w in ("q", "dq") if other]
+        ends = "@xlow=-0.4@xhigh=0.9@v1=-1@v2=2"
+        texts = [f"{name}:1@{x}{ends}" for x in (*over, "x=phase@xk=7")]
+        searched = list(parse_effects(texts, robot))
     return [kind(robot), *searched]
 
 

@@ -23,11 +23,18 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.page import archive, uploads, worker
-from sdp_vs_penalty.page.charts import asked_span, friction_chart, residual_chart, torque_chart
+from sdp_vs_penalty.page.charts import (
+    asked_span,
+    friction_chart,
+    missing_chart,
+    residual_chart,
+    torque_chart,
+)
 from sdp_vs_penalty.page.gate import Gate
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
@@ -357,7 +364,8 @@ def test_a_worker_that_the_system_ends_is_a_sentence(workshop: Workshop) -> None
     async def story() -> None:
         work = workshop.worker()
         doing = asyncio.ensure_future(work.do(LONG, lambda _: None))
-        await asyncio.sleep(0.05)
+        while not work._started:
+            await asyncio.sleep(0.01)
         work.process.kill()
         await doing
 
@@ -716,6 +724,23 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
                 np.testing.assert_allclose(trace.pop(axis), drawn[axis], rtol=1e-5)
             drawn = drawn.to_plotly_json()
             assert trace == {k: v for k, v in drawn.items() if k not in ("x", "y")}
+
+
+def test_measured_curves_are_drawn_where_the_recording_lies() -> None:
+    rng = np.random.default_rng(0)
+    t, q = np.arange(300) / 100.0, rng.uniform(-1.0, 1.0, (300, 2))
+    read = {"t": t, "q": q, "dq": 2.0 * q, "ddq": q, "modelled": q}
+    x = np.linspace(-1.0, 1.0, 9)
+    one = Curve(1, ("q1+2q2",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, None, 0.2, 0.1)
+    pair = replace(one, of=("q1", "dq1"), x=np.column_stack([x, x]))
+    units = ["N m", "N m"]
+    *_, rows = missing_chart(one, units, read)["data"]
+    np.testing.assert_allclose(rows["x"], q[:, 0] + 2.0 * q[:, 1], rtol=1e-4)
+    table, rows = missing_chart(pair, units, read)["data"]
+    assert len(table["x"]) == 9
+    np.testing.assert_allclose(rows["y"], 2.0 * q[:, 0], rtol=1e-4)
+    assert len(missing_chart(replace(one, of=("temp1",)), units, read)["data"]) == 3
+    assert json.dumps(missing_chart(pair, units, read))
 
 
 @pytest.mark.parametrize(

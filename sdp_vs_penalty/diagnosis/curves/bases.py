@@ -9,25 +9,26 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import BSpline
 
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.measured_curve import variable, variable_name
+from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.transmission_friction import combinations
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-#: A variable of a curve: its word (of measured_curve.VARIABLES) and its joint, from 0.
-Variable = tuple[str, int]
 
 _DEGREE = 3
 #: Splines along a position, along anything else, and along each variable of a pair.
 _POSITION, _OTHER, _PAIR = 32, 20, 9
 #: Values of the table that is written down, along one variable and along each of a pair.
 _POINTS, _PAIR_POINTS = 81, 25
+#: Waves of a function of a phase, and how often a motion must go through the phase to show it.
+_WAVES, _TURNS = 12, 2.0
 
 
 @dataclass(frozen=True)
 class Axis:
     """Cubic B-splines of one variable between the ends of its range, held constant outside; of the sign
-    of a velocity the constant and the sign itself."""
+    of a velocity the constant and the sign itself; of a phase the first waves."""
 
     variable: Variable
     low: float
@@ -36,12 +37,19 @@ class Axis:
 
     @property
     def is_sign(self) -> bool:
-        return self.variable[0] == "sign(dq)"
+        return self.variable.word == "sign(dq)"
+
+    @property
+    def is_phase(self) -> bool:
+        return self.variable.word == "phase"
 
     def columns(self, x: Array) -> Array:
         """(N, count) of the splines."""
         if self.is_sign:
             return np.column_stack([np.ones_like(x), x])
+        if self.is_phase:
+            angles = x[:, None] * np.arange(1, _WAVES + 1)
+            return np.hstack([np.cos(angles), np.sin(angles)])
         step = (self.high - self.low) / (self.count - _DEGREE)
         knots = self.low + step * np.arange(-_DEGREE, self.count + 1)
         # The last knot belongs to what lies below it.
@@ -55,6 +63,8 @@ class Axis:
         measurements lie, such a curve levels off instead of going on straight."""
         if self.is_sign:
             return np.zeros((2, 2))
+        if self.is_phase:
+            return np.diag(np.tile(np.arange(1.0, _WAVES + 1) ** 4, 2))
         first, second = (np.diff(np.eye(self.count), k, axis=0) for k in (1, 2))
         level = 0.0 if self.count == _PAIR else (2.0 * np.pi / self.count) ** 2
         return np.asarray(second.T @ second + level * first.T @ first)
@@ -73,7 +83,7 @@ class Basis:
     @property
     def of(self) -> tuple[str, ...]:
         """The variables as they are written."""
-        return tuple(variable_name(*a.variable) for a in self.axes)
+        return tuple(a.variable.name for a in self.axes)
 
     @property
     def size(self) -> int:
@@ -85,7 +95,7 @@ class Basis:
 
     def of_motion(self, motion: Motion, joint: int) -> Array:
         """(N, size) along a motion."""
-        return self.at(*(variable(motion, *a.variable) for a in self.axes))
+        return self.at(*(a.variable.along(motion) for a in self.axes))
 
     @property
     def penalties(self) -> list[Array]:
@@ -119,49 +129,72 @@ def _products(columns: Sequence[Array]) -> Array:
     return out
 
 
-def pairs_of(j: int, n: int, warm: bool = False) -> list[tuple[Variable, ...]]:
-    """Everything that a curve of joint j may run over, one variable first; warm : with temperatures."""
-    others = [i for i in range(n) if i != j]
-    out: list[tuple[Variable, ...]] = [
-        ((w, j),) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")
-    ]
-    out += [(("temp", j),)] * warm
-    out += [(("t", 0),), *(((w, i),) for i in others for w in ("q", "dq"))]
-    own = [("q", "dq"), ("q", "sign(dq)"), ("dq", "tau"), ("q", "tau"), ("dq", "ddq"), ("q", "ddq")]
-    own += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
-    out += [((a, j), (b, j)) for a, b in own]
+def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, ...]]:
+    """Everything but phases that a curve of joint j may run over, one variable first; warm : with
+    temperatures."""
+    others = [i for i in range(robot.n) if i != j]
+    own = [Variable(w, j) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")]
+    own += [Variable("temp", j)] * warm
+    own += [Variable("t"), *(Variable(w, i) for i in others for w in ("q", "dq"))]
+    for ratios in (c for first in range(j + 1) for c in combinations(robot, first)):
+        at = [int(key[1:]) - 1 for key in ratios]
+        if len(at) == 2 and j in at:
+            ratio = ratios[f"c{at[1] + 1}"] / ratios[f"c{at[0] + 1}"]
+            own += [Variable(w, at[0], at[1], ratio) for w in ("q", "dq")]
+    alone = [("q", "dq"), ("q", "sign(dq)"), ("dq", "tau"), ("q", "tau"), ("dq", "ddq"), ("q", "ddq")]
+    alone += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
     mixed = [("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq")]
-    return out + [((a, i), (b, j)) for i in others for a, b in mixed]
+    pairs = [(Variable(a, j), Variable(b, j)) for a, b in alone]
+    pairs += [(Variable(a, i), Variable(b, j)) for i in others for a, b in mixed]
+    return [*((v,) for v in own), *pairs]
 
 
 class Variables:
-    """The values of all variables on the rows, filtered; and bases in their ranges."""
+    """The values of all variables on the rows, filtered; and bases in their ranges. known : effects of
+    the model and of the findings."""
 
-    def __init__(self, rows: SegmentedRuns) -> None:
-        self.rows = rows
+    def __init__(self, rows: SegmentedRuns, robot: Robot, known: Sequence[Effect] = ()) -> None:
+        self.rows, self.robot, self.known = rows, robot, known
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
         self.warm = all(s.motion.temperature is not None for s in rows.segments)
         self._rows: dict[Variable, Array] = {}
         self._axes: dict[Axis, Array] = {}
+        self._waves: dict[tuple[int, float], Array] = {}
 
     def on_rows(self, v: Variable) -> Array:
-        """(M,) low-passed."""
+        """(M,) low-passed; of a phase, that of the low-passed position."""
+        if v.word == "phase":
+            return np.mod(v.order * self.on_rows(Variable("q", v.joint)), 2.0 * np.pi)
         if v not in self._rows:
-            parts = [s.low_pass @ variable(s.motion, *v) for s in self.rows.segments]
+            parts = [s.low_pass @ v.along(s.motion) for s in self.rows.segments]
             self._rows[v] = np.concatenate(parts)
         return self._rows[v]
+
+    def turned(self, v: Variable) -> bool:
+        """Whether the motion goes through a phase often enough to show that something repeats in it."""
+        travel = np.ptp(self.on_rows(Variable("q", v.joint))[self.keep])
+        return bool(v.order * travel > 2.0 * np.pi * _TURNS)
+
+    def of(self, j: int) -> list[tuple[Variable, ...]]:
+        """Everything that a curve of joint j may run over; of phases those of known ripples, as a torque
+        that repeats in a turn shows one."""
+        orders = dict.fromkeys(e.waves for e in self.known if e.waves is not None and j in e.joints)
+        phases = [Variable("phase", j, order=float(f"{k:.6g}")) for k in orders]
+        return [*pairs_of(j, self.robot, self.warm), *((v,) for v in phases if self.turned(v))]
 
     def basis(self, of: Sequence[Variable]) -> Basis | None:
         """None where a variable stands still."""
         axes = []
-        pair = len([v for v in of if v[0] != "sign(dq)"]) > 1
+        pair = len([v for v in of if v.word != "sign(dq)"]) > 1
         for v in of:
             x = self.on_rows(v)[self.keep]
             low, high = float(f"{x.min():.6g}"), float(f"{x.max():.6g}")
-            if v[0] == "sign(dq)":
+            if v.word == "sign(dq)":
                 low, high, count = -1.0, 1.0, 2
+            elif v.word == "phase":
+                low, high, count = 0.0, 2.0 * np.pi, 2 * _WAVES
             else:
-                count = _PAIR if pair else (_POSITION if v[0] == "q" else _OTHER)
+                count = _PAIR if pair else (_POSITION if v.word == "q" else _OTHER)
             if not high - low > 1e-6:
                 return None
             axes.append(Axis(v, low, high, count))
@@ -172,10 +205,25 @@ class Variables:
         return _products([self._splines(a) for a in basis.axes])
 
     def _splines(self, axis: Axis) -> Array:
-        """(M, count) of one variable on the rows; kept."""
+        """(M, count) of one variable on the rows; kept. A phase jumps, its waves do not: these are
+        low-passed."""
+        if axis.is_phase:
+            v = axis.variable
+            pairs = [self._wave(v.joint, k * v.order) for k in range(1, _WAVES + 1)]
+            return np.stack(pairs, axis=2).reshape(len(self.keep), -1)
         if axis not in self._axes:
             self._axes[axis] = axis.columns(self.on_rows(axis.variable))
         return self._axes[axis]
+
+    def _wave(self, joint: int, order: float) -> Array:
+        """(M, 2) low-passed cosine and sine of a wave; kept, as phases share them."""
+        if (joint, order) not in self._waves:
+            parts = []
+            for s in self.rows.segments:
+                angle = order * s.motion.q[:, joint]
+                parts.append(s.low_pass @ np.column_stack([np.cos(angle), np.sin(angle)]))
+            self._waves[joint, order] = np.concatenate(parts)
+        return self._waves[joint, order]
 
     def exact(self, basis: Basis, joint: int) -> Array:
         """(M, size) filtered splines."""

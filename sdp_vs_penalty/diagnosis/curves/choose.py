@@ -17,7 +17,7 @@ import numpy as np
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
-from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables, pairs_of
+from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, effect_of
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, Judge
 from sdp_vs_penalty.diagnosis.curves.smooth import agreement, block_scores
@@ -49,7 +49,7 @@ class FoundCurve:
 
 def _convincing(look: Look, joint: int, taken: Sequence[Fitted], seed: int) -> list[Fitted]:
     """The curves of a joint (from 0) that pass, the one to be preferred first."""
-    candidates, agreements = _screened(look, joint, taken)
+    looked, candidates, agreements = _screened(look, joint, taken)
     if not candidates:
         return []
     threshold, stand = _flipped(agreements, seed)
@@ -57,7 +57,7 @@ def _convincing(look: Look, joint: int, taken: Sequence[Fitted], seed: int) -> l
     order.sort(key=lambda k: -candidates[k].smooth.evidence)
     close = [look.fitted(candidates[k].basis, joint, fine=True) for k in _closest(order, candidates)]
     degrees = look.noise.degrees[joint]
-    close = [c for c in close if _accepted(look.fit, c, len(candidates), degrees)]
+    close = [c for c in close if _accepted(look.fit, c, looked, degrees)]
     if not close:
         return []
     best = _chosen(close)
@@ -71,19 +71,21 @@ def _closest(order: Sequence[int], candidates: Sequence[Fitted]) -> list[int]:
     return [*single[: _CLOSE // 2], *pairs[: _CLOSE // 2]]
 
 
-def _screened(look: Look, joint: int, taken: Sequence[Fitted]) -> tuple[list[Fitted], list[Array]]:
-    candidates, agreements = [], []
+def _screened(look: Look, joint: int, taken: Sequence[Fitted]) -> tuple[int, list[Fitted], list[Array]]:
+    """How many curves were looked at, those with evidence, and how their blocks agree."""
+    looked, candidates, agreements = 0, [], []
     own = {t.basis.of for t in taken}
-    for of in pairs_of(joint, look.rows.n, look.variables.warm):
+    for of in look.variables.of(joint):
         basis = look.variables.basis(of)
         if basis is None or basis.of in own:
             continue
+        looked += 1
         found = look.fitted(basis, joint, fine=False)
         if found.smooth.evidence > 0.0:
             scores = block_scores(look.fit, found.Z, found.C, joint, look.overlap)
             candidates.append(found)
             agreements.append(agreement(scores, found.factors.D + found.smooth.P))
-    return candidates, agreements
+    return looked, candidates, agreements
 
 
 def _flipped(agreements: Sequence[Array], seed: int) -> tuple[float, Array]:
@@ -128,16 +130,10 @@ def _as_good(simple: Fitted, best: Fitted) -> bool:
     return bool(apart.sum() < max(TOLD_APART, min(_SIMPLER * sigma, 0.1 * best.gain)))
 
 
-#: What a function of a variable is a function of as well.
-_FINER = {"abs(ddq)": "ddq", "sign(dq)": "dq"}
-
-
 def _contains(large: Basis, small: Basis) -> bool:
     """Whether every curve over the one is a curve over the other."""
-    have = {a.variable for a in large.axes}
-    return large.of != small.of and all(
-        a.variable in have or (_FINER.get(a.variable[0], ""), a.variable[1]) in have for a in small.axes
-    )
+    have = [a.variable for a in large.axes]
+    return large.of != small.of and all(a.variable.within(have) for a in small.axes)
 
 
 def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> SearchState:

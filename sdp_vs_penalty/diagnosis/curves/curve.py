@@ -8,12 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.effects.measured_curve import (
-    VARIABLES,
-    MeasuredCurve,
-    parse_variable,
-    variable_unit,
-)
+from sdp_vs_penalty.effects.curve_variable import WORDS, Variable
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.show import plain_unit
@@ -63,7 +59,7 @@ class Curve:
         """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
         of = tuple(str(name) for name in data["of"])
         for name in of:
-            parse_variable(name)
+            Variable.parse(name)
         x, torque, lower, upper = (np.array(data[k], float) for k in ("x", "torque", "lower", "upper"))
         each = (len(x),)
         if x.shape != each + (len(of),) * (len(of) > 1) or not torque.shape == lower.shape == each:
@@ -93,7 +89,7 @@ class Curve:
     def sentence(self, torque_units: Sequence[str]) -> str:
         """What was measured, in one or two sentences; torque_units : of all joints."""
         unit = plain_unit(torque_units[self.joint - 1])
-        units = [variable_unit(torque_units, *parse_variable(v)) for v in self.of]
+        units = [Variable.parse(v).unit(torque_units) for v in self.of]
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         ranges = " and ".join(
             f"{v} from {a:.3g} to {b:.3g}{'' if u == '-' else ' ' + u}"
@@ -116,11 +112,15 @@ def table_effect(
     shape: dict[str, float] = {}
     places, counts = [], []
     for axis, name, x in zip("xy", of, points.T, strict=False):
-        word, partner = parse_variable(name)
+        over = Variable.parse(name)
         steps = np.diff(np.unique(x))
         low, high = float(x.min()), float(x.max())
         count = round((high - low) / float(steps.min(initial=high - low))) + 1
-        shape[axis], shape[f"{axis}j"] = VARIABLES.index(word) + 1.0, partner + 1.0
+        shape[axis], shape[f"{axis}j"] = WORDS.index(over.word) + 1.0, over.joint + 1.0
+        if over.other >= 0:
+            shape |= {f"{axis}i": over.other + 1.0, f"{axis}c": over.ratio}
+        if over.word == "phase":
+            shape[f"{axis}k"] = over.order
         shape[f"{axis}low"], shape[f"{axis}high"] = float(f"{low:.6g}"), float(f"{high:.6g}")
         shape[f"{axis}n"] = float(count)
         places.append(np.rint((x - low) / (high - low) * (count - 1)))

@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
 from sdp_vs_penalty.diagnosis.curves.curve import table_effect
 from sdp_vs_penalty.diagnosis.curves.smooth import Factors, Smooth
 from sdp_vs_penalty.diagnosis.state import SearchState
-from sdp_vs_penalty.effects.measured_curve import MeasuredCurve, variable
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -69,7 +69,7 @@ class Look:
         """(M, m) white columns of a law of a curve's variables: columns(points (N, v), constants)."""
         parts = []
         for s in self.rows.segments:
-            points = np.column_stack([variable(s.motion, *a.variable) for a in f.basis.axes])
+            points = np.column_stack([a.variable.along(s.motion) for a in f.basis.axes])
             parts.append(s.low_pass @ columns(points, constants))
         return self.white(np.concatenate(parts), f.joint)
 

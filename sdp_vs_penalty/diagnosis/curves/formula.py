@@ -18,7 +18,7 @@ from scipy import optimize
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains
-from sdp_vs_penalty.effects.measured_curve import parse_variable, variable_name, variable_unit
+from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 
@@ -108,7 +108,7 @@ def _gains(law: _Fit, f: Fitted, look: Look) -> float:
 
 def _written(law: _Fit, f: Fitted, torque_units: Sequence[str]) -> str:
     unit = plain_unit(torque_units[f.joint])
-    units = {v: variable_unit(torque_units, *parse_variable(v)) for v in f.basis.of}
+    units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
     said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
     text = law.law.text(law.amplitudes, law.constants)
     return f"{text} {unit}" + (f" ({said})" if said else "")
@@ -159,7 +159,8 @@ def _dictionary(axes: Sequence[Axis]) -> list[Law]:
 
 
 def _name(axis: Axis) -> str:
-    return variable_name(*axis.variable)
+    name = axis.variable.name
+    return name if axis.variable.other < 0 else f"({name})"
 
 
 def _number(x: float) -> str:
@@ -195,6 +196,8 @@ def _of_one(axis: Axis) -> list[Law]:
     x = _name(axis)
     if axis.is_sign:
         return [_sum([lambda v: v], [x])]
+    if axis.is_phase:
+        return _of_phase(axis)
     span, largest = axis.high - axis.low, max(abs(axis.low), abs(axis.high))
     widths = [(float(w),) for w in np.geomspace(0.01, 3.0, 20) * largest]
     names = [x, f"{x}^2", f"{x}^3"]
@@ -242,6 +245,23 @@ def _of_one(axis: Axis) -> list[Law]:
         ),
     ]
     return out
+
+
+def _of_phase(axis: Axis) -> list[Law]:
+    """One wave, and the first with the second, of the position."""
+    k, q = axis.variable.order, f"q{axis.variable.joint + 1}"
+
+    def wave(*orders: int) -> Law:
+        def columns(p: Array, _: Array) -> Array:
+            return np.hstack([g(np.outer(p[:, 0], orders)) for g in (np.sin, np.cos)])
+
+        def text(a: Array, _: Array) -> str:
+            pairs = zip(np.reshape(a, (2, -1)).T, orders, strict=True)
+            return " + ".join(_wave(pair, f"{_number(h * k)} {q}") for pair, h in pairs)
+
+        return Law(columns, text)
+
+    return [wave(1), wave(2), wave(3), wave(1, 2)]
 
 
 def _of_two(first: Axis, second: Axis) -> list[Law]:

@@ -140,6 +140,10 @@ class Judge:
         count = self.state.stage.rows.keep[:, joint].sum()
         return float(np.sqrt(self._squares(joint).sum() / max(count, 1)))
 
+    def surely_below(self, other: Judge, joint: int) -> bool:
+        """Whether the error is below that of another, and not by chance."""
+        return _falls(other._squares(joint), self._squares(joint))
+
     def _squares(self, joint: int) -> Array:
         """(cells,) squared error, each cell left out; worked out once a joint."""
         if joint not in self._known:

@@ -18,6 +18,8 @@ from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder
+from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL
 
@@ -42,32 +44,53 @@ def measured_curves(
     at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
     run with the model attached, for the held-out errors; without one they are those of folds. What a
     search without curves has named on such a joint is kept, unless curves without it explain the joint
-    better by the Bayesian information criterion (Schwarz 1978) and no worse on data left out.
+    better by the Bayesian information criterion (Schwarz 1978) and, but for chance, no worse on data
+    left out; where what follows the position is doubted, unless curves explain it up to its noise.
     """
-    joints = sorted({*left.joints, *doubted})
+    seed, model = state.stage.seed, state.stage.candidacy.model
+    variables = Variables(state.stage.rows, model.robot, [*model.effects, *state.effects])
+    doubtful = {*doubted, *_not_seen_to_repeat(state, variables)}
+    joints = sorted({*left.joints, *doubtful})
     if state.stage.noise.source == RESIDUAL:
         joints = list(range(state.stage.rows.n))
     if not joints:
         return Measured()
-    seed, variables = state.stage.seed, Variables(state.stage.rows)
     places = list(range(len(state.picks)))
     judge, every, replaced = Judge.of(state, test), list[FoundCurve](), set[int]()
     for joint in joints:
         beside, found, judged = search_curves(state, variables, joint, seed, judge)
-        own = [k for k in places if state.picks[places.index(k)].candidate.key[1] == joint]
+        named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
+        own = [k for k, h in named.items() if h.key[1] == joint]
+        if joint in doubtful:  # a function of the position in parts; what else is named stays
+            own = [k for k in own if follows_alone(named[k].effect, "q")] or own
         if own:
             kept = tuple(p for k, p in zip(places, state.picks, strict=False) if k not in own)
             bare = state.with_picks((*kept, *state.picks[len(places) :]))
             alone, instead, other = search_curves(bare, variables, joint, seed, judge)
             better = _cost(beside, joint, found) - _cost(alone, joint, instead) > TOLD_APART
-            better |= joint in doubted and _explains(alone, joint)
-            if instead and better and other.error(joint) <= judged.error(joint):
+            worse = judged.surely_below(other, joint)
+            if joint in doubtful and _explains(alone, joint):
+                better, worse = True, other.error(joint) > np.sqrt(MISFIT) * judged.error(joint)
+            if instead and better and not worse:
                 beside, found, judged = alone, instead, other
                 replaced |= set(own)
                 places = [k for k in places if k not in own]
         state, judge = beside, judged
         every += found
     return Measured(tuple(_curve(f, seed) for f in every), frozenset(replaced))
+
+
+def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
+    """Joints (from 0) of which two findings or more follow the position alone, one of them a wave that
+    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps."""
+    out = []
+    for j in range(state.stage.rows.n):
+        own = [p.candidate.effect for p in state.picks if p.candidate.key[1] == j]
+        parts = [e for e in own if follows_alone(e, "q")]
+        waves = [Variable("phase", j, order=e.waves) for e in parts if e.waves is not None]
+        if len(parts) > 1 and not all(map(variables.turned, waves)):
+            out.append(j)
+    return out
 
 
 def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding, ...]:

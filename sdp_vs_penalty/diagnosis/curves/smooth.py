@@ -82,8 +82,12 @@ def smooth(f: Factors, penalties: Sequence[Array], fine: bool = False) -> Smooth
     else:
         weights = np.repeat((_FINE if fine else _COARSE)[:, None], len(penalties), axis=1)
     P = f.priors(penalties, weights if penalties else np.zeros((1, 0)))
-    after, before = (np.linalg.cholesky(X) for X in (f.D + P, P))
-    half = np.linalg.solve(after, np.tile(f.s, (len(P), 1))[:, :, None])[:, :, 0]
+    k = len(f.s)
+    # Bordered by s, the factor's last row is L^-1 s; the corner only has to be large enough.
+    bordered = np.full((len(P), k + 1, k + 1), 1e300)
+    bordered[:, :k, :k], bordered[:, k, :k], bordered[:, :k, k] = f.D + P, f.s, f.s
+    after, before = (np.linalg.cholesky(X) for X in (bordered, P))
+    half, after = after[:, k, :k], after[:, :k, :k]
     size = [2.0 * np.sum(np.log(np.diagonal(L, axis1=1, axis2=2)), axis=1) for L in (after, before)]
     values = np.sum(half**2, axis=1) - size[0] + size[1]
     best = int(np.argmax(values))

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.diagnosis.show import new_motion, repeatability_warning
+from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, repeatability_warning
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import asked_span, merged, residual_chart, torque_chart
-from sdp_vs_penalty.page.controls import button, chart, choice, figures, tag
+from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
+from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.wording import figure, held, with_unit
 from sdp_vs_penalty.report.plots import SIGNALS
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
-
-
-def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder]
 
 
 def _draw(view: View) -> None:
@@ -29,7 +25,7 @@ def _draw(view: View) -> None:
     comparison, units = model.comparison, robot["units"]
     view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
     if view.run not in model.runs:
-        view.run, view.span = model.judged_on[0], None
+        view.run, view.span = model.runs[-1], None
     _figures(model)
     chips = _chips(view, model, units)
     parts: dict[str, Any] = {}
@@ -59,18 +55,22 @@ def _draw(view: View) -> None:
 
     def follow() -> None:
         j = view.joint or 0
-        for k, chip in enumerate(chips):
-            chip.classes(add="on" if k == j else "", remove="" if k == j else "on")
-            chip.props["aria-pressed"] = "true" if k == j else "false"
+        for k in {seen.get("chip", j), j}:
+            chips[k].classes(add="on" if k == j else "", remove="" if k == j else "on")
+            chips[k].props["aria-pressed"] = "true" if k == j else "false"
         at = j, view.run, view.span
         if seen.get("chart") != at:
             parts["chart"].update_figure(options())
-        if seen.get("against") != (at[:2], view.signal):
-            parts["against"].update_figure(against())
         if seen.get("run") != view.run and "arm" in parts:
             parts["arm"]()
-        seen.update(chart=at, against=(at[:2], view.signal), run=view.run)
+        seen.update(chip=j, chart=at, run=view.run)
         parts["words"].text = _words(model, j, units[j])
+
+    def follow_behind() -> None:
+        at = view.joint or 0, view.run, view.signal
+        if seen.get("against") != at:
+            parts["against"].update_figure(against())
+        seen["against"] = at
 
     with tag("div", style="pair"):
         parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
@@ -90,7 +90,8 @@ def _draw(view: View) -> None:
         )
     parts["against"] = chart(against(), "Error of the joint against a signal")
     seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span)}
-    view.followers["fit"] = follow
+    seen["against"] = view.joint, view.run, view.signal
+    view.followers["fit"], view.behind["fit"] = follow, follow_behind
     follow()
     if model.on_bounds:
         tag(
@@ -115,7 +116,7 @@ def _figures(model: Rung) -> None:
         }
     )
     warning = repeatability_warning(comparison["new_motion_share"])
-    if warning and model.judged_on != model.runs:
+    if warning and model.tested:
         tag("p", warning, "finding")
 
 
@@ -125,7 +126,9 @@ def _chips(view: View, model: Rung, units: list[str]) -> list[Any]:
     chips: list[Any] = []
     with tag("div", style="chips", role="group", aria_label="Joint to show"):
         for j, error in enumerate(comparison["rmse"]):
-            chip = button("", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip")  # type: ignore[misc]
+            chip = button(
+                "", lambda j=j: view.look(joint=j), f"joint-{j + 1}", "chip", aria_pressed="false"
+            )  # type: ignore[misc]
             with chip:
                 tag("strong", f"Joint {j + 1}")
                 tag("span", with_unit(error, units[j]), "rmse")
@@ -173,36 +176,32 @@ def _heat(view: View, failures: list[dict[str, Any]]) -> None:
         "in per cent. Click a cell to see the joint.",
         "soft",
     )
+    heads = "".join(f'<th scope="col">{failure["joint"]}</th>' for failure in failures)
+    rows = ""
+    for name in failures[0]["held_out_shares"]:
+        rows += f'<tr><th scope="row">{name}</th>'
+        for failure in failures:
+            j, share = failure["joint"], failure["held_out_shares"][name]
+            rows += (
+                f'<td style="--share: {share:.2f}"><button type="button" class="action cell" '
+                f'data-key="heat-{name}-{j}" data-joint="{j}" data-signal="{_SHOWN_BY.get(name, "")}" '
+                f'aria-label="joint {j}, {name}: {100 * share:.0f} %">{100 * share:.0f}</button></td>'
+            )
+        rows += "</tr>"
+
+    def show(event: Any) -> None:
+        joint, signal = event.args
+        at = {"joint": min(max(int(joint), 1), len(failures)) - 1}
+        view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
+
+    head = f'<thead><tr><th scope="col">depends on</th>{heads}</tr></thead>'
     caption = "Share of the error explained by each quantity, by joint"
-    frame = tag("div", style="wide", tabindex="0", role="region", aria_label=caption)
-    with frame, tag("table", style="heat"):
-        tag("caption", caption, "unseen")
-        with tag("thead"), tag("tr"):
-            tag("th", "depends on", scope="col")
-            for failure in failures:
-                tag("th", str(failure["joint"]), scope="col")
-        with tag("tbody"):
-            for name in failures[0]["held_out_shares"]:
-                with tag("tr"):
-                    tag("th", name, scope="row")
-                    for failure in failures:
-                        share = failure["held_out_shares"][name]
-                        at = {"joint": failure["joint"] - 1}
-                        if name in _SHOWN_BY:
-                            at["signal"] = _SHOWN_BY[name]
-                        with tag("td") as cell:
-                            button(
-                                f"{100.0 * share:.0f}",
-                                lambda at=at: view.look(**at),  # type: ignore[misc]
-                                f"heat-{name}-{failure['joint']}",
-                                "cell",
-                                aria_label=f"joint {failure['joint']}, {name}: {100.0 * share:.0f} %",
-                            )
-                        cell.style(f"--share: {share:.2f}")
+    framed(caption, f"{head}<tbody>{rows}</tbody>", "heat").on("click", show, js_handler=_CELL)
 
 
-#: Errors up to so many noise floors are good; relative errors above this many per cent are no model.
-_NEAR_NOISE, _NO_MODEL = 1.5, 50.0
+#: What a click on a cell sends.
+_CELL = """(e) => { const cell = e.target.closest("[data-joint]");
+  if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 
 
 def _verdict(session: Session) -> Verdict | None:
@@ -210,31 +209,24 @@ def _verdict(session: Session) -> Verdict | None:
     model = session.model
     assert model is not None
     c = model.comparison
+    floors = None if None in c["noise_floor"] else c["noise_floor"]
+    level: Any = fit_level(c["relative_error_percent"], c["rmse"], floors)
     said = f"{figure(c['relative_error_percent'])} % relative error on {_names(model.judged_on)}"
     if model.violation["convex"] > 0.0:
         return Verdict("bad", f"The model breaks its constraints ({held(model.violation)}); {said}.")
-    if c["relative_error_percent"] > _NO_MODEL:
+    if level == "bad":
         return Verdict("bad", f"The model does not describe these runs: {said}.")
     if session.meaningless:
         return Verdict("bad", f"The data check failed; {said}.")
-    scaled = [e / f if f else None for e, f in zip(c["rmse"], c["noise_floor"], strict=True)]
-    known = [x for x in scaled if x is not None]
-    if len(known) < len(scaled):
-        return Verdict("usable", f"{said}; no motion repeats, so how much of it is noise is not known.")
-    worst = max(known)
-    said += f"; joint {scaled.index(worst) + 1} is worst with {figure(worst, 2)} times its noise"
-    if worst <= _NEAR_NOISE and model.judged_on != model.runs:
-        return Verdict("good", f"{said}.")
-    unseen = "" if model.judged_on != model.runs else ", and nothing was kept for testing"
-    return Verdict("usable", f"{said}{unseen}.")
+    if floors is None:
+        said += "; no motion repeats, so how much of it is noise is not known"
+    elif all(floors):
+        scaled = [e / f for e, f in zip(c["rmse"], floors, strict=True)]
+        worst = max(scaled)
+        said += f"; joint {scaled.index(worst) + 1} is worst with {figure(worst, 2)} times its noise"
+    if not model.tested:
+        return Verdict("usable", f"{said}, and nothing was kept for testing.")
+    return Verdict(level, f"{said}.")
 
 
-FIT = Step(
-    "fit",
-    "Measured against modelled",
-    "Identify a model first.",
-    lambda session: session.model is not None,
-    _depends,
-    _draw,
-    _verdict,
-)
+FIT = after_model("fit", "Measured against modelled", _draw, _verdict)

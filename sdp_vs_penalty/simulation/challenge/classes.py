@@ -20,6 +20,14 @@ from sdp_vs_penalty.simulation.worlds.world import World
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 #: What can be hidden from a model that is refitted.
 EFFECTS: Mapping[str, Maker] = {**FRICTION, **MACHINE}
+#: What gears and grease do, counted by itself as well.
+NEW = (
+    "transmission_friction",
+    "load_dependent_hysteresis",
+    "position_dependent_friction",
+    "warming_friction",
+    "maxwell_slip",
+)
 #: Energy, white and with the model partialled out, from which a hidden effect counts as identifiable.
 IDENTIFIABLE = 30.0
 #: Links that stand farther from where the encoders say [rad, m] belong to no machine.
@@ -29,13 +37,16 @@ FARTHEST = 0.3
 @dataclass(frozen=True)
 class CaseClass:
     """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS; count : effects;
-    frozen : the model was identified before, without them."""
+    among : of which effects, if not all; wrist : on the arm's last joints; frozen : the model was
+    identified before, without them."""
 
     name: str
     what: str
     level: str = "strong"
     count: int = 1
     one_run: bool = False
+    among: tuple[str, ...] = ()
+    wrist: bool = False
 
     @property
     def frozen(self) -> bool:
@@ -50,10 +61,9 @@ class CaseClass:
         if self.what != "effects":
             return []
         if self.count == 1:
-            order = np.random.default_rng([seed, zlib.crc32(self.name.encode())]).permutation(
-                len(EFFECTS)
-            )
-            return [list(EFFECTS)[order[index % len(EFFECTS)]]]
+            every = self.among or tuple(EFFECTS)
+            order = np.random.default_rng([seed, zlib.crc32(self.name.encode())]).permutation(len(every))
+            return [every[order[index % len(every)]]]
         others = [name for name in EFFECTS if name not in USUAL]
         return [str(x) for x in rng.choice(others, self.count, replace=False)]
 
@@ -69,7 +79,8 @@ class CaseClass:
         }
         makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
         coarse = [TrueMotion(m.t[::10], m.q[::10], m.dq[::10], m.ddq[::10]) for m in motions]
-        made = [make(world, int(rng.integers(world.arm.n)), rng) for make in makers]
+        n = world.arm.n
+        made = [make(world, n - 1 if self.wrist else int(rng.integers(n)), rng) for make in makers]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in made]
 
 
@@ -88,5 +99,7 @@ CLASSES: Mapping[str, CaseClass] = {
         CaseClass("unknown", "curves", "strong"),
         CaseClass("disturbance", "disturbance", "strong"),
         CaseClass("payload", "payload", "strong"),
+        CaseClass("new_effects", "effects", "strong", among=NEW),
+        CaseClass("wrist", "effects", "strong", among=("transmission_friction",), wrist=True),
     )
 }

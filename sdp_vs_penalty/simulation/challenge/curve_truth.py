@@ -19,7 +19,9 @@ from sdp_vs_penalty.diagnosis.fit import orthonormal
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import model_columns
-from sdp_vs_penalty.effects.measured_curve import parse_variable, variable
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.curve_variable import Variable
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.simulation.challenge.truth import true_floor
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
@@ -37,10 +39,10 @@ def judged_curve(
     data: Measurements,
 ) -> dict[str, Any]:
     """found : a curve on the right joint; variables : the right ones (|x| and sign(x) count as x);
-    covered : share of the rows at which the band holds the truth, both without what the model's
-    columns make; removed : share of the missing energy that adding the curves takes away on the test
-    run; after : the joint's error then over the true floor; formula : None where the truth is not in
-    the dictionary."""
+    covered : share of the rows at which the band holds the truth, both without what the columns of
+    the model and of the findings beside it make; removed : share of the missing energy that adding the
+    curves takes away on the test run; after : the joint's error then over the true floor; formula : None
+    where the truth is not in the dictionary."""
     (joint,) = hidden.joints
     own = [c for c in result.curves if c.joint == joint + 1]
     wanted = {_plain(v) for v in hidden.details["of"]}
@@ -61,13 +63,15 @@ def judged_curve(
     out["after"] = after / floor
     excess = before**2 - floor**2
     out["removed"] = float(1.0 - max(after**2 - floor**2, 0.0) / excess) if excess > 0.0 else 1.0
-    out["covered"] = _covered(own[0], logged[:-1], estimate, data) if out["variables"] else None
+    beside = parse_effects([f.text for f in result.beside_curves], estimate.robot)
+    out["covered"] = _covered(own[0], beside, logged[:-1], estimate, data) if out["variables"] else None
     return out
 
 
 def _plain(name: str) -> str:
-    word, joint = parse_variable(name)
-    return f"{word.removeprefix('sign(').removeprefix('abs(').rstrip(')')}{joint + 1}"
+    v = Variable.parse(name)
+    word = {"sign(dq)": "dq", "abs(ddq)": "ddq", "phase": "q"}.get(v.word, v.word)
+    return replace(v, word=word, order=1.0).name
 
 
 def same_formula(curve: Curve, hidden: Hidden) -> bool:
@@ -87,8 +91,14 @@ def same_formula(curve: Curve, hidden: Hidden) -> bool:
     return functions == wanted and all(near)
 
 
-def _covered(curve: Curve, logged: Sequence[Logged], estimate: Estimate, data: Measurements) -> float:
-    """Share of the kept rows of the joint."""
+def _covered(
+    curve: Curve,
+    beside: Sequence[Effect],
+    logged: Sequence[Logged],
+    estimate: Estimate,
+    data: Measurements,
+) -> float:
+    """Share of the kept rows of the joint; beside : what was named."""
     settings = estimate.preprocessing.resolve(data)
     rows = diagnosis_rows(data, estimate, settings)
     shares = [replace(x.run, tau=x.run.tau - x.shares[0]) for x in logged]
@@ -97,15 +107,14 @@ def _covered(curve: Curve, logged: Sequence[Logged], estimate: Estimate, data: M
         return float("nan")
     truth = rows.torque - without.torque
     table = spread_columns(rows, curve.effect(estimate.robot))[:, :, 0]
-    columns = model_columns(rows, estimate)
+    named = (spread_columns(rows, e) for e in beside)
+    columns = np.concatenate([model_columns(rows, estimate), *named], axis=2)
     keep = rows.keep.all(axis=1)
     apart = (truth.T - table)[:, keep].ravel()
     Q = orthonormal(columns[:, keep].reshape(len(apart), -1))
     left = (apart - Q @ (Q.T @ apart)).reshape(rows.n, -1)[curve.joint - 1]
-    names = [parse_variable(v) for v in curve.of]
-    values = [
-        np.concatenate([s.low_pass @ variable(s.motion, *v) for s in rows.segments]) for v in names
-    ]
+    over = [Variable.parse(v) for v in curve.of]
+    values = [np.concatenate([s.low_pass @ v.along(s.motion) for s in rows.segments]) for v in over]
     scale = np.maximum(np.ptp(curve.points, axis=0), 1e-12)
     _, nearest = cKDTree(curve.points / scale).query(np.column_stack(values)[keep] / scale)
     half = 0.5 * (curve.upper - curve.lower)[nearest]

@@ -110,6 +110,32 @@ def has_events(record: Record) -> bool:
     return bool(record["events"])
 
 
+def has_curves(record: Record) -> bool:
+    return bool(record.get("curves"))
+
+
+def no_curves(record: Record) -> bool:
+    return not has_curves(record)
+
+
+def right_variables(record: Record) -> bool:
+    """Of the first curve of the joint that misses a torque."""
+    return bool(record.get("curve", {}).get("variables"))
+
+
+def mostly_removed(record: Record) -> bool:
+    """Most of the missing energy, on a motion that nothing was fitted to."""
+    return bool(record.get("curve", {}).get("removed", 0.0) >= 0.8)
+
+
+def band_holds(record: Record) -> bool:
+    return bool((record["curve"]["covered"] or 0.0) >= 0.93)
+
+
+def right_formula(record: Record) -> bool:
+    return bool(record["curve"]["formula"])
+
+
 def false_claim(record: Record) -> bool:
     return outcome(record) == "false"
 

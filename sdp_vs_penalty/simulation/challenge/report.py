@@ -11,23 +11,28 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.show import markdown_table
 from sdp_vs_penalty.simulation.challenge import judge
 from sdp_vs_penalty.simulation.challenge.judge import Item, Record, counted, wilson
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 
 SINGLE = ("strong", "medium", "weak")
+#: All in which one effect of the library is hidden.
+ONE = (*SINGLE, "new_effects", "wrist")
 HEADINGS = ("class", "counted", "cases", "share", "interval", "to reach")
 
 #: What is counted in which class: (class, what is counted, how, figure to reach).
 MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("clean", "false claims, all nuisances", judge.false_claim, "<= 1 %"),
     ("clean", "false events", judge.has_events, ""),
+    ("clean", "false curves", judge.has_curves, "<= 1 %"),
     ("strong", "first named effect right", judge.first_right, ">= 99 %"),
     ("medium", "first named effect right", judge.first_right, ">= 99 %"),
     ("weak", "first named effect right", judge.first_right, ">= 95 %"),
     *((name, "truth in the equivalence set", judge.in_set, ">= 99 %") for name in SINGLE),
     *((name, "nothing named besides", judge.nothing_else, "") for name in SINGLE),
     *((name, "nothing confident besides", judge.nothing_else_confident, ">= 98 %") for name in SINGLE),
+    *((name, "no curve", judge.no_curves, ">= 98 %") for name in (*SINGLE, "new_effects")),
     ("one_run", "first named effect right", judge.first_right, ">= 95 %"),
     ("pairs", "both named", judge.all_named, ">= 95 %"),
     ("triples", "all three named", judge.all_named, ">= 90 %"),
@@ -36,6 +41,12 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("disturbance", "flagged as event or unknown", judge.flagged, ""),
     ("disturbance", "an event at the right time", judge.found_in_time, ">= 90 %"),
     ("payload", "payload named first", judge.first_right, ""),
+    ("new_effects", "first named effect right", judge.first_right, ">= 97 %"),
+    ("new_effects", "nothing confident besides", judge.nothing_else_confident, ""),
+    ("wrist", "combination and ratios named first", judge.first_right, ">= 95 %"),
+    ("wrist", "combination and ratios named", judge.all_named, ">= 95 %"),
+    ("unknown", "right variables", judge.right_variables, ">= 90 %"),
+    ("unknown", ">= 80 % of the missing energy removed", judge.mostly_removed, ""),
 )
 
 
@@ -51,19 +62,8 @@ def csv_text(records: Mapping[str, Record]) -> str:
     """One case a row."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    names = (
-        "case",
-        "arm",
-        "truth",
-        "energy",
-        "verdict",
-        "found",
-        "retuned",
-        "rivals",
-        "events",
-        "seconds",
-    )
-    writer.writerow(names)
+    names = "case arm truth energy verdict found retuned rivals events seconds"
+    writer.writerow(names.split())
     for key, r in records.items():
         rivals = r["found"][0]["indistinguishable_from"] if r["found"] else []
         row = [key, r["conditions"]["arm"], "+".join(map(_label, r["truth"]))]
@@ -116,10 +116,6 @@ def _extreme_nuisances(clean: Sequence[Record]) -> list[list[str]]:
     return rows
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return ["| " + " | ".join(cells) + " |" for cells in (headings, ["---"] * len(headings), *rows)]
-
-
 def report_text(records: Mapping[str, Record], seed: int) -> str:
     """The committed report."""
     every = list(records.values())
@@ -133,12 +129,13 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
         "neither right nor false. Hidden effects count where these data show them: energy above 30, "
         "white and with the model partialled out, and no link moved by more than 0.3 rad.",
         "",
-        *table(HEADINGS, shares(every)),
+        *markdown_table(HEADINGS, shares(every)),
         "",
         *_clean(every),
         *_hidden(every),
         *_numbers(every),
-        *_effects(every),
+        *effect_lines(every),
+        *curve_lines(every),
         *_false_claims(records),
     ]
     return "\n".join(lines) + "\n"
@@ -161,7 +158,7 @@ def _clean(records: Sequence[Record]) -> list[str]:
         "something has a name; named: only what is fair, or a changed shape constant; abstained: where "
         "that is fair."
     )
-    return ["## Clean robots, by nuisance", "", note, "", *table(headings, rows), ""]
+    return ["## Clean robots, by nuisance", "", note, "", *markdown_table(headings, rows), ""]
 
 
 def _hidden(records: Sequence[Record]) -> list[str]:
@@ -173,7 +170,7 @@ def _hidden(records: Sequence[Record]) -> list[str]:
         right, alone = sum(map(judge.first_right, group)), sum(map(judge.nothing_else_confident, group))
         rows.append([name, *share(right, len(group)), f"{100 * alone / len(group):.0f} %"])
     headings = ["nuisance", "cases", "first right", "interval", "nothing confident besides"]
-    return ["## One hidden effect, by nuisance", "", *table(headings, rows), ""] if mine else []
+    return ["## One hidden effect, by nuisance", "", *markdown_table(headings, rows), ""] if mine else []
 
 
 def _numbers(records: Sequence[Record]) -> list[str]:
@@ -197,9 +194,9 @@ def _numbers(records: Sequence[Record]) -> list[str]:
     return [*lines, ""]
 
 
-def _effects(records: Sequence[Record]) -> list[str]:
+def effect_lines(records: Sequence[Record]) -> list[str]:
     """By effect: cases, who was taken for whom, and how honest its size is."""
-    mine = [r for r in records if r["class"] in SINGLE]
+    mine = [r for r in records if r["class"] in ONE]
     rows = []
     for effect in sorted({t["effect"] for r in mine for t in r["truth"]}):
         group = [r for r in mine if r["truth"][0]["effect"] == effect]
@@ -225,7 +222,49 @@ def _effects(records: Sequence[Record]) -> list[str]:
         "to reach: 90 to 98 % for every effect."
     )
     headings = ["hidden", "left out", "cases", "right", "named instead", "size error", "interval holds"]
-    return ["## By effect: strong, medium and weak together", "", note, "", *table(headings, rows), ""]
+    title = "## By effect: all classes that hide one"
+    return [title, "", note, "", *markdown_table(headings, rows), ""]
+
+
+def curve_lines(records: Sequence[Record]) -> list[str]:
+    """Torques without a name, by law: the curve, its band, its formula, and what adding it buys."""
+    mine = [r for r in records if r["class"] == "unknown" and counted(r) and "curve" in r]
+    if not mine:
+        return []
+    rows = []
+    every = [(name, [r for r in mine if r["truth"][0]["effect"] == name]) for name in _laws(mine)]
+    for name, group in [*every, ("all", mine)]:
+        right = [r for r in group if judge.right_variables(r)]
+        known = [r for r in group if r["curve"]["formula"] is not None]
+        named = sum(map(judge.right_formula, known))
+        covered = [r["curve"]["covered"] for r in right]
+        cells = [name, str(len(group)), _part(len(right), len(group))]
+        cells += [f"{100 * np.median(covered):.1f} %" if covered else ""]
+        cells += [_part(sum(map(judge.band_holds, right)), len(right)), _part(named, len(known))]
+        cells += [f"{100 * np.median([r['curve']['removed'] for r in group]):.1f} %"]
+        rows.append([*cells, f"{np.median([r['curve']['after'] for r in group]):.2f}"])
+    headings = ["torque", "cases", "right variables", "rows in the band", ">= 93 % of them"]
+    headings += ["right formula", "energy removed", "error over floor"]
+    note = (
+        "Counted where these data show the torque. Variables: of the joint's first curve (to reach: "
+        "90 %), |x|, sign(x) and a phase of x counting as x. Band: where the variables are right, the "
+        "share of rows at which it holds the truth, median (to reach: 93 %). Formula: up to 5 % in its "
+        "constants, where the dictionary has it (to reach: 70 %). Energy removed (80 %) and error over "
+        "the floor (1.1): on a motion that nothing was fitted to, with all that was found; medians."
+    )
+    return ["## Torques without a name", "", note, "", *markdown_table(headings, rows), ""]
+
+
+def _laws(records: Sequence[Record]) -> list[str]:
+    return sorted({r["truth"][0]["effect"] for r in records})
+
+
+def _part(hits: int, count: int) -> str:
+    """Hits of a count, with Wilson's interval where there are many."""
+    if count < 10:
+        return f"{hits} of {count}" if count else ""
+    cases, part, interval = share(hits, count)
+    return f"{hits} of {cases}: {part} ({interval})"
 
 
 def _instead(record: Record) -> str:

@@ -17,6 +17,10 @@ Array = NDArray[np.float64]
 Generator = np.random.Generator
 
 
+#: The torque at size 1, its variables as findings.json writes them, words and numbers of its formula.
+Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...], str, tuple[float, ...]]
+
+
 def unknown(w: World, j: int, rng: Generator) -> Hidden:
     """A function of the state that is not in the library."""
     i = int(rng.choice([k for k in range(w.arm.n) if k != j]))
@@ -40,7 +44,7 @@ def unknown(w: World, j: int, rng: Generator) -> Hidden:
 
 def nameless(w: World, j: int, rng: Generator) -> Hidden:
     """A torque that no effect of the library is, over what a curve can show: position, load, velocity,
-    acceleration, or a pair of them, periodic or not.
+    acceleration, a combination of joints, or a pair of them, periodic or not.
 
     details : "of", its variables as findings.json writes them; "words" and "numbers" of its formula at
     size 1, the first number to be multiplied by the size.
@@ -58,7 +62,7 @@ def nameless(w: World, j: int, rng: Generator) -> Hidden:
             np.sin(k * m.q[:, j] + 3.0 * m.q[:, i] / (1.0 if w.arm.rotary[i] else 0.2) + c)
         )
 
-    laws: Mapping[str, tuple[Callable[[TrueMotion], Array], tuple[str, ...], str, tuple[float, ...]]] = {
+    laws: Mapping[str, Law] = {
         "bumps of q": (
             lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,), "none", ()
         ),
@@ -80,11 +84,32 @@ def nameless(w: World, j: int, rng: Generator) -> Hidden:
         "dq ddq": (lambda m: m.dq[:, j] * m.ddq[:, j], (dq, ddq), "", (1.0,)),
         "tau dq": (lambda m: load * w.torque(m)[:, j] * m.dq[:, j], (tau, dq), "", (load,)),
     }  # fmt: skip
+    laws = {**laws, **_of_turns(w, j, rng)}
     name = str(rng.choice(sorted(laws)))
     law, of, words, numbers = laws[name]
     details = {"of": list(of), "words": words, "numbers": list(numbers)}
     hidden = at_joint(f"nameless: {name}", j, lambda _, m: law(m))
     return replace(hidden, details=details)
+
+
+def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
+    """Of a combination of neighbours, as behind a differential; of the teeth of a wheel."""
+    a = max(j - 1, 0)
+    if not w.arm.rotary[a : a + 2].all():
+        return {}
+    ratio, k = float(rng.choice([-2.0, -1.0, 1.0, 2.0])), float(rng.integers(5, 13))
+    c, wide = float(rng.uniform(-3.0, 3.0)), 0.2 * float(w.arm.unit_speed[a : a + 2].sum())
+    sign, size = "-" if ratio < 0.0 else "+", "" if abs(ratio) == 1.0 else f"{abs(ratio):g}"
+
+    def turned(m: TrueMotion) -> Array:
+        return np.asarray(np.tanh((m.q[:, a] + ratio * m.q[:, a + 1]) / wide))
+
+    of = (f"q{a + 1}{sign}{size}q{a + 2}",)
+    teeth = (f"phase({k:g} q{j + 1})",)
+    return {
+        "tanh of q_i + c q_j": (turned, of, "tanh", (1.0, wide)),
+        "teeth": (lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), teeth, "none", ()),
+    }
 
 
 def disturbance(w: World, j: int, rng: Generator) -> Hidden:
