@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
@@ -60,6 +61,16 @@ def axes(given: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
 def plain_unit(unit: str) -> str:
     """N*m as N m, kg*m^2 as kg m²; nothing for a pure number."""
     return "" if unit == "-" else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """The lines of a table in Markdown."""
+    return [f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows)]
+
+
+def finite(x: float) -> float | None:
+    """JSON knows no NaN: what is undefined (no torque at all) is null."""
+    return float(x) if math.isfinite(x) else None
 
 
 def percent(share: float) -> str:

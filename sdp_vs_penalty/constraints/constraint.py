@@ -205,30 +205,21 @@ def linear(
     family: str, name: str, indices: ArrayLike, coefficients: ArrayLike, constant: ArrayLike
 ) -> Constraint:
     """constant + coefficients^T theta >= 0, entry by entry; coefficients (k, d)."""
-    return Constraint(
-        family,
-        name,
-        "nonnegative",
-        np.asarray(indices, np.intp),
-        np.asarray(constant, float),
-        np.asarray(coefficients, float),
-    )
+    return _made(family, name, "nonnegative", indices, constant, coefficients)
 
 
 def second_order(
     family: str, name: str, indices: ArrayLike, coefficients: ArrayLike, constant: ArrayLike
 ) -> Constraint:
     """|u| <= s with (s, u) = constant + coefficients^T theta; coefficients (k, 1 + dim u)."""
-    return Constraint(
-        family,
-        name,
-        "soc",
-        np.asarray(indices, np.intp),
-        np.asarray(constant, float),
-        np.asarray(coefficients, float),
-    )
+    return _made(family, name, "soc", indices, constant, coefficients)
+
+
+def _made(family: str, name: str, cone: str, indices: ArrayLike, *arrays: ArrayLike) -> Constraint:
+    constant, coefficients = (np.asarray(x, float) for x in arrays)
+    return Constraint(family, name, cone, np.asarray(indices, np.intp), constant, coefficients)
 
 
 def _psd(family: str, name: str, indices: ArrayLike, coefficients: Array) -> Constraint:
     d = coefficients.shape[1]
-    return Constraint(family, name, "psd", np.asarray(indices, np.intp), np.zeros((d, d)), coefficients)
+    return _made(family, name, "psd", indices, np.zeros((d, d)), coefficients)

@@ -183,10 +183,8 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
         row = int(stays[0])
         how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
         raise InputError(
-            (
-                f"{where(row + 1, 't')}: time {how} ({m.t[row]:.6g} s to "
-                f"{m.t[row + 1]:.6g} s; {show.count(len(stays), f'such {word}')})"
-            ),
+            f"{where(row + 1, 't')}: time {how} ({m.t[row]:.6g} s to "
+            f"{m.t[row + 1]:.6g} s; {show.count(len(stays), f'such {word}')})",
             "delete them, or cut the file there",
             path,
         )

@@ -17,7 +17,8 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range a joint may seem to be: a turn [rad]; for prismatic joints twice the range.
 _TURN = 2.0 * np.pi
@@ -118,10 +119,8 @@ def _out_of_range(run: Measurements, j: int, joint: Joint) -> InputError:
     if joint.kind == "prismatic":
         unit, advice = ("m", "millimetres to metres")
     return InputError(
-        (
-            f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
-            f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
-        ),
+        f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
+        f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})",
         f"convert {advice}{_MOTORS if joint.kind == 'revolute' else ''}, or choose the problem that "
         "belongs to this file",
     )

@@ -26,7 +26,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary
+from sdp_vs_penalty.show import Shown, Summary, finite
 from sdp_vs_penalty.signals.excerpt import excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
@@ -130,11 +130,11 @@ class Comparison(Shown):
             "model": self.name,
             "rmse": self.rmse.tolist(),
             "mse": self.mse.tolist(),
-            "r2": [_number(x) for x in self.r2],
+            "r2": [finite(x) for x in self.r2],
             "noise_floor": [None] * len(self.rmse)
             if self.noise_floor is None
             else self.noise_floor.tolist(),
-            "relative_error_percent": _number(self.relative_error_percent),
+            "relative_error_percent": finite(self.relative_error_percent),
             "band_hz": self.band_hz,
             "new_motion_share": self.new_motion_share,
             "outside": dict(self.outside),
@@ -180,11 +180,6 @@ class Comparisons(list[Comparison]):
 
 def _floor_row(floor: Array | None) -> list[tuple[str, str]]:
     return [] if floor is None else [("noise floor", ", ".join(f"{x:.3g}" for x in floor))]
-
-
-def _number(x: float) -> float | None:
-    """JSON knows no NaN: what is undefined (no torque at all) is null."""
-    return float(x) if np.isfinite(x) else None
 
 
 def compare(

@@ -181,7 +181,8 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
     # That a finer form fits as well does not speak against the plain one.
     as_plain = any(not refines(r, h) for r in pick.rivals)
-    looks_like = h.effect.looks_like(size)
+    paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
+    looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])))
     weak = explanations.weaknesses(held_out.holds[k], as_plain, uncertain, small, beside, looks_like)
     return Finding(
         h.effect.name,

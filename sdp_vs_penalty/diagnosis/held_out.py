@@ -208,5 +208,5 @@ def _stage_on(stage: Stage, train: NDArray[np.bool_], keys: frozenset[Key]) -> S
     """The same stage with some of the rows, all others switched off, and some of the candidates."""
     off = ~train[:, None] | ~stage.rows.keep
     rows = stage.rows.with_masked(off)
-    labels = replace(stage.labels, count=informative(rows))
+    labels = replace(stage.labels, count=informative(rows, stage.noise))
     return replace(stage, rows=rows, labels=labels, candidacy=replace(stage.candidacy, keys=keys))

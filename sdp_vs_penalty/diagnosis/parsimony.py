@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted_beside, joints_of
+from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted, accepted_beside, joints_of
 from sdp_vs_penalty.diagnosis.scoring import evidence
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
@@ -37,12 +37,44 @@ def merged(state: SearchState) -> SearchState:
     looks like. One law with the evidence of both, or nearly, is named instead.
     """
     tried: set[frozenset[str]] = set()
+    state = _joint_by_joint(state)
     while True:
         pair = next((p for p in _pairs(state) if _texts(state, p) not in tried), None)
         if pair is None:
             return state
         tried.add(_texts(state, pair))
         state = _one_for(state, *pair) or state
+
+
+def _joint_by_joint(state: SearchState) -> SearchState:
+    """The search with laws of one joint each in the place of those that joints share, where as few
+    explain as much: (q4 + q5)^2 and (q4 - q5)^2 are the kinetic energies of two rotors, one a joint."""
+    shared = [p for p in state.picks if p.candidate.effect.joins and p.candidate.key[1] is not None]
+    if not shared:
+        return state
+    others = state.with_picks([p for p in state.picks if p not in shared])
+    joints = frozenset(j for p in shared for j in p.candidate.effect.joints)
+    singles = others
+    for _ in shared:
+        found = (
+            h for h in singles.contenders(on=joints) if len(singles.stage.candidates.acting[h.key]) == 1
+        )
+        pick = next((p for h in found if (p := accepted(singles, h))), None)
+        if pick is None:
+            break
+        singles = singles.with_picks((*singles.picks, pick))
+    fit = others.fit
+    gains = [
+        evidence(
+            fit.likelihood_gain(
+                fit.extended(*(fit.scaled(p.candidate.columns) for p in picks)).joint_chi2
+            ),
+            sum(p.candidate.columns.shape[1] for p in picks),
+        )
+        for picks in (shared, singles.picks[len(others.picks) :])
+        if picks
+    ]
+    return singles if len(gains) == 2 and gains[1] > gains[0] - TOLD_APART else state
 
 
 def _texts(state: SearchState, pair: tuple[int, int]) -> frozenset[str]:

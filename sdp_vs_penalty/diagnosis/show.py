@@ -6,21 +6,37 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.robot.arrays import Array
 
 #: A joint's error is called out above so many noise floors.
 ABOVE_NOISE = 2.0
+#: Relative errors [%]: up to the first a model whose noise is not known is good; above the second any
+#: model is none.
+GOOD, NO_MODEL = 5.0, 50.0
+_LEVELS = {"good": "good", "usable": "usable", "bad": "do not use"}
 #: What is said where no motion repeats: the residual was taken for noise, which it then equals.
 NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
 #: Below this share of new motion, errors say more of repeatability than of other motions.
 MOSTLY_NEW = 0.5
 
 
+def fit_level(relative_percent: float, rmse: ArrayLike, floor: ArrayLike | None) -> str:
+    """good, usable or bad (not to be used): by the noise floor where it is known, else by the relative
+    error alone, which cannot say how much of it is noise."""
+    if not relative_percent <= NO_MODEL:
+        return "bad"
+    if floor is None:
+        return "good" if relative_percent <= GOOD else "usable"
+    return "usable" if np.any(np.asarray(rmse) > ABOVE_NOISE * np.asarray(floor)) else "good"
+
+
 def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None) -> str:
     """How well a model explains the torque, and which joints are far above the noise."""
-    text = f"explains the torque to {relative_percent:.3g} % (relative error)"
+    level = _LEVELS[fit_level(relative_percent, rmse, floor)]
+    text = f"explains the torque to {relative_percent:.3g} % (relative error): {level}"
     if floor is None:
         return f"{text}; noise floor unknown: no motion repeats."
     with np.errstate(divide="ignore", invalid="ignore"):

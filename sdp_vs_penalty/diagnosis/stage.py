@@ -27,8 +27,6 @@ _BLOCKS = 60
 _PHASE_FOLDS = 5
 #: How many fits a stage keeps.
 _FITS = 6
-#: Instants of a motion whose columns are worked out at a time.
-_PART = 1 << 11
 
 
 def quiet(_: str) -> None:
@@ -69,6 +67,11 @@ class Stage:
         n = self.rows.n
         inner = (Pieces(p[ORDER:] for p in self.rows.pieces(j) if len(p) > 2 * ORDER) for j in range(n))
         return Weighting(np.ones(n), np.zeros((n, ORDER)), tuple(inner))
+
+    def with_noise(self, noise: Noise) -> Stage:
+        """The same with another idea of the noise."""
+        labels = replace(self.labels, count=informative(self.rows, noise))
+        return replace(self, noise=noise, labels=labels)
 
     def fit(self, weighting: Weighting) -> WhiteFit:
         """The model alone, fitted to its weighted white residual; the last few are kept."""
@@ -155,7 +158,7 @@ def prepare(
     columns = model_columns(rows, estimate, frozen)
     known = frozenset((e.name, j) for e in estimate.model.effects for j in e.joints)
     candidacy = Candidacy(rows, estimate.model, frozen)
-    labels = label_rows(rows, whole)
+    labels = label_rows(rows, noise, whole)
     return Stage(rows, noise, labels, columns, residual, candidacy, known, seed, frozen)
 
 
@@ -163,25 +166,23 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
     """(n, M, p) filtered columns of the model's own parameters; none of a frozen model's."""
     if frozen:
         return np.zeros((rows.n, len(rows.t), 0))
-    out = np.zeros((rows.n, len(rows.t), len(estimate.theta)))
+    out, model = np.zeros((rows.n, len(rows.t), len(estimate.theta))), estimate.model
+    if not model.needs_reference:
+        for effect, indices in zip(model.effects, model.indices, strict=True):
+            for block in rows.blocks(effect):
+                out[block.joint][:, indices[block.parameters]] += block.columns
+        return out
     first = 0
     for segment in rows.segments:
         M = len(segment.t)
         bare = replace(segment.motion, torque=None, current=None)
-        # A part at a time, since columns are large; but memory and rates of a torque see all of it.
-        N, model = len(bare.t), estimate.model
-        whole = model.needs_reference or any(e.has_memory for e in model.effects)
-        length = N if whole else _PART
-        for start in range(0, N, length):
-            part = slice(start, start + length)
-            low_pass = segment.low_pass[:, part]
-            for joint, c in enumerate(model.columns(bare.part(part))):
-                out[joint, first : first + M][:, c.indices] += low_pass @ c.columns
+        for joint, c in enumerate(model.columns(bare)):
+            out[joint, first : first + M][:, c.indices] += segment.low_pass @ c.columns
         first += M
     return out
 
 
-def label_rows(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> RowLabels:
+def label_rows(rows: SegmentedRuns, noise: Noise, whole: SegmentedRuns | None = None) -> RowLabels:
     """Blocks of equal length within runs; folds: whole motions, or phases of the one that there is.
 
     whole : what the runs may be windows of, and in which a motion may repeat.
@@ -203,12 +204,12 @@ def label_rows(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> RowLa
     if len(found) == 1:
         fold = phase_folds(rows, clocks)
     _, block = np.unique(block, return_inverse=True)
-    return RowLabels(rows.n, block, fold, informative(rows))
+    return RowLabels(rows.n, block, fold, informative(rows, noise))
 
 
-def informative(rows: SegmentedRuns) -> Array:
-    """(n,) rows that carry information: behind the past that whitening needs."""
-    return np.array([float(sum(max(len(p) - ORDER, 0) for p in rows.pieces(j))) for j in range(rows.n)])
+def informative(rows: SegmentedRuns, noise: Noise) -> Array:
+    """(n,) rows that carry information: behind the past that whitening needs, each by its worth."""
+    return np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
 
 
 def clocks_of(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> dict[int, MotionClock]:

@@ -122,7 +122,7 @@ class SearchState:
 
     def with_noise(self, noise: Noise) -> SearchState:
         """The same picks with another idea of the noise."""
-        return self.on(replace(self.stage, noise=noise))
+        return self.on(self.stage.with_noise(noise))
 
     def on(self, stage: Stage, but: Set[int] = frozenset()) -> SearchState:
         """The same picks on another stage, ``but`` those that act on any of these joints, their columns

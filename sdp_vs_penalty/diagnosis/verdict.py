@@ -43,7 +43,7 @@ def remainder(fit: WhiteFit, rows: SegmentedRuns, noise: Noise, ignore: Mask | N
     """Test what is left; ``ignore`` (M, n) are rows of events."""
     n, M = rows.n, len(rows.t)
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
-    keep = rows.keep & (white != 0.0)
+    keep = rows.keep & (white != 0.0) & (noise.worth > 0.5)
     if ignore is not None:
         keep &= ~ignore
     leverage = np.sum(fit.Q**2, axis=1).reshape(n, M).T

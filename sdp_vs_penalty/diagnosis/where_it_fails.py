@@ -25,7 +25,7 @@ from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.show import Shown, Summary, plain_unit, words
+from sdp_vs_penalty.show import Shown, Summary, finite, plain_unit, words
 from sdp_vs_penalty.signals.excerpt import excerpt
 from sdp_vs_penalty.signals.noise import noise_floor
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -76,8 +76,8 @@ class JointFailure:
             "noise_floor": self.noise_floor,
             "explainable_share": self.explainable,
             "held_out_shares": self.shares,
-            "reversal_lift": _number(self.reversal_lift),
-            "reversal_asymmetry": _number(self.reversal_asymmetry),
+            "reversal_lift": finite(self.reversal_lift),
+            "reversal_asymmetry": finite(self.reversal_asymmetry),
             "bands_hz": [b if np.isfinite(b) else None for b in BANDS],
             "band_shares": list(self.bands),
             "orders": [
@@ -139,10 +139,6 @@ class Failures(Shown, list[JointFailure]):
         ]
 
 
-def _number(x: float) -> float | None:
-    return x if np.isfinite(x) else None
-
-
 def where_it_fails(
     estimate: Estimate | str | Path,
     measurements: Source,
@@ -174,7 +170,7 @@ def where_it_fails(
         repeated = with_estimate(segmented(excerpt(given, settings), settings), estimate)
     floors = noise_floor(repeated)
     folds = phase_folds(rows, clocks_of(rows, None if same else repeated))
-    states = _states(rows)
+    states, runs = _states(rows), measurements.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.nan_to_num(np.corrcoef(residual[keep].T).reshape(rows.n, rows.n))
@@ -184,7 +180,7 @@ def where_it_fails(
         rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))
         floor = None if floors is None else float(floors[j])
         explainable = None if floor is None or rmse == 0.0 else max(0.0, 1.0 - (floor / rmse) ** 2)
-        full = [_full_rate(m, s, j) for m, s in _pairs(measurements, rows)]
+        full = [_full_rate(runs[s.run], s, j) for s in rows.segments]
         lift, asymmetry = _reversals(states["velocity"][:, j], error, rows, keep)
         out.append(
             JointFailure(
@@ -250,10 +246,7 @@ def _shares(
         for name in ("velocity", "position")
     ]
     features = {
-        "position": _hats(x["position"]),
-        "velocity": _hats(x["velocity"]),
-        "acceleration": _hats(x["acceleration"]),
-        "torque": _hats(x["torque"]),
+        **{name: _hats(x[name]) for name in ("position", "velocity", "acceleration", "torque")},
         "load x direction": _hats(load),
         "time": _hats(x["time"], 6),
         "other joints": np.hstack(others) if others else np.zeros((len(error), 0)),
@@ -314,11 +307,6 @@ def _reversals(
     if rms_apart == 0.0:
         return float("nan"), float("nan")
     return float(near / rms_apart), (rms_after - rms_before) / max(rms_after + rms_before, 1e-300)
-
-
-def _pairs(measurements: Measurements, rows: SegmentedRuns) -> list[tuple[Measurements, Segment]]:
-    runs = measurements.runs()
-    return [(runs[s.run], s) for s in rows.segments]
 
 
 def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Array, float]:

@@ -250,9 +250,13 @@ class Effect(ABC):
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
-    def looks_like(self, size: float) -> str:
-        """What a model may lack that passes for this effect of this size, if there is such a thing."""
-        return ""
+    def looks_like(self, size: float, travel: float = np.inf) -> str:
+        """What a model may lack that passes for this effect of this size on a joint that went so far
+        [rad, m], if there is such a thing."""
+        slow = self.shape.get("k", np.inf) * travel < 2.0 * np.pi
+        return (
+            "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
+        )
 
     @classmethod
     def doubt(cls, joint: int, found: Sequence[Mapping[str, float]]) -> str:

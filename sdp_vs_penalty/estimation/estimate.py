@@ -219,10 +219,8 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         )
     if data["format"] < FORMAT:
         raise InputError(
-            (
-                f"written by an earlier version (format {data['format']}), which did not keep the "
-                "bounds of the model's problem"
-            ),
+            f"written by an earlier version (format {data['format']}), which did not keep the "
+            "bounds of the model's problem",
             "identify again",
         )
     robot = Robot.from_dict(data["robot"])

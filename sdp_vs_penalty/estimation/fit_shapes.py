@@ -19,15 +19,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.normal_equations import Normal, total
 from sdp_vs_penalty.estimation.shape_folds import FOLDS, confirmed
-from sdp_vs_penalty.estimation.shape_profiles import (
-    Normal,
-    ShapeBank,
-    ShapeEstimate,
-    alone,
-    best_shapes,
-    total,
-)
+from sdp_vs_penalty.estimation.shape_profiles import ShapeBank, ShapeEstimate, alone, best_shapes
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from sdp_vs_penalty.estimation.normal_equations import Normal, total
 from sdp_vs_penalty.estimation.shape_profiles import (
-    Normal,
     ShapeBank,
     ShapeEstimate,
     combined,
@@ -33,7 +33,6 @@ from sdp_vs_penalty.estimation.shape_profiles import (
     left_by,
     pooled,
     settled,
-    total,
 )
 from sdp_vs_penalty.robot.arrays import Array
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.normal_equations import Normal, pseudo_inverse
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Values looked at between two of the grid.
@@ -73,78 +74,6 @@ class ShapeEstimate:
         std = np.inf if data["std"] is None else float(data["std"])
         effect, joint, shape = str(data["effect"]), int(data["joint"]) - 1, str(data["shape"])
         return cls(effect, joint, shape, before, after, std, gain, bool(data["at_end"]))
-
-
-@dataclass(frozen=True)
-class Normal:
-    """Normal equations of rows [Y tau]: gram (p, p) = Y'Y, right (p,) = Y'tau, square = |tau|^2."""
-
-    gram: Array
-    right: Array
-    square: float
-
-    @classmethod
-    def of(cls, rows: Array, torque: Array) -> Normal:
-        """From rows (n, M, p) and torque (n, M) of n joints: columns that are zero on one cost nothing
-        there."""
-        gram, right = np.zeros((rows.shape[2], rows.shape[2])), np.zeros(rows.shape[2])
-        for Y, tau in zip(rows, torque, strict=True):
-            seen = np.flatnonzero(Y.any(axis=0))
-            part = Y[:, seen]
-            gram[np.ix_(seen, seen)] += part.T @ part
-            right[seen] += part.T @ tau
-        return cls(gram, right, float(np.sum(torque**2)))
-
-    def __add__(self, other: Normal) -> Normal:
-        return Normal(self.gram + other.gram, self.right + other.right, self.square + other.square)
-
-    def part(self, columns: NDArray[np.intp]) -> Normal:
-        """Of some of the columns."""
-        return Normal(self.gram[np.ix_(columns, columns)], self.right[columns], self.square)
-
-    def through(self, columns: Array, torque: Array) -> Normal:
-        """Of rows [Y columns, tau - Y torque], with columns (p, q) and torque (p,)."""
-        half = self.gram @ columns
-        return Normal(columns.T @ half, columns.T @ self.right - half.T @ torque, self.left(torque))
-
-    def least(self) -> float:
-        """The squared error of least squares."""
-        return self.left(self.solved()[0])
-
-    def solved(self) -> tuple[Array, int]:
-        """Least-squares coefficients (p,), and how many of their directions the data show."""
-        norms = np.sqrt(np.maximum(np.diagonal(self.gram), 0.0))
-        unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
-        inverse, rank = _pseudo_inverse(self.gram / np.outer(unit, unit))
-        return (inverse @ (self.right / unit)) / unit, rank
-
-    def taken(self, columns: NDArray[np.intp]) -> Array:
-        """(N,) what least squares takes from |tau|^2 with each of N sets of columns (N, c) alone."""
-        gram = self.gram[columns[:, :, None], columns[:, None, :]]
-        norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 0.0))
-        unit = np.where(norms > 1e-10 * norms.max(axis=1, keepdims=True), norms, np.inf)
-        values, vectors = np.linalg.eigh(gram / unit[:, :, None] / unit[:, None, :])
-        good = values > 1e-12 * values[:, -1:]
-        part = np.einsum("nij,ni->nj", vectors, self.right[columns] / unit)
-        return np.asarray(np.sum(np.where(good, part**2, 0.0) / np.where(good, values, 1.0), axis=1))
-
-    def left(self, theta: Array) -> float:
-        """|Y theta - tau|^2."""
-        return float(theta @ self.gram @ theta - 2.0 * self.right @ theta + self.square)
-
-
-def total(parts: Sequence[Normal]) -> Normal:
-    """Of all rows together."""
-    return sum(parts[1:], parts[0])
-
-
-def _pseudo_inverse(gram: Array) -> tuple[Array, int]:
-    if not gram.size:
-        return gram, 0
-    values, vectors = np.linalg.eigh(gram)
-    good = values > 1e-12 * values.max(initial=0.0)
-    half = vectors[:, good] / np.sqrt(values[good])
-    return half @ half.T, int(good.sum())
 
 
 @lru_cache(maxsize=64)
@@ -232,7 +161,7 @@ def left_by(data: Normal, pool: NDArray[np.intp], others: Array) -> tuple[Array,
     seen = norms > 1e-10 * norms.max(initial=0.0)
     others = others[:, seen] / norms[seen]
     half = data.gram @ others
-    inverse, _ = _pseudo_inverse(others.T @ half)
+    inverse, _ = pseudo_inverse(others.T @ half)
     explaining = others @ inverse
     return np.eye(len(data.right))[:, pool] - explaining @ half[pool].T, explaining @ (
         others.T @ data.right
@@ -288,7 +217,7 @@ class Curve:
             norms = np.sqrt(np.maximum(np.diagonal(inner), 0.0))
             unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
             shared = half[self.places] / unit
-            explained = shared @ _pseudo_inverse(inner / np.outer(unit, unit))[0]
+            explained = shared @ pseudo_inverse(inner / np.outer(unit, unit))[0]
             gram = gram - explained @ shared.T
             right = right - explained @ ((others.T @ rest.right) / unit)
         return Normal(gram, right, rest.square)

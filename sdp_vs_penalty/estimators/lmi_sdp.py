@@ -227,10 +227,7 @@ def _solved(
             break
     if best is None or not (answered or smallest <= _LOOSE):
         raise InputError(
-            (
-                f"solver {solver_name} gave up on a problem that has an interior point "
-                f"({', '.join(said)})"
-            ),
+            f"solver {solver_name} gave up on a problem that has an interior point ({', '.join(said)})",
             "choose another solver, or check the units of the measurements",
         )
     return best, smallest

@@ -8,13 +8,14 @@ NumPy arrays the same text makes arrays.
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.export.content import number
+from sdp_vs_penalty.export.content import about, number
 from sdp_vs_penalty.robot import inertia
 
 #: Effects that the expressions hold.
@@ -25,12 +26,60 @@ PLAIN = frozenset(
 Scalar = float | str
 Vector = list[Scalar]
 
+_PLAIN = '''\
+"""Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
+
+    tau = torque(q, dq, ddq)        # (n,) or (N, n): rad or m, /s, /s^2 -> N m or N
+
+Joints in order: {joints}.
+Effects: {effects}.
+Needs NumPy; nothing of sdp-vs-penalty. One sample takes microseconds: it is computed without arrays.
+"""
+
+import math
+
+import numpy as np
+
+#: Parameter values, in the order of NAMES; the function below has them written in.
+THETA = np.array({theta})
+NAMES = {names}
+NEEDS_TIME = []
+
+
+def torque(q, dq, ddq, t=None, temperature=None):
+    """Modelled joint torques, of the shape of q."""
+    if np.ndim(q) == 1:
+        states = (x.tolist() if hasattr(x, "tolist") else x for x in (q, dq, ddq))
+        return np.array(_torque(*states, math.sin, math.cos, math.tanh))
+    states = (np.asarray(x, float).T for x in (q, dq, ddq))
+    made = _torque(*states, np.sin, np.cos, np.tanh)
+    return np.stack([np.broadcast_to(x, len(q)) for x in made], axis=-1)
+
+
+def _torque(q, dq, ddq, sin, cos, tanh):
+{lines}
+    return [{taus}]
+'''
+
 
 def is_plain(estimate: Estimate) -> bool:
     """Whether the expressions hold all of a model."""
     model, robot = estimate.model, estimate.robot
     whole = len(model.rigid_indices) > 0 and robot.mechanism is None and model.gains is None
     return whole and all(effect.name in PLAIN for effect in model.effects)
+
+
+def plain_function(estimate: Estimate) -> bytes:
+    """Source of a module with ``torque(q, dq, ddq)``, of a plain model."""
+    robot, lines = estimate.robot, torque_lines(estimate)
+    for name, states in (("q", "q"), ("v", "dq"), ("a", "ddq")):
+        lines.insert(0, f"{', '.join(f'{name}{i + 1}' for i in range(robot.n))}, = {states}")
+    text = _PLAIN.format(
+        **about(estimate),
+        taus=", ".join(f"tau{i + 1}" for i in range(robot.n)),
+        lines=textwrap.indent("\n".join(lines), "    "),
+    )
+    return text.encode()
 
 
 def torque_lines(estimate: Estimate) -> list[str]:

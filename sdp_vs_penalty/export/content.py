@@ -40,10 +40,8 @@ class Content:
         model, robot = estimate.model, estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
-                (
-                    f"model {estimate.problem.name}: the model has no rigid_body effect, so there "
-                    "are no inertias to export"
-                ),
+                f"model {estimate.problem.name}: the model has no rigid_body effect, so there "
+                "are no inertias to export",
                 "write .json or .py instead",
             )
         links = np.stack(
@@ -61,11 +59,9 @@ class Content:
                 continue
             if value < 0.0:
                 raise InputError(
-                    (
-                        f"joint {parameter.joint}: {parameter.effect} is {value:.4g} "
-                        f"{parameter.unit}, and a negative {place} would feed energy into a "
-                        "simulation"
-                    ),
+                    f"joint {parameter.joint}: {parameter.effect} is {value:.4g} "
+                    f"{parameter.unit}, and a negative {place} would feed energy into a "
+                    "simulation",
                     "identify with a method that keeps signs (lmi-sdp, penalty)",
                 )
             values[place][parameter.joint - 1] += value
@@ -84,10 +80,8 @@ def require_consistent(link: Array, name: str) -> None:
     smallest = float(np.linalg.eigvalsh(pseudo)[0])
     if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(float(np.trace(pseudo)), 0.0):
         raise InputError(
-            (
-                "the inertial is not physically consistent (smallest eigenvalue of its "
-                f"pseudo-inertia {smallest:.3g}), and simulators reject such a body or diverge"
-            ),
+            "the inertial is not physically consistent (smallest eigenvalue of its "
+            f"pseudo-inertia {smallest:.3g}), and simulators reject such a body or diverge",
             "identify with a method that imposes consistency (lmi-sdp, penalty)",
             name,
         )
@@ -136,3 +130,22 @@ def number(value: float) -> str:
 
 def numbers(values: Array) -> str:
     return " ".join(map(number, values))
+
+
+def about(estimate: Estimate) -> dict[str, object]:
+    """What both templates say of a model."""
+    model = estimate.model
+    return {
+        "robot": _quoted(estimate.robot.name),
+        "method": _quoted(estimate.method),
+        "version": _quoted(str(estimate.provenance.get("versions", {}).get("sdp_vs_penalty", ""))),
+        "joints": _quoted(", ".join(j.name for j in estimate.robot.joints)),
+        "effects": _quoted(", ".join(e.brief for e in model.effects)),
+        "theta": f"[{', '.join(map(number, estimate.theta))}]",
+        "names": [p.name for p in model.parameters],
+    }
+
+
+def _quoted(text: str) -> str:
+    """Text that cannot end the docstring it stands in."""
+    return text.replace("\\", "\\\\").replace('"', "'")

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 from lxml import etree
+from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import Content, Inertial, number, numbers
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.robot import Robot
 
 #: MuJoCo's mjMINVAL: moving bodies need a mass and moments of inertia above it.
 _SMALLEST = 1e-15
@@ -119,20 +121,5 @@ def _capsules(body: Any, robot: Robot, i: int) -> None:
 
 
 def quaternion(rotation: Array) -> Array:
-    """(w, x, y, z) of a rotation; the largest component decides the branch (Shepperd 1978)."""
-    r = rotation
-    trace = np.trace(r)
-    squares = np.array([trace, r[0, 0], r[1, 1], r[2, 2]])
-    largest = int(np.argmax(squares))
-    if largest == 0:
-        q = [1.0 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
-    else:
-        i = largest - 1
-        j, k = (i + 1) % 3, (i + 2) % 3
-        q = [0.0] * 4
-        q[0] = r[k, j] - r[j, k]
-        q[1 + i] = 1.0 + r[i, i] - r[j, j] - r[k, k]
-        q[1 + j] = r[j, i] + r[i, j]
-        q[1 + k] = r[k, i] + r[i, k]
-    out = np.array(q)
-    return out / np.linalg.norm(out)
+    """(w, x, y, z) of a rotation."""
+    return Rotation.from_matrix(rotation).as_quat(scalar_first=True)

@@ -22,8 +22,8 @@ from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export import plain_robot
-from sdp_vs_penalty.export.compact import is_plain, torque_lines
-from sdp_vs_penalty.export.content import number
+from sdp_vs_penalty.export.compact import is_plain, plain_function
+from sdp_vs_penalty.export.content import about
 from sdp_vs_penalty.robot.robot import Robot
 
 _PACKAGE = "sdp_vs_penalty"
@@ -104,41 +104,6 @@ def torque(q, dq, ddq, t=None, temperature=None):
     return MODEL.torque(THETA, motion).reshape(q.shape)
 '''
 
-_PLAIN = '''\
-"""Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
-
-    tau = torque(q, dq, ddq)        # (n,) or (N, n): rad or m, /s, /s^2 -> N m or N
-
-Joints in order: {joints}.
-Effects: {effects}.
-Needs NumPy; nothing of sdp-vs-penalty. One sample takes microseconds: it is computed without arrays.
-"""
-
-import math
-
-import numpy as np
-
-#: Parameter values, in the order of NAMES; the function below has them written in.
-THETA = np.array({theta})
-NAMES = {names}
-NEEDS_TIME = []
-
-
-def torque(q, dq, ddq, t=None, temperature=None):
-    """Modelled joint torques, of the shape of q."""
-    if np.ndim(q) == 1:
-        states = (x.tolist() if hasattr(x, "tolist") else x for x in (q, dq, ddq))
-        return np.array(_torque(*states, math.sin, math.cos, math.tanh))
-    states = (np.asarray(x, float).T for x in (q, dq, ddq))
-    made = _torque(*states, np.sin, np.cos, np.tanh)
-    return np.stack([np.broadcast_to(x, len(q)) for x in made], axis=-1)
-
-
-def _torque(q, dq, ddq, sin, cos, tanh):
-{lines}
-    return [{taus}]
-'''
-
 
 def make_function(estimate: Estimate) -> bytes:
     """Source of a module with ``torque(q, dq, ddq, t=None)``, equal to ``estimate.torque``: expressions
@@ -152,7 +117,7 @@ def make_function(estimate: Estimate) -> bytes:
             "the function has no place for joints that follow others", "write .json or .urdf instead"
         )
     if is_plain(estimate):
-        return _plain_function(estimate)
+        return plain_function(estimate)
     bundle = _Bundle()
     for thing in vars(plain_robot).values():
         if getattr(thing, "__module__", None) == plain_robot.__name__:
@@ -174,47 +139,17 @@ def make_function(estimate: Estimate) -> bytes:
     ]
     reference = model.reference
     text = _TEMPLATE.format(
-        robot=_quoted(robot.name),
-        method=_quoted(estimate.method),
-        version=_quoted(str(estimate.provenance.get("versions", {}).get(_PACKAGE, ""))),
+        **about(estimate),
         timed=", ".join(timed) or "no effect of this model",
-        joints=_quoted(", ".join(j.name for j in robot.joints)),
-        effects=_quoted(", ".join(e.brief for e in model.effects)),
         imports="\n".join(sorted(bundle.imports)),
         sources="\n\n\n".join(bundle.sources),
         joint_lines="\n".join(joints),
         gravity=tuple(float(g) for g in robot.gravity),
         effect_lines="\n".join(effects),
-        theta="[" + ", ".join(map(number, estimate.theta)) + "]",
-        names=[p.name for p in model.parameters],
         reference="" if reference is None else f", {_array(reference)}",
         needs_time=timed,
     )
     return text.encode()
-
-
-def _plain_function(estimate: Estimate) -> bytes:
-    model, robot = estimate.model, estimate.robot
-    lines = torque_lines(estimate)
-    for name, states in (("q", "q"), ("v", "dq"), ("a", "ddq")):
-        lines.insert(0, f"{', '.join(f'{name}{i + 1}' for i in range(robot.n))}, = {states}")
-    text = _PLAIN.format(
-        robot=_quoted(robot.name),
-        method=_quoted(estimate.method),
-        version=_quoted(str(estimate.provenance.get("versions", {}).get(_PACKAGE, ""))),
-        joints=_quoted(", ".join(j.name for j in robot.joints)),
-        effects=_quoted(", ".join(e.brief for e in model.effects)),
-        taus=", ".join(f"tau{i + 1}" for i in range(robot.n)),
-        lines=textwrap.indent("\n".join(lines), "    "),
-        theta="[" + ", ".join(map(number, estimate.theta)) + "]",
-        names=[p.name for p in model.parameters],
-    )
-    return text.encode()
-
-
-def _quoted(text: str) -> str:
-    """Text that cannot end the docstring it stands in."""
-    return text.replace("\\", "\\\\").replace('"', "'")
 
 
 def _array(values: Any) -> str:
@@ -266,6 +201,7 @@ class _Bundle:
     def _need(self, name: str, value: Any, source: str) -> None:
         if value is Robot:  # the plain one stands in
             return
+        value = inspect.unwrap(value) if callable(value) else value  # a cached one
         home = getattr(value, "__module__", None) or ""
         if isinstance(value, ModuleType):
             self._module(name, value, source)

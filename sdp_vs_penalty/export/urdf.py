@@ -220,19 +220,15 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
         if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
             raise InputError(
-                (
-                    f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, "
-                    "parent or direction of its axis)"
-                ),
+                f"joint {joint.name!r} is not joint {other.name!r} of the model (another kind, "
+                "parent or direction of its axis)",
                 "give the URDF of the robot that was identified",
                 path,
             )
         if apart > _SAME_AXIS:
             raise InputError(
-                (
-                    f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that "
-                    f"of joint {other.name!r} of the model"
-                ),
+                f"the axis of joint {joint.name!r} lies {1000.0 * apart:.3g} mm away from that "
+                f"of joint {other.name!r} of the model",
                 "give the URDF of the robot that was identified",
                 path,
             )

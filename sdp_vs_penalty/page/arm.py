@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from nicegui import ui
+from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.page.controls import button, tag
 from sdp_vs_penalty.page.summary import Rung
@@ -46,7 +47,7 @@ def draw_arm(view: View, model: Rung) -> Any:
                         ball = scene.sphere(1.0, 24, 16).scale(*body["half"])
                         ball.material("#0072b2", 0.75).with_name(f"link-{body['link']}")
                         ball.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
-        scene.move_camera(0.9 * reach, -1.0 * reach, 0.75 * reach, 0.0, 0.0, 0.3 * reach, duration=0.0)
+        scene.move_camera(0.55 * reach, -0.6 * reach, 0.5 * reach, 0.0, 0.0, 0.3 * reach, duration=0.0)
         scene.props["role"] = "img"
         scene.props["aria-label"] = "The arm, links as inertia ellipsoids coloured by torque error"
         with tag("div", style="row"):
@@ -97,20 +98,5 @@ def _errors(model: Rung, read: dict[str, Any]) -> Any:
 
 def _quaternions(poses: Any) -> Any:
     """(F, k, 7) places and unit quaternions (x, y, z, w) of poses (F, k, 4, 4)."""
-    r = np.asarray(poses[..., :3, :3], float)
-    # The largest of the four never divides by zero (Shepperd 1978).
-    trace = np.stack([r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]], axis=-1)
-    total = trace.sum(axis=-1, keepdims=True)
-    four = np.concatenate([1.0 + 2.0 * trace - total, 1.0 + total], axis=-1)  # 4 x^2, ..., 4 w^2
-    out = np.zeros(four.shape)
-    sums = {
-        (0, 1): r[..., 0, 1] + r[..., 1, 0], (0, 2): r[..., 0, 2] + r[..., 2, 0],
-        (1, 2): r[..., 1, 2] + r[..., 2, 1], (0, 3): r[..., 2, 1] - r[..., 1, 2],
-        (1, 3): r[..., 0, 2] - r[..., 2, 0], (2, 3): r[..., 1, 0] - r[..., 0, 1],
-    }  # fmt: skip
-    largest = np.argmax(four, axis=-1)
-    for k in range(4):
-        rows = [four[..., k] if i == k else sums[tuple(sorted((i, k)))] for i in range(4)]  # type: ignore[index]
-        out = np.where((largest == k)[..., None], np.stack(rows, axis=-1), out)
-    out /= np.linalg.norm(out, axis=-1, keepdims=True)
-    return np.concatenate([poses[..., :3, 3], out], axis=-1)
+    turned = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()
+    return np.concatenate([poses[..., :3, 3], turned.reshape(*poses.shape[:2], 4)], axis=-1)

@@ -12,6 +12,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
@@ -45,7 +47,8 @@ from sdp_vs_penalty.page.run_jobs import (
     simulate,
 )
 from sdp_vs_penalty.page.summary import summary, violation
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.load import load_problem, with_filters
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import make_report
 from sdp_vs_penalty.simulation.hidden_runs import makers
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
@@ -84,12 +87,28 @@ def robot(request: Request, progress: Progress) -> Answer:
         "effects": list(problem.default_effects),
         "torque_side": problem.torque_side,
         "own_gravity": list(problem.robot.gravity),
+        "known": _known(problem),
     }
+
+
+def _known(problem: Problem) -> str:
+    """Bounds and filters in a sentence."""
+    bounds = np.isfinite(problem.box).any(axis=2).sum(axis=1)
+    settings = problem.preprocessing
+    cutoffs = (
+        "chosen from the data" if f is None else f"{f:g} Hz"
+        for f in (settings.state_cutoff, settings.torque_cutoff)
+    )
+    return (
+        f"Bounds on {bounds.sum()} of {10 * len(bounds)} link parameters; filters of states and torque: "
+        f"{', '.join(cutoffs)}. A folder with a problem.toml sets others."
+    )
 
 
 def fit(request: Request, progress: Progress) -> Answer:
     """Identify a model and look where it fails."""
-    problem, runs, options = problem_of(request), runs_of(request), request["options"]
+    runs, options = runs_of(request), request["options"]
+    problem = with_filters(problem_of(request), options.get("filters"))
     begin = time.perf_counter()
     estimate = identify(
         problem,

@@ -37,3 +37,20 @@ class Step:
     depends: Callable[[Session], Any]
     draw: Callable[[View], None]
     verdict: Callable[[Session], Verdict | None] = no_verdict
+
+
+def models(session: Session) -> list[str]:
+    """The ladder: what most steps about models depend on."""
+    return [model.file for model in session.ladder]
+
+
+def after_model(
+    anchor: str,
+    title: str,
+    draw: Callable[[View], None],
+    verdict: Callable[[Session], Verdict | None] = no_verdict,
+    depends: Callable[[Session], Any] = models,
+) -> Step:
+    """A step that can be taken once there is a model."""
+    before = "Identify a model first."
+    return Step(anchor, title, before, lambda s: s.model is not None, depends, draw, verdict)

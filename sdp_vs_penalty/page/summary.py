@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.constraints.constraint import BarycentricBound
-from sdp_vs_penalty.data.measurements import Runs
+from sdp_vs_penalty.data.measurements import Measurements, Runs
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError
@@ -38,14 +39,16 @@ class Rung:
     """One model of a session's ladder, judged; plain JSON apart from being a class.
 
     file, curves : its model.json and the .npz of its torques; runs : names of those, training runs
-    first; judged_on : the runs behind comparison and failures (as `compare --json` writes them);
-    violation, about : see the functions; label, added : what it is called and the effects added to the
-    rung below, with the others held where frozen; opened : the file that a person brought, if any.
+    first, a part of a run by its seconds; tested : whether runs were kept from training; judged_on : the
+    runs behind comparison and failures (as `compare --json` writes them); violation, about : see the
+    functions; label, added : what it is called and the effects added to the rung below, with the others
+    held where frozen; opened : the file that a person brought, if any.
     """
 
     file: str
     curves: str
     runs: list[str]
+    tested: bool
     judged_on: list[str]
     method: str
     effects: list[str]
@@ -101,6 +104,15 @@ def about(estimate: Estimate) -> dict[str, Any]:
     }
 
 
+def _named(runs: Sequence[Measurements]) -> list[str]:
+    """Their names; parts of one run by their seconds too."""
+    names = [run.names[0] for run in runs]
+    return [
+        name if names.count(name) == 1 else f"{name}, {run.t[0]:.4g} to {run.t[-1]:.4g} s"
+        for name, run in zip(names, runs, strict=True)
+    ]
+
+
 def _plain(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Arrays as lists."""
     return [{k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in r.items()} for r in rows]
@@ -143,7 +155,8 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     return Rung(
         file=str(out),
         curves=str(out.with_suffix(".npz")),
-        runs=[run.names[0] for run in runs],
+        runs=_named(runs),
+        tested=test is not None,
         judged_on=list(judge.names),
         method=estimate.method,
         effects=asked_effects(estimate.model.effects, estimate.details.get("shapes", ())),

@@ -21,7 +21,8 @@ from sdp_vs_penalty.problem.tables import read_table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.mechanism import parse_mechanism
-from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.structure import STANDARD_GRAVITY
 from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.problem.bodies import link_bodies
@@ -33,10 +35,8 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
         return load_problem(source)
     raise InputError(
         "no problem",
-        (
-            f"give a built-in name ({', '.join(problem_names())}), a folder with a problem.toml, a "
-            "URDF file, or a Problem"
-        ),
+        f"give a built-in name ({', '.join(problem_names())}), a folder with a problem.toml, a "
+        "URDF file, or a Problem",
         what.replace("...", given(source)),
     )
 
@@ -64,6 +64,15 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
             raise InputError(f"gravity {gravity!r} is not three finite numbers", "write x,y,z in m/s^2")
         problem = problem.with_gravity(gravity)
     return problem
+
+
+def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
+    """The same with other cut-offs [Hz] of the filters, "states,torque"; as it is for None."""
+    if cutoffs is None:
+        return problem
+    state, torque = numbers("--filters", cutoffs, 2)
+    settings = replace(problem.preprocessing, state_cutoff=state, torque_cutoff=torque)
+    return replace(problem, preprocessing=settings)
 
 
 def _from_urdf(path: Path) -> Problem:

@@ -20,6 +20,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.show import finite
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
@@ -96,7 +97,7 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
 
 
 def _pair(ends: Sequence[float] | Array) -> list[float | None]:
-    return [float(x) if np.isfinite(x) else None for x in ends]
+    return [finite(x) for x in ends]
 
 
 def _ends(pair: Sequence[float | None]) -> tuple[float, float]:

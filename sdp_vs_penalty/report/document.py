@@ -75,7 +75,7 @@ def page(title: str, sections: Sequence[Section], script: str) -> str:
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
         "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:\">"
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
-        f"<body><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}"
+        f"<body><main><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</main>"
         # Last, so that text and tables are there before four megabytes of script are read.
         f"<script>{script}</script><script>{_DRAW}</script></body></html>\n"
     )

@@ -51,7 +51,7 @@ def certificate(material: Material) -> Section:
         "The lower bound is computed here from dual multipliers, independently of what a solver "
         "claims."
     )
-    body += table(["", *material.models], rows)
+    body += table(["figure", *material.models], rows)
     for name, e in material.models.items():
         if e.certificate.held:
             held = ", ".join(e.certificate.held)
@@ -103,6 +103,6 @@ def provenance(material: Material) -> Section:
             ("versions", versions),
         ):
             rows.append((name, what, value))
-    body = table(("model", "", ""), rows, numbers_from=3)
+    body = table(("model", "what", "which"), rows, numbers_from=3)
     body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
     return Section("provenance", "Provenance", body)

@@ -167,7 +167,16 @@ def findings(material: Material) -> Section:
                 number(found.noise_floor[joint], 3),
             )
         )
-    heads = ("effect", "joint", "", "size", "not told from", "held-out RMSE", "with it", "noise floor")
+    heads = (
+        "effect",
+        "joint",
+        "confidence",
+        "size",
+        "not told from",
+        "held-out RMSE",
+        "with it",
+        "noise floor",
+    )
     body = text(found.headline)
     if rows:
         names = ["model", *(f"+ {k}. {row[0]} {row[1]}" for k, row in enumerate(rows, start=1))]

@@ -25,10 +25,8 @@ if not hasattr(pinocchio, "computeJointTorqueRegressor"):
 if not pinocchio.__version__.startswith("4."):
     raise InputError(
         f"`import pinocchio` finds version {pinocchio.__version__} in {_where}, 4.x is needed",
-        (
-            "take that folder off PYTHONPATH (a ROS set-up script puts it there), or run `pip "
-            "install 'pin>=4,<5'`"
-        ),
+        "take that folder off PYTHONPATH (a ROS set-up script puts it there), or run `pip "
+        "install 'pin>=4,<5'`",
     )
 
 pin = pinocchio

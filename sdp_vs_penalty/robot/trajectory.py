@@ -49,10 +49,8 @@ class FourierTrajectory:
     def __post_init__(self) -> None:
         if self.blend <= 0.0 or self.duration <= 2.0 * self.blend or self.frequency <= 0.0:
             raise InputError(
-                (
-                    f"trajectory: blend {self.blend:g} s, duration {self.duration:g} s and frequency "
-                    f"{self.frequency:g} rad/s do not fit"
-                ),
+                f"trajectory: blend {self.blend:g} s, duration {self.duration:g} s and frequency "
+                f"{self.frequency:g} rad/s do not fit",
                 "make all positive, and the duration above twice the blend",
             )
 

@@ -15,8 +15,10 @@ from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.mechanism import following, mimics
-from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Joint, Robot
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.structure import STANDARD_GRAVITY
 from sdp_vs_penalty.robot.urdf_transmission import urdf_transmission
 
 T = TypeVar("T")

@@ -9,6 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.shootout.profile import accuracies, at_accuracy, reached
 from sdp_vs_penalty.shootout.results import Row, cell
+from sdp_vs_penalty.show import markdown_table
 
 #: What most readers want: an arm of seven links, to six digits.
 LINKS, ACCURACY = 7, 1e-6
@@ -75,26 +76,21 @@ def answer(rows: Sequence[Row]) -> str:
         f"**{quick['solver']}**: {quick['right']} of {quick['problems']}, "
         f"{milliseconds(quick['seconds'])} ms.",
         "",
-        "| solver | right | silently wrong | median [ms] | attempts |",
-        "| --- | --- | --- | --- | --- |",
     ]
-    for r in table:
-        text.append(
-            f"| {r['solver']} | {r['right']} of {r['problems']} | {r['silently wrong']} | "
-            f"{milliseconds(r['seconds'])} | {r['attempts']:.1f} |"
-        )
+    cells = [
+        (r["solver"], f"{r['right']} of {r['problems']}", str(r["silently wrong"]),
+         milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
+        for r in table
+    ]  # fmt: skip
+    text += markdown_table(("solver", "right", "silently wrong", "median [ms]", "attempts"), cells)
     return "\n".join(text) + "\n"
 
 
 def alone_and_in_the_loop(rows: Sequence[Row]) -> str:
     """Markdown: each solver by itself at the tightest accuracy, and inside our certified loop."""
-    lines = [
-        "| solver | problems | alone: right | silently wrong | mean [ms] | in our loop: right | "
-        "silently wrong | mean [ms] | attempts |",
-        "| --- |" + " --- |" * 8,
-    ]
-    names = {r["solver"] for r in rows}
-    for name in sorted(names):
+    heads = ["solver", "problems", "alone: right", "silently wrong", "mean [ms]", "in our loop: right"]
+    lines = []
+    for name in sorted({r["solver"] for r in rows}):
         loop = "lmi-sdp" if name == "clarabel" else name + _LOOP
         alone = [r for r in rows if r["solver"] == name and r["settings"] != "default"]
         inside = [r for r in rows if r["solver"] == loop]
@@ -107,8 +103,8 @@ def alone_and_in_the_loop(rows: Sequence[Row]) -> str:
             mean = milliseconds(float(np.mean([r["seconds"] for r in runs])))
             cells += [str(sum(reached(r, tightest) for r in runs)), str(wrong), mean]
         cells.append(f"{np.mean([r['attempts'] for r in inside]):.1f}")
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+        lines.append(cells)
+    return "\n".join(markdown_table([*heads, "silently wrong", "mean [ms]", "attempts"], lines)) + "\n"
 
 
 def class_page(group: str, rows: Sequence[Row]) -> str:
@@ -127,10 +123,9 @@ def class_page(group: str, rows: Sequence[Row]) -> str:
         runs = [r for r in mine if r["problem"] == problem]
         text += [f"## {problem}", "", _interval(runs), ""]
         heads = ["solver", *(f"{a:.0e}" for a in asked), "error", "violation", "dual gap", "attempts"]
-        text += ["| " + " | ".join(heads) + " |", "| --- |" + " --- |" * (len(heads) - 1)]
-        for solver in sorted({r["solver"] for r in runs}):
-            text.append(_solver_line([r for r in runs if r["solver"] == solver], asked))
-        text.append("")
+        solvers = sorted({r["solver"] for r in runs})
+        cells = [_solver_line([r for r in runs if r["solver"] == solver], asked) for solver in solvers]
+        text += [*markdown_table(heads, cells), ""]
     return "\n".join(text)
 
 
@@ -142,7 +137,7 @@ def _interval(runs: Sequence[Row]) -> str:
     return f"Optimum proved between {low} and {high} (instance {runs[0]['hash']})."
 
 
-def _solver_line(runs: Sequence[Row], asked: Sequence[float]) -> str:
+def _solver_line(runs: Sequence[Row], asked: Sequence[float]) -> list[str]:
     by_accuracy = {r["accuracy"]: r for r in runs}
     cells = [runs[0]["solver"]]
     for accuracy in asked:
@@ -153,4 +148,4 @@ def _solver_line(runs: Sequence[Row], asked: Sequence[float]) -> str:
     last = min(runs, key=lambda r: r["accuracy"])
     for name in ("objective_error", "violation", "own_gap"):
         cells.append(f"{last[name]:.0e}" if np.isfinite(last[name]) else "-")
-    return "| " + " | ".join([*cells, str(last["attempts"])]) + " |"
+    return [*cells, str(last["attempts"])]

@@ -17,6 +17,7 @@ from sdp_vs_penalty.shootout.judge import CLASSES
 from sdp_vs_penalty.shootout.profile import COLUMNS as PROFILE_COLUMNS
 from sdp_vs_penalty.shootout.profile import plot_profile, profile_rows
 from sdp_vs_penalty.shootout.results import Row, table_text
+from sdp_vs_penalty.show import markdown_table
 
 _SHIFT = 0.01  # s
 _COLUMNS = (
@@ -78,9 +79,8 @@ def shifted_geometric_mean(seconds: Sequence[float]) -> float:
 def markdown(rows: Sequence[Row], headings: Sequence[str]) -> str:
     """A table whose numbers are short enough to read."""
     names = [_HEADINGS.get(h, h) for h in headings]
-    lines = ["| " + " | ".join(names) + " |", "| " + " | ".join("---" for _ in names) + " |"]
-    lines += ["| " + " | ".join(_short(h, row[h]) for h in headings) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+    cells = [[_short(h, row[h]) for h in headings] for row in rows]
+    return "\n".join(markdown_table(names, cells)) + "\n"
 
 
 def latex(rows: Sequence[Row], headings: Sequence[str]) -> str:
@@ -110,14 +110,10 @@ def by_problem(rows: Sequence[Row]) -> str:
 
     Beside a wrong answer stands the larger of its error and its violation, both relative.
     """
-    mark = {
-        "right": "right", "inaccurate": "inaccurate", "silently_wrong": "**WRONG**", "failed": "failed",
-        "timeout": "timeout", "crash": "crash",
-    }  # fmt: skip
     solvers = sorted({r["solver"] for r in rows})
-    lines = ["| problem | " + " | ".join(solvers) + " |", "| --- |" + " --- |" * len(solvers)]
+    lines = []
     for problem in dict.fromkeys(r["problem"] for r in rows):
-        cells = []
+        cells = [problem]
         for solver in solvers:
             mine = [r for r in rows if r["problem"] == problem and r["solver"] == solver]
             tightest = min(mine, key=lambda r: r["accuracy"], default=None)
@@ -127,9 +123,9 @@ def by_problem(rows: Sequence[Row]) -> str:
                 worst = max(tightest["objective_error"], tightest["violation"])
                 cells.append(f"**WRONG** {worst:.0e}" if np.isfinite(worst) else "**WRONG**")
             else:
-                cells.append(mark[tightest["class"]])
-        lines.append(f"| {problem} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+                cells.append(tightest["class"])
+        lines.append(cells)
+    return "\n".join(markdown_table(["problem", *solvers], lines)) + "\n"
 
 
 def sentences(rows: Sequence[Row], time_limit: float) -> list[str]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,10 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 REPETITION, RESIDUAL = "repetition", "residual"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
+#: Rows of which a joint stood still for more than this show friction, not noise.
+_STILL = 0.01
+#: Share of a guessed noise that is left a row later, at most.
+_FADES = 0.95
 #: Independent values that a median of squares is worth, a value: its efficiency.
 _MEDIAN_WORTH = 0.37
 #: Events are rare: what fills more than this share of the differences is noise of another kind.
@@ -52,7 +57,8 @@ class Noise:
     floor (n,) [N m or N]: its standard deviation; ar (n, ORDER) : autoregression; sigma (n,) : standard
     deviation of the whitened noise; degrees (n,) of freedom behind it; source : REPETITION, or RESIDUAL
     (a guess: the model's error is in it); suspect (M, n) : rows where the repetition shows an event;
-    profile (M, n) : how the motion swells the noise, around 1; repeats : what repeats what.
+    profile (M, n) : how the motion swells the noise, around 1; held (M, n) : standard deviation of what
+    friction adds to rows during which a joint stands still; repeats : what repeats what.
     """
 
     floor: Array
@@ -62,7 +68,22 @@ class Noise:
     source: str
     suspect: NDArray[np.bool_]
     profile: Array
+    held: Array
     repeats: tuple[Repeat, ...] = ()
+
+    @cached_property
+    def scale(self) -> Array:
+        """(M, n) standard deviation of the innovations; rows that follow one of a joint that stood still
+        remember it."""
+        variance = (self.sigma * self.profile) ** 2 + self.held**2
+        for lag, a in enumerate(self.ar.T, start=1):
+            variance[lag:] += (a * self.held[:-lag]) ** 2
+        return np.sqrt(variance)
+
+    @cached_property
+    def worth(self) -> Array:
+        """(M, n) how much of a row's information standing still has left, from 0 to 1."""
+        return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
     def whiten(self, values: Array, joint: int, pieces: Sequence[NDArray[np.intp]]) -> Array:
         """(M, k) columns or (M,) a series, filtered to white noise of unit variance.
@@ -72,14 +93,14 @@ class Noise:
         if not values.any():
             return np.zeros_like(values)
         white = innovations(values, self.ar[joint], pieces)
-        scale = self.sigma[joint] * self.profile[:, joint]
+        scale = self.scale[:, joint]
         return white / (scale if values.ndim == 1 else scale[:, None])
 
 
 def noise_floor(runs: SegmentedRuns) -> Array | None:
     """Standard deviation (n,) of the torque noise below ``runs.cutoff`` [N m or N]; None where too
     little repeats. ``runs`` carry a model, of which only what repeats must be right."""
-    noise = _from_repetition(runs, runs.residual) if runs.segments else None
+    noise = _from_repetition(runs, runs.residual, standing=True) if runs.segments else None
     return None if noise is None else noise.floor
 
 
@@ -99,18 +120,33 @@ def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     """A guess: all of a residual (M, n) taken for noise."""
     n = runs.n
-    parts = [autoregression(residual[:, j], runs.pieces(j)) for j in range(n)]
+    moving = [_moving(runs.pieces(j), runs.still[:, j]) for j in range(n)]
+    parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
     ar, sigma, degrees = (np.array(values) for values in zip(*parts, strict=True))
-    keep = runs.keep
-    floor = np.array([residual[keep[:, j], j].std() for j in range(n)])
-    suspect = np.zeros_like(keep)
-    return Noise(floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual))
+    ar *= np.array([_forgetting(a) for a in ar])
+    floor = np.array([residual[np.concatenate(p), j].std() if p else 0.0 for j, p in enumerate(moving)])
+    suspect = np.zeros_like(runs.keep)
+    return Noise(floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual), runs.held)
+
+
+def _forgetting(a: Array) -> Array:
+    """(ORDER,) factors that make an autoregression forget: what never fades is an error of the model,
+    and a whitening that takes it out would leave offsets free to be anything."""
+    largest = float(np.abs(np.roots(np.concatenate([[1.0], -a]))).max(initial=0.0))
+    return np.asarray(min(1.0, _FADES / max(largest, 1e-12)) ** np.arange(1, ORDER + 1))
+
+
+def _moving(pieces: Pieces, still: Array) -> Pieces:
+    """Without the rows during which the joint stood still, unless too few would be left."""
+    moving = Pieces(p[still[p] < _STILL] for p in pieces)
+    return moving if len(moving.predicted) >= _FEWEST else pieces
 
 
 def _from_repetition(
-    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None
+    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None, standing: bool = False
 ) -> Noise | None:
-    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``."""
+    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``; of ``standing``
+    joints as well, whose friction holds what torque there is, or of moving ones alone."""
     repeats = find_repeats(runs)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
@@ -118,7 +154,8 @@ def _from_repetition(
     difference = _differences(runs, residual, repeats)
     index = np.concatenate([r.rows for r in repeats])
     gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
-    pieces = Pieces(consecutive(repeats))
+    every, stood = Pieces(consecutive(repeats)), runs.still[index]
+    stood = np.maximum(stood, np.concatenate([runs.still[later_rows(runs, r)] for r in repeats]))
     share = min(1.0, new_differences(runs, repeats) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
     rates_shown = rates if shown is None else rate_features(shown)
@@ -126,6 +163,7 @@ def _from_repetition(
     suspect = np.zeros(residual.shape, bool)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
+        pieces = every if standing else _moving(every, stood[:, j])
         drift = _drift_columns(t, gap, speed[:, j])
         rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
         steady = Pieces(p[good[p]] for p in pieces)
@@ -140,7 +178,8 @@ def _from_repetition(
         _mark_later(runs, repeats, good, j, suspect)
     if shown is not None:
         suspect, repeats = _carried(suspect, runs, shown), find_repeats(shown)
-    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, repeats)
+    held = runs.held if shown is None else shown.held
+    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
 
 
 def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:

@@ -337,10 +337,8 @@ def no_rows(run: Measurements, seconds: float) -> InputError:
             run.names[0],
         )
     return InputError(
-        (
-            "no rows are left after filtering: no continuous motion longer than "
-            f"{seconds:.3g} s, which the filters need"
-        ),
+        "no rows are left after filtering: no continuous motion longer than "
+        f"{seconds:.3g} s, which the filters need",
         "record a longer motion, or raise the cut-offs",
         run.names[0],
     )

@@ -31,6 +31,7 @@ from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
+from sdp_vs_penalty.signals.stillness import still
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
@@ -42,7 +43,8 @@ _SHARP, _CORNER = 12.0, 0.3
 class Segment:
     """One uninterrupted piece of a run.
 
-    motion : on the column grid; t (M,), torque (M, n) : the rows; keep (M,) : which of them count;
+    motion : on the column grid; t (M,), torque (M, n) : the rows; keep (M,) : which of them count; still
+    (M, n) : how much of a unit torque, whatever its sign, reaches them from when a joint stood still;
     low_pass (M, N), dense (D, N) : from the column grid to the rows and to the dense grid t_dense
     (D,), on which q_dense and torque_dense (D, n) are known: instants between its samples can be
     read by interpolation.
@@ -53,6 +55,7 @@ class Segment:
     t: Array
     torque: Array
     keep: NDArray[np.bool_]
+    still: Array
     low_pass: sparse.csr_array
     t_dense: Array
     torque_dense: Array
@@ -104,6 +107,22 @@ class SegmentedRuns:
     def residual(self) -> Array:
         """(M, n) filtered measured less modelled torque."""
         return np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in self.segments])
+
+    @cached_property
+    def still(self) -> Array:
+        """(M, n) share of each row that a joint stood still."""
+        return np.concatenate([s.still for s in self.segments])
+
+    @cached_property
+    def held(self) -> Array:
+        """(M, n) standard deviation of what friction may hold of a row while its joint stands still.
+
+        Friction is as large as what the links leave of the torque; held, it is anywhere up to that.
+        """
+        links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
+        rest = self.torque - np.concatenate(links) if links else self.torque
+        size = np.sqrt(np.sum(self.keep * rest**2, axis=0) / np.maximum(self.keep.sum(axis=0), 1))
+        return np.asarray(size * self.still)
 
     @cached_property
     def dense_residuals(self) -> list[Array]:
@@ -237,6 +256,9 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
         motion.t[rows],
         filters.torque(part, grid[rows]),
         keep,
+        convolve(still(q).astype(float), np.abs(filters.column.value))[0][
+            grid[rows] - filters.column.half
+        ],
         low_pass,
         motion.t[dense],
         filters.torque(part, grid[dense]),

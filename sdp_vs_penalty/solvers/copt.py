@@ -13,6 +13,7 @@ NAME = "copt"
 EXTRA = "its vendor, with a licence"
 REQUIRES = ("package", "coptpy")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
+warm_up = through_cvxpy.warm_up
 
 
 def licence() -> str | None:
@@ -35,8 +36,3 @@ def options(accuracy: float) -> dict[str, Any]:
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for (relative gap and feasibility)."""
     return through_cvxpy.solve(problem, "COPT", options(accuracy))
-
-
-def warm_up() -> None:
-    """What a first call pays for once, before a run is timed."""
-    through_cvxpy.warm_up()

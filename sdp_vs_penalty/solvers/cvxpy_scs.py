@@ -11,13 +11,9 @@ EXTRA = "solvers"
 REQUIRES = ("package", "scs")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 SAME_AS = "scs"  # in the shootout
+warm_up = through_cvxpy.warm_up
 
 
 def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     """Solve to the accuracy asked for, in the solver's own sense."""
     return through_cvxpy.solve(problem, "SCS", options(accuracy))
-
-
-def warm_up() -> None:
-    """What a first call pays for once, before a run is timed."""
-    through_cvxpy.warm_up()

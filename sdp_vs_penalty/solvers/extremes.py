@@ -153,10 +153,8 @@ def _interior(constraints: ConstraintSet, free: Array, theta: Array, bound: Arra
     margin = constraints.margin(point)
     if not margin > 0.0:
         raise InputError(
-            (
-                "No parameters with these equalities lie strictly inside all constraints (largest "
-                f"margin {margin:.1e})"
-            ),
+            "No parameters with these equalities lie strictly inside all constraints (largest "
+            f"margin {margin:.1e})",
             ("start from an estimate with a minimum thickness, or relax the bounds that it touches"),
         )
     return point

@@ -37,7 +37,12 @@ def left(repeating: float, sign: float = 1.0, seed: int = 0) -> tuple[Any, Any, 
     segments = [SimpleNamespace(t=t), SimpleNamespace(t=100.0 + t)]
     rows = SimpleNamespace(n=2, t=np.tile(t, 2), keep=keep, segments=segments, rate=RATE)
     repeat = SimpleNamespace(rows=np.arange(M), other=1, later=100.0 + t + LATE / RATE)
-    noise = SimpleNamespace(source=REPETITION, degrees=np.array([300.0, 400.0]), repeats=[repeat])
+    noise = SimpleNamespace(
+        source=REPETITION,
+        degrees=np.array([300.0, 400.0]),
+        repeats=[repeat],
+        worth=np.ones(keep.shape),
+    )
     return fit, rows, noise
 
 

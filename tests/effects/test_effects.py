@@ -330,6 +330,12 @@ def test_a_torque_that_comes_early_may_be_friction(text: str) -> None:
     assert effect.looks_like(0.003) == ""
 
 
+def test_a_wave_is_doubtful_where_less_than_one_was_travelled() -> None:
+    ripple = TorqueRipple(robots()["arm"], [1], k=4.0)
+    assert "less than one wave" in ripple.looks_like(1.0, 1.5)
+    assert ripple.looks_like(1.0, 1.6) == ""
+
+
 def test_a_tilt_is_told_in_degrees() -> None:
     (tilt,) = parse_effects("base_tilt", robots()["arm"])
     assert tilt.remark(0.1712) == "Here: 1 degrees."

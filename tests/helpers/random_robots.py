@@ -11,7 +11,8 @@ from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

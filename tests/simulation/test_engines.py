@@ -14,7 +14,8 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.robot import Joint, Robot
+from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import joint_limits
 from sdp_vs_penalty.simulation.engines import engine, engine_types
 from sdp_vs_penalty.simulation.engines.comparison import Sinusoids, inverse_dynamics_error, play

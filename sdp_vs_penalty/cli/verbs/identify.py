@@ -21,6 +21,10 @@ def verb(
     method: options.Method = "lmi-sdp",
     effects: options.Effects = None,
     gravity: options.Gravity = None,
+    filters: Annotated[
+        str | None,
+        typer.Option(metavar="5,8", help="Filters of states and torque [Hz]; default: chosen."),
+    ] = None,
     solver: Annotated[
         str | None,
         typer.Option(help="Solver of the SDP methods, of `sdp-vs-penalty list solvers`."),
@@ -58,11 +62,12 @@ def verb(
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.problem.load import load_problem
+    from sdp_vs_penalty.problem.load import load_problem, with_filters
     from sdp_vs_penalty.regression.black_box import load_answers
 
     estimator = with_solver(method, solver)
-    robot = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
+    mounted = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
+    robot = with_filters(mounted, filters)
     windows = time_windows(window)
     with console.progress("reading the measurements") as progress:
         answers = load_answers(data, joints=robot.robot.n)

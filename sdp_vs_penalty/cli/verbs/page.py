@@ -41,7 +41,9 @@ def verb(
     from sdp_vs_penalty.cli.verbs import convert, excite, identify
 
     forms = {
-        "identify": fields_of(identify.verb, "window", "solver", "gain_uncertainty", "known_load"),
+        "identify": fields_of(
+            identify.verb, "window", "filters", "solver", "gain_uncertainty", "known_load"
+        ),
         "robot": fields_of(identify.verb, "gravity"),
         "read": fields_of(convert.verb, "rename", "motors", "motor_side", "rate", "topic", "joints"),
         "separate": fields_of(excite.verb, "duration", "level", "iterations"),

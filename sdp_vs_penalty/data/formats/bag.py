@@ -110,10 +110,8 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
             raise InputError("too many messages", "split it into several runs", path)
     if not count or names is None:
         raise InputError(
-            (
-                f"no message has all joints {', '.join(names or ['(none)'])} (there are: "
-                f"{', '.join(sorted(others)) or 'none'})"
-            ),
+            f"no message has all joints {', '.join(names or ['(none)'])} (there are: "
+            f"{', '.join(sorted(others)) or 'none'})",
             "name the joints as the bag does",
             path,
         )
@@ -152,10 +150,8 @@ def _row(path: Path, message: Any, at: Sequence[int], names: Sequence[str]) -> l
             out += [float(values[k]) for k in at]
         elif needed:
             raise InputError(
-                (
-                    f"a message has {show.count(len(values), 'value')} of {field} for "
-                    f"{show.count(len(message.name), 'joint')}"
-                ),
+                f"a message has {show.count(len(values), 'value')} of {field} for "
+                f"{show.count(len(message.name), 'joint')}",
                 "record position and effort of every joint",
                 path,
             )

@@ -11,7 +11,7 @@ from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, tag, text_field
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
+from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.wording import (
     change,
     figure,
@@ -198,12 +198,4 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict("good", "Nothing is missing that these measurements could show.")
 
 
-FINDINGS = Step(
-    "findings",
-    "What is missing",
-    "Identify a model first.",
-    lambda session: session.model is not None,
-    _depends,
-    _draw,
-    _verdict,
-)
+FINDINGS = after_model("findings", "What is missing", _draw, _verdict, _depends)

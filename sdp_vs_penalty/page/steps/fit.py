@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.diagnosis.show import new_motion, repeatability_warning
+from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, repeatability_warning
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import asked_span, merged, residual_chart, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
+from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.wording import figure, held, with_unit
 from sdp_vs_penalty.report.plots import SIGNALS
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
-
-
-def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder]
 
 
 def _draw(view: View) -> None:
@@ -29,7 +25,7 @@ def _draw(view: View) -> None:
     comparison, units = model.comparison, robot["units"]
     view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
     if view.run not in model.runs:
-        view.run, view.span = model.judged_on[0], None
+        view.run, view.span = model.runs[-1], None
     _figures(model)
     chips = _chips(view, model, units)
     parts: dict[str, Any] = {}
@@ -120,7 +116,7 @@ def _figures(model: Rung) -> None:
         }
     )
     warning = repeatability_warning(comparison["new_motion_share"])
-    if warning and model.judged_on != model.runs:
+    if warning and model.tested:
         tag("p", warning, "finding")
 
 
@@ -206,8 +202,6 @@ def _heat(view: View, failures: list[dict[str, Any]]) -> None:
 #: What a click on a cell sends.
 _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
-#: Errors up to so many noise floors are good; relative errors above this many per cent are no model.
-_NEAR_NOISE, _NO_MODEL = 1.5, 50.0
 
 
 def _verdict(session: Session) -> Verdict | None:
@@ -215,31 +209,24 @@ def _verdict(session: Session) -> Verdict | None:
     model = session.model
     assert model is not None
     c = model.comparison
+    floors = None if None in c["noise_floor"] else c["noise_floor"]
+    level: Any = fit_level(c["relative_error_percent"], c["rmse"], floors)
     said = f"{figure(c['relative_error_percent'])} % relative error on {_names(model.judged_on)}"
     if model.violation["convex"] > 0.0:
         return Verdict("bad", f"The model breaks its constraints ({held(model.violation)}); {said}.")
-    if c["relative_error_percent"] > _NO_MODEL:
+    if level == "bad":
         return Verdict("bad", f"The model does not describe these runs: {said}.")
     if session.meaningless:
         return Verdict("bad", f"The data check failed; {said}.")
-    scaled = [e / f if f else None for e, f in zip(c["rmse"], c["noise_floor"], strict=True)]
-    known = [x for x in scaled if x is not None]
-    if len(known) < len(scaled):
-        return Verdict("usable", f"{said}; no motion repeats, so how much of it is noise is not known.")
-    worst = max(known)
-    said += f"; joint {scaled.index(worst) + 1} is worst with {figure(worst, 2)} times its noise"
-    if worst <= _NEAR_NOISE and model.judged_on != model.runs:
-        return Verdict("good", f"{said}.")
-    unseen = "" if model.judged_on != model.runs else ", and nothing was kept for testing"
-    return Verdict("usable", f"{said}{unseen}.")
+    if floors is None:
+        said += "; no motion repeats, so how much of it is noise is not known"
+    elif all(floors):
+        scaled = [e / f for e, f in zip(c["rmse"], floors, strict=True)]
+        worst = max(scaled)
+        said += f"; joint {scaled.index(worst) + 1} is worst with {figure(worst, 2)} times its noise"
+    if not model.tested:
+        return Verdict("usable", f"{said}, and nothing was kept for testing.")
+    return Verdict(level, f"{said}.")
 
 
-FIT = Step(
-    "fit",
-    "Measured against modelled",
-    "Identify a model first.",
-    lambda session: session.model is not None,
-    _depends,
-    _draw,
-    _verdict,
-)
+FIT = after_model("fit", "Measured against modelled", _draw, _verdict)

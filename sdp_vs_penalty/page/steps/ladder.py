@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sdp_vs_penalty.page.charts import ladder_chart
 from sdp_vs_penalty.page.controls import button, chart, details, table, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
+from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.wording import change, figure
 
 if TYPE_CHECKING:
@@ -90,12 +90,4 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict(level, f"{said} on {', '.join(session.ladder[-1].judged_on)}.")
 
 
-LADDER = Step(
-    "ladder",
-    "The falling error",
-    "Identify a model first.",
-    lambda session: session.model is not None,
-    _depends,
-    _draw,
-    _verdict,
-)
+LADDER = after_model("ladder", "The falling error", _draw, _verdict, _depends)

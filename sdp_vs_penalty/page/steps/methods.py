@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.page.controls import button, check, table, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import after_model
 from sdp_vs_penalty.page.wording import figure, held
 
 if TYPE_CHECKING:
@@ -85,11 +85,4 @@ def _draw(view: View) -> None:
     )
 
 
-METHODS = Step(
-    "methods",
-    "Compare methods",
-    "Identify a model first.",
-    lambda session: session.model is not None,
-    _depends,
-    _draw,
-)
+METHODS = after_model("methods", "Compare methods", _draw, depends=_depends)

@@ -7,16 +7,12 @@ from typing import TYPE_CHECKING, Any
 from sdp_vs_penalty.page.charts import friction_chart
 from sdp_vs_penalty.page.controls import button, chart, table, tag
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step, Verdict
+from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.wording import held
 from sdp_vs_penalty.report.parameters import HEADS, LINK_HEADS, cells
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
-
-
-def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder]
 
 
 def _draw(view: View) -> None:
@@ -65,12 +61,4 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict("good", f"{said}, the prior the others; torques need no more.")
 
 
-PARAMETERS = Step(
-    "parameters",
-    "Parameters",
-    "Identify a model first.",
-    lambda session: session.model is not None,
-    _depends,
-    _draw,
-    _verdict,
-)
+PARAMETERS = after_model("parameters", "Parameters", _draw, _verdict)

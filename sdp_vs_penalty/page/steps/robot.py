@@ -35,7 +35,7 @@ def _draw(view: View) -> None:
     if robot is not None and robot["file"]:
         tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
     if robot is not None:
-        tag("p", _joints(robot), "soft")
+        tag("p", f"{_joints(robot)} {robot['known']}", "soft")
         (gravity,) = view.forms.get("robot", [None])
         if gravity is not None:
             now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])

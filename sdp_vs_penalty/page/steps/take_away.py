@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.page.controls import button, details, tag
-from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.step import Step
+from sdp_vs_penalty.page.step import after_model
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
@@ -23,10 +22,6 @@ FILES = {
 
 #: What else a job may have made to be fetched.
 MADE = ("trajectory.csv", "session.zip")
-
-
-def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder]
 
 
 def _draw(view: View) -> None:
@@ -48,11 +43,4 @@ def _draw(view: View) -> None:
         tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
-TAKE_AWAY = Step(
-    "take-away",
-    "Download",
-    "Identify a model first.",
-    lambda session: session.model is not None,
-    _depends,
-    _draw,
-)
+TAKE_AWAY = after_model("take-away", "Download", _draw)

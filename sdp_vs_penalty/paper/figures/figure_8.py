@@ -87,10 +87,8 @@ def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
     radius = np.min([c.radius + c.slope * x for c in cones], axis=0)
     if not (np.all(np.isfinite(x)) and high > low and radius.max() > 0.0):
         raise InputError(
-            (
-                f"link {link + 1}: its shape has no volume (radius at most {radius.max():.3g} m "
-                f"over {high - low:.3g} m)"
-            ),
+            f"link {link + 1}: its shape has no volume (radius at most {radius.max():.3g} m "
+            f"over {high - low:.3g} m)",
             "correct the cones and bounds of the centre of mass",
         )
     return along, x, np.maximum(radius, 0.0)

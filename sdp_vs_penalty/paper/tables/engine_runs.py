@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -74,15 +74,7 @@ def measured_runs(study: Study) -> tuple[EngineResult, ...]:
             error = result.run.followed.torque - at
             # From rest to the run's velocity, within the first steps, is no motion of the robot's.
             moving = result.run.t > _SETTLE
-            result = EngineResult(
-                result.engine,
-                result.version,
-                "measured",
-                result.status,
-                result.run,
-                error[moving],
-                result.inverse_error,
-            )
+            result = replace(result, torque_error=error[moving])
         out.append(result)
     return tuple(out)
 

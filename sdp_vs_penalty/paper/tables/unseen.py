@@ -66,16 +66,12 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[tupl
     result = cross_validate(problem, run, method, effects=effects, folds=FOLDS, seed=study.seed)
     name = f"+ {added}" if added else ""
     out: list[tuple[Cell, ...]] = [
-        (method, name, f"{f.start:.2f}-{f.stop:.2f} s", f.relative_error_percent, *_floats(f.rmse))
+        (method, name, f"{f.start:.2f}-{f.stop:.2f} s", f.relative_error_percent, *f.rmse.tolist())
         for f in result.folds
     ]
-    out.append((method, name, "all", result.relative_error_percent, *_floats(result.rmse)))
+    out.append((method, name, "all", result.relative_error_percent, *result.rmse.tolist()))
     train, test = run.window(0.0, TRAIN_STOP), run.window(TEST_START, np.inf)
     estimate = identify(problem, train, method, effects=effects, seed=study.seed)
     again = compare(estimate, test)[0]
-    out.append((method, name, "repeatability", again.relative_error_percent, *_floats(again.rmse)))
+    out.append((method, name, "repeatability", again.relative_error_percent, *again.rmse.tolist()))
     return out
-
-
-def _floats(values: np.ndarray) -> list[float]:
-    return [float(x) for x in values]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.show import markdown_table
 from sdp_vs_penalty.simulation.challenge import judge
 from sdp_vs_penalty.simulation.challenge.judge import Item, Record, counted, wilson
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
@@ -61,19 +62,8 @@ def csv_text(records: Mapping[str, Record]) -> str:
     """One case a row."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    names = (
-        "case",
-        "arm",
-        "truth",
-        "energy",
-        "verdict",
-        "found",
-        "retuned",
-        "rivals",
-        "events",
-        "seconds",
-    )
-    writer.writerow(names)
+    names = "case arm truth energy verdict found retuned rivals events seconds"
+    writer.writerow(names.split())
     for key, r in records.items():
         rivals = r["found"][0]["indistinguishable_from"] if r["found"] else []
         row = [key, r["conditions"]["arm"], "+".join(map(_label, r["truth"]))]
@@ -126,10 +116,6 @@ def _extreme_nuisances(clean: Sequence[Record]) -> list[list[str]]:
     return rows
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return ["| " + " | ".join(cells) + " |" for cells in (headings, ["---"] * len(headings), *rows)]
-
-
 def report_text(records: Mapping[str, Record], seed: int) -> str:
     """The committed report."""
     every = list(records.values())
@@ -143,7 +129,7 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
         "neither right nor false. Hidden effects count where these data show them: energy above 30, "
         "white and with the model partialled out, and no link moved by more than 0.3 rad.",
         "",
-        *table(HEADINGS, shares(every)),
+        *markdown_table(HEADINGS, shares(every)),
         "",
         *_clean(every),
         *_hidden(every),
@@ -172,7 +158,7 @@ def _clean(records: Sequence[Record]) -> list[str]:
         "something has a name; named: only what is fair, or a changed shape constant; abstained: where "
         "that is fair."
     )
-    return ["## Clean robots, by nuisance", "", note, "", *table(headings, rows), ""]
+    return ["## Clean robots, by nuisance", "", note, "", *markdown_table(headings, rows), ""]
 
 
 def _hidden(records: Sequence[Record]) -> list[str]:
@@ -184,7 +170,7 @@ def _hidden(records: Sequence[Record]) -> list[str]:
         right, alone = sum(map(judge.first_right, group)), sum(map(judge.nothing_else_confident, group))
         rows.append([name, *share(right, len(group)), f"{100 * alone / len(group):.0f} %"])
     headings = ["nuisance", "cases", "first right", "interval", "nothing confident besides"]
-    return ["## One hidden effect, by nuisance", "", *table(headings, rows), ""] if mine else []
+    return ["## One hidden effect, by nuisance", "", *markdown_table(headings, rows), ""] if mine else []
 
 
 def _numbers(records: Sequence[Record]) -> list[str]:
@@ -236,7 +222,8 @@ def effect_lines(records: Sequence[Record]) -> list[str]:
         "to reach: 90 to 98 % for every effect."
     )
     headings = ["hidden", "left out", "cases", "right", "named instead", "size error", "interval holds"]
-    return ["## By effect: all classes that hide one", "", note, "", *table(headings, rows), ""]
+    title = "## By effect: all classes that hide one"
+    return [title, "", note, "", *markdown_table(headings, rows), ""]
 
 
 def curve_lines(records: Sequence[Record]) -> list[str]:
@@ -265,7 +252,7 @@ def curve_lines(records: Sequence[Record]) -> list[str]:
         "constants, where the dictionary has it (to reach: 70 %). Energy removed (80 %) and error over "
         "the floor (1.1): on a motion that nothing was fitted to, with all that was found; medians."
     )
-    return ["## Torques without a name", "", note, "", *table(headings, rows), ""]
+    return ["## Torques without a name", "", note, "", *markdown_table(headings, rows), ""]
 
 
 def _laws(records: Sequence[Record]) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.urdf import make_urdf
-from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
+from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed, module_version
 
 
 class Dart(Engine):
@@ -19,11 +19,7 @@ class Dart(Engine):
 
     @classmethod
     def version(cls) -> str | None:
-        try:
-            import dartpy
-        except ImportError:
-            return None
-        return str(dartpy.__version__)
+        return module_version("dartpy")
 
     def load(self) -> None:
         import dartpy

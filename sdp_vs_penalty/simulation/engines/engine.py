@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from importlib import import_module
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +19,14 @@ from sdp_vs_penalty.export.content import Content, require_consistent
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+
+
+def module_version(name: str) -> str | None:
+    """What a module that can be imported says of its version."""
+    try:
+        return str(import_module(name).__version__)
+    except ImportError:
+        return None
 
 
 @dataclass(frozen=True)

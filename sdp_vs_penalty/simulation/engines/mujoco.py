@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError, install_command
 from sdp_vs_penalty.export.mjcf import make_mjcf
-from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
+from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed, module_version
 
 
 class MuJoCo(Engine):
@@ -23,13 +23,10 @@ class MuJoCo(Engine):
 
     @classmethod
     def version(cls) -> str | None:
-        try:
-            import mujoco
-        except ImportError:
-            return None
+        found = module_version("mujoco")
         # Before 3.14 the orientation of a URDF's inertial is ignored.
-        major, minor = (int(word) for word in re.findall(r"\d+", mujoco.__version__)[:2])
-        return str(mujoco.__version__) if (major, minor) >= (3, 14) else None
+        new = found is not None and [int(word) for word in re.findall(r"\d+", found)[:2]] >= [3, 14]
+        return found if new else None
 
     def load(self) -> None:
         import mujoco

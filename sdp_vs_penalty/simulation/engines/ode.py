@@ -18,7 +18,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.robot import Joint
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.simulation.engines.engine import Array, Engine, Followed
 
 #: dParamVel and dParamFMax of ode/common.h.
@@ -122,10 +122,8 @@ class Ode(Engine):
             ode.dMassSetParameters(byref(mass), p[0], 0.0, 0.0, 0.0, xx, yy, zz, xy, xz, yz)
             if not ode.dMassCheck(byref(mass)):
                 raise InputError(
-                    (
-                        f"link {k + 1} (on joint {self.robot.joints[k].name!r}): ODE refuses its "
-                        "inertia, which is not positive definite"
-                    ),
+                    f"link {k + 1} (on joint {self.robot.joints[k].name!r}): ODE refuses its "
+                    "inertia, which is not positive definite",
                     "identify with a minimum thickness (lmi-sdp-thickness)",
                 )
             self.masses.append(mass)

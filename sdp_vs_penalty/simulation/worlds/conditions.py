@@ -52,7 +52,8 @@ class Nuisance:
     abstains: bool = False
 
 
-def _log(rng: Generator, low: float, high: float) -> float:
+def log_uniform(rng: Generator, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
@@ -62,12 +63,14 @@ def _channel(c: Conditions, **changes: float | None) -> Conditions:
 
 def _encoder(c: Conditions, rng: Generator) -> Conditions:
     step = 2.0 * np.pi / 2.0 ** int(rng.integers(13, 21))
-    return _channel(c, step=step, speed_noise=_log(rng, 1e-4, 3e-3) if rng.random() < 0.5 else None)
+    return _channel(
+        c, step=step, speed_noise=log_uniform(rng, 1e-4, 3e-3) if rng.random() < 0.5 else None
+    )
 
 
 def _noise(c: Conditions, rng: Generator) -> Conditions:
     tails = float(rng.uniform(3.0, 8.0)) if rng.random() < 0.5 else None
-    return replace(c, noise=SensorNoise(_log(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails))
+    return replace(c, noise=SensorNoise(log_uniform(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails))
 
 
 def _mixed(c: Conditions, rng: Generator) -> Conditions:
@@ -113,8 +116,8 @@ NUISANCES: Mapping[str, Nuisance] = {
         ),
         Nuisance("smoothed", lambda c, _: _channel(c, smooth=0.04), ("torque_filter",), True),
         # A delay is only the first order of a low-pass: what it leaves has no exact name.
-        Nuisance("causal", lambda c, rng: _channel(c, lag=_log(rng, 0.003, 0.02)), _LATE, True),
-        Nuisance("delay", lambda c, rng: _channel(c, delay=_log(rng, 0.002, 0.02)), _LATE),
+        Nuisance("causal", lambda c, rng: _channel(c, lag=log_uniform(rng, 0.003, 0.02)), _LATE, True),
+        Nuisance("delay", lambda c, rng: _channel(c, delay=log_uniform(rng, 0.002, 0.02)), _LATE),
         Nuisance("geometry", lambda c, _: replace(c, misplacement=(1e-3, 0.1)), _GEOMETRY, True),
         Nuisance("encoder", _encoder),
         Nuisance("rate", lambda c, rng: _channel(c, rate=float(rng.choice(RATES)))),

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
 from sdp_vs_penalty.simulation.worlds.friction import bristles
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, rigid, sign
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
@@ -14,10 +15,6 @@ from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
-
-
-def _log(rng: Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def _unit(world: World, joint: int) -> float:
@@ -46,7 +43,7 @@ def _asymmetric_coulomb(w: World, j: int, rng: Generator) -> Hidden:
 
 def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
-    vs = _unit(w, j) * _log(rng, 0.04, 0.3)
+    vs = _unit(w, j) * log_uniform(rng, 0.04, 0.3)
     return at_joint(
         "stribeck_friction",
         j,
@@ -58,7 +55,7 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
 
 def _presliding(w: World, j: int, rng: Generator) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
-    d = _unit(w, j) * _log(rng, 0.001, 0.01)
+    d = _unit(w, j) * log_uniform(rng, 0.001, 0.01)
     one = np.array([d])
     return at_joint(
         "presliding_hysteresis",
@@ -70,7 +67,7 @@ def _presliding(w: World, j: int, rng: Generator) -> Hidden:
 
 def _sigmoid(w: World, j: int, rng: Generator) -> Hidden:
     """Gaz et al., RA-L 2019, eq. 9: part of the Coulomb friction rises slowly."""
-    v0 = _unit(w, j) * _log(rng, 0.05, 0.3)
+    v0 = _unit(w, j) * log_uniform(rng, 0.05, 0.3)
     return at_joint("sigmoid_friction", j, lambda w, m: np.tanh(m.dq[:, j] / v0) - sign(w, j, m), v0=v0)
 
 
@@ -140,7 +137,7 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
     first = min(pairs, key=lambda i: abs(i - j))
     law = int(rng.choice([2, 3, 4]))
     ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
-    d, vs = _log(rng, 0.002, 0.01), _log(rng, 0.05, 0.25)
+    d, vs = log_uniform(rng, 0.002, 0.01), log_uniform(rng, 0.05, 0.25)
     width = float(np.median(w.dry.width))
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
@@ -160,7 +157,7 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
 
 def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
     """Friction of loaded teeth with Dahl's memory."""
-    d = _unit(w, j) * _log(rng, 0.002, 0.01)
+    d = _unit(w, j) * log_uniform(rng, 0.002, 0.01)
     one = np.array([d])
     return at_joint(
         "load_dependent_hysteresis",
@@ -172,7 +169,7 @@ def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
 
 def _slip(w: World, j: int, rng: Generator) -> Hidden:
     """Al-Bender et al., IEEE TAC 2005: springs in parallel, each with a slider of its own travel."""
-    d = _unit(w, j) * _log(rng, 0.001, 0.004)
+    d = _unit(w, j) * log_uniform(rng, 0.001, 0.004)
     travel, weight = d * np.array([1.0, 4.0, 16.0]), rng.dirichlet(np.ones(3))
 
     def law(w: World, m: TrueMotion) -> Array:

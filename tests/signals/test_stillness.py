@@ -1,0 +1,48 @@
+"""When a joint stands still, as far as its positions can tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.signals.stillness import still
+
+RATE = 250.0
+
+
+def positions(held: float, resolution: float) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 1) of a joint that swings to and fro and is held so long [s] at each end; and when it is."""
+    t = np.arange(0.0, 20.0, 1.0 / RATE)
+    clock, standing, elapsed = np.zeros_like(t), np.zeros(len(t), bool), 0.0
+    for k in range(1, len(t)):
+        turned = int((clock[k - 1] + 1.0 / RATE) // 1.0) > int(clock[k - 1] // 1.0)
+        elapsed = elapsed + 1.0 / RATE if turned or elapsed > 0.0 else 0.0
+        standing[k] = 0.0 < elapsed < held
+        if not standing[k]:
+            elapsed = 0.0
+        clock[k] = clock[k - 1] + (0.0 if standing[k] else 1.0 / RATE)
+    q = 0.3 * np.cos(np.pi * clock)
+    return (resolution * np.round(q / resolution))[:, None], standing
+
+
+@pytest.mark.parametrize("resolution", [1e-5, 5e-5, 2e-4])
+def test_a_smooth_reversal_is_no_standstill_whatever_the_encoder(resolution: float) -> None:
+    q, _ = positions(0.0, resolution)
+    assert not still(q).any()
+
+
+@pytest.mark.parametrize("held", [0.06, 0.3, 1.0])
+def test_a_joint_that_is_held_stands_still_that_long(held: float) -> None:
+    q, standing = positions(held, 2e-5)
+    found = still(q)[:, 0]
+    assert found[standing].mean() > 0.95
+    # Beside it: as long as the encoder shows no motion.
+    assert found[~standing].mean() < 0.05
+
+
+def test_noise_on_positions_is_told_from_motion() -> None:
+    q, standing = positions(0.3, 1e-9)
+    noisy = q + np.random.default_rng(0).normal(0.0, 2e-5, q.shape)
+    assert still(noisy)[standing].mean() > 0.9
+    smooth = positions(0.0, 1e-9)[0]
+    assert not still(smooth + np.random.default_rng(1).normal(0.0, 2e-5, q.shape)).any()
