@@ -191,12 +191,23 @@ def _events(joints: Sequence[int]) -> Iterator[Corruption]:
         x[at] = 0.0
         return x
 
+    def gone(seconds: float) -> Callable[[Array, Measurements], Array]:
+        def change(x: Array, run: Measurements) -> Array:
+            since = run.t - run.t[0] - 0.4 * (run.t[-1] - run.t[0])
+            return np.where((since >= 0.0) & (since < seconds), 0.0, x)
+
+        return change
+
     for j in joints:
         where = (j,)
         yield Corruption("spikes", where, "tau 500", ("spikes",), on("tau", j, spikes(500.0)))
         yield Corruption("spikes", where, "q 1 rad", ("spikes",), on("q", j, spikes(1.0)))
-        yield Corruption("zeros", where, "q", ("spikes",), on("q", j, zeros))
-        yield Corruption("zeros", where, "tau", ("spikes",), on("tau", j, zeros))
+        for name in ("q", "tau"):
+            yield Corruption("zeros", where, name, ("spikes", "zeros"), on(name, j, zeros))
+            for seconds in (0.05, 0.5):
+                yield Corruption(
+                    "zeros", where, f"{name} {seconds:g} s", ("zeros",), on(name, j, gone(seconds))
+                )
 
 
 def _orders(pairs: Sequence[tuple[int, int]]) -> Iterator[Corruption]:

@@ -35,6 +35,7 @@ from sdp_vs_penalty.check import check
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.simulation.challenge.judge import wilson
 
 #: Failures on these arms were looked at while the check was made; JUDGES, the others, were run once.
 TUNED_ON = ("panda", "sim6", "ur10e", "tx40", "sim5", *DEVELOPED)
@@ -123,11 +124,17 @@ def summary(cases: Sequence[Case], title: str) -> list[str]:
     seen = [c for c in spoiled if c.harm is None or c.harm > 1.1 or c.outcome != "silent"]
     named = sum(c.outcome == "named" for c in seen)
     alarms = sum(c.outcome == "false alarm" for c in cases)
-    total = max(len(spoiled), 1)
     cells = [title, str(len(spoiled)), *(str(count[w]) for w in _WORDS)]
-    cells += [f"{100 * bad / total:.1f} %", f"{100 * count['named'] / total:.0f} %"]
-    cells += [f"{100 * named / max(len(seen), 1):.0f} %", str(alarms)]
-    return cells
+    cells += [_share(bad, len(spoiled)), _share(count["named"], len(spoiled)), _share(named, len(seen))]
+    return [*cells, f"{alarms} of {len(cases) - len(spoiled)}"]
+
+
+def _share(hits: int, count: int) -> str:
+    """In percent, with Wilson's 95 % interval."""
+    if not count:
+        return ""
+    low, high = wilson(hits, count)
+    return f"{100 * hits / count:.1f} % ({100 * low:.0f}-{100 * high:.0f})"
 
 
 _WORDS = ("named", "refused", "warned", "wrong", "silent")
@@ -138,6 +145,8 @@ _ABOUT = (
     f"check were chosen with sight of {', '.join(TUNED_ON)};",
     f"{', '.join(JUDGES)} are kept back and were run once. Harm is the error on",
     "clean held-out data of what is identified all the same, over that of the model from the clean run.",
+    "In brackets Wilson's 95 % interval. The check of the day before (6fb85e4), other samples and other",
+    "kept-back arms: silent and harmful 8.3 % (5 of 60) and 6.1 % (4 of 66), named 88 % and 85 %.",
 )
 
 

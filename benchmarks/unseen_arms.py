@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 DEVELOPED = (
     "scara4", "seven", "ur10e b", "tx40 b", "gantry5", "desk6", "polar3", "ur10e c", "tx40 c", "drawn1",
     "drawn2", "drawn31", "drawn32", "drawn33", "panda b", "ur10e d", "geared1", "geared2", "geared3",
+    "drawn51", "drawn52", "panda c", "ur10e e", "geared41", "geared42",
 )  # fmt: skip
-JUDGES = ("drawn51", "drawn52", "panda c", "ur10e e", "geared41", "geared42")
+JUDGES = ("drawn71", "drawn72", "panda d", "ur10e f", "geared71", "geared72")
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,8 @@ def unseen(data: Path, names: tuple[str, ...]) -> list[Arm]:
         "ur10e d": lambda: ur10e_window(data, "ur10e d", (5.0, 30.0), (20.0, 40.0), ("19_15", "12-50")),
         "ur10e e": lambda: ur10e_window(data, "ur10e e", (3.0, 33.0), (5.0, 30.0), ("19_14", "19_15")),
         "panda c": lambda: panda_window(data, "panda c", (6.0, 21.0), (0.0, 6.0)),
+        "ur10e f": lambda: ur10e_window(data, "ur10e f", (20.0, 45.0), (0.0, 20.0), ("19_15", "19_14")),
+        "panda d": lambda: panda_window(data, "panda d", (10.0, 24.0), (24.0, 30.0)),
         "panda b": lambda: panda_window(data, "panda b", (15.0, 30.0), (0.0, 14.0)),
     }
     return [real[name]() if name in real else _machine(name) for name in names]

@@ -264,13 +264,14 @@ class _Work:
         evidence = Evidence.of_regression(regression)
         named = any(f.kind == "torque not explained" for f in self.found)
         if not named and physics.determined(settings.torque_cutoff):
-            self.mend(residual.find(evidence, physics.evidence, self.problem, moving, tried=True))
+            self.mend(residual.find(evidence, physics, self.problem, moving, tried=True))
             if not any(f.kind == "encoder offset" for f in self.found):
                 self.mend(last_joint.find(physics, self.problem))
         if not thorough:
             return residual.overall(evidence)
         # A knock is faster than the motion: looked for in a wider band.
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
-        self.mend(excitation.find(self.problem, physics))
+        every, _ = physics.parent or (physics, None)  # those at rest, too, as in an identification
+        self.mend(excitation.find(self.problem, every))
         self.mend(events.knock(self.physics(wider, _EVENT_ROWS).narrow))
         return residual.overall(evidence)

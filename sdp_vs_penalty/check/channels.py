@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.hypothesis import LEAST, Hypothesis, Number, best_number, propose
+from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
@@ -19,6 +19,8 @@ from sdp_vs_penalty.robot.arrays import Array
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
 _SMALLEST_GAIN, _GROSS_GAIN = 0.06, 0.2
+#: Logarithm by which the channels of one arm, as its drives are calibrated, differ.
+_USUAL_GAIN = 0.1
 #: A model of channels that differ by less is wrong by as much, but not meaningless.
 _MEANINGLESS = 0.5
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
@@ -35,6 +37,8 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A torque channel too large or too small beside its neighbours'."""
     n, same = physics.n, np.arange(physics.n)
     alive = np.std(physics.channels, axis=0) > 1e-9 * np.abs(physics.channels).max(axis=0)
+    if np.sum(moving & alive) < 2:
+        return  # a joint that moves alone has none to be compared with
     for j in np.flatnonzero(moving & alive):
 
         def scaled(log: float, j: int = int(j)) -> Array:
@@ -43,7 +47,7 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             return scale
 
         def score(log: float, scaled: Callable[[float], Array] = scaled) -> float:
-            return physics.with_channels(scaled(log), same).evidence.score
+            return physics.with_channels(scaled(log), same).evidence.misfit
 
         found = best_number(score, np.log(_GAINS).tolist())
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
@@ -61,7 +65,7 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
             gross=abs(found) > np.log1p(_GROSS_GAIN),
             severity="error" if abs(found) > np.log1p(_MEANINGLESS) else "warning",
-            number=Number(found, partial(_gained, scaled)),
+            number=Number(found, partial(_gained, scaled), _USUAL_GAIN),
         )  # fmt: skip
 
 
@@ -76,7 +80,7 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         one = np.eye(physics.n)[j]
 
         def score(seconds: float, order: int, one: Array = one) -> float:
-            return physics.with_lead(seconds * one, order).evidence.score
+            return physics.with_lead(seconds * one, order).evidence.misfit
 
         delay = best_number(partial(score, order=2), _LATE)
         slow = best_number(partial(score, order=1), _SLOW)
@@ -91,7 +95,7 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                     f"shift tau{j + 1} in time (and log all channels from one source)",
                 ),
                 partial(shifted_channel, j=int(j), seconds=delay),
-                severity="warning", joints=[int(j) + 1], seconds=delay,
+                severity="warning", joints=[int(j) + 1], seconds=delay, number=leads(delay, one),
             )  # fmt: skip
         if slow > 0.01:
             yield propose(
@@ -103,13 +107,14 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
                     f"log tau{j + 1} unfiltered, or filter every channel alike and without lag",
                 ),
                 None, severity="warning", joints=[int(j) + 1], seconds=slow,
+                number=leads(slow, one, 1),
             )  # fmt: skip
 
 
 def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """All torques passed through the same causal filter."""
     one = np.ones(physics.n)
-    slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.score, _SLOW)
+    slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.misfit, _SLOW)
     if slow > 0.005:
         yield propose(
             partial(Physics.with_lead, seconds=slow * one, order=1), 2,
@@ -118,8 +123,17 @@ def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis
                 f"the torques have passed a causal low-pass of {_hertz(slow)}, the positions have not.",
                 "log the torques unfiltered, or filter positions and torques alike",
             ),
-            None, severity="warning", seconds=slow,
+            None, severity="warning", seconds=slow, number=leads(slow, one, 1),
         )  # fmt: skip
+
+
+def leads(seconds: float, channels: Array, order: int = 2) -> Number:
+    """A delay (order 2) or a lag (order 1) of the channels (n,) that are 1.
+
+    That of one channel alone is what its joint's friction may look like: only a large one tells.
+    """
+    least = LEAST if channels.all() else ENOUGH
+    return Number(seconds, lambda x: lambda p: p.with_lead(x * channels, order), least=least)
 
 
 def _scaled(run: Measurements, scale: Array) -> Measurements:
@@ -127,7 +141,7 @@ def _scaled(run: Measurements, scale: Array) -> Measurements:
 
 
 def _score_of_weight(physics: Physics, shares: Callable[[float], Array], share: float) -> float:
-    return physics.with_weight(shares(share)).evidence.score
+    return physics.with_weight(shares(share)).evidence.misfit
 
 
 def _weighing(shares: Callable[[float], Array], change: float) -> Callable[[Physics], Physics]:
@@ -168,8 +182,8 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             continue
         x = best_number(partial(_score_of_weight, physics, left), _WEIGHTS)
         x = 0.0 if abs(x) < 0.03 else x
-        if x > 0.7 or x < -0.2:
-            continue
+        if not _WEIGHTS[0] + 0.01 < x < 0.7:
+            continue  # at the edge of what is tried there is no minimum
         share = left(x)
         every = len(joints) == n
         gone = f"{100.0 * (1.0 - x):.0f} % of the weight is"

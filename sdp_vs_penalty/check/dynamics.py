@@ -12,7 +12,6 @@ from sdp_vs_penalty.check import channels, gravity, motion, order, signs, steps
 from sdp_vs_penalty.check.hypothesis import (
     ABOUT_SAME,
     GROSS,
-    LEAST,
     Hypothesis,
     few_rows,
 )
@@ -90,8 +89,8 @@ def best_hypothesis(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis |
             continue
         if hypothesis.pays(physics, gain) and hypothesis.determined(physics):
             return hypothesis
-    numbers = [(gain, h) for gain, h in judged if h.number is not None and gain > LEAST]
-    for gain, hypothesis in sorted(numbers, key=lambda f: -f[0])[:1]:
+    numbers = [(gain, h) for gain, h in judged if h.number is not None and gain > h.number.least]
+    for gain, hypothesis in sorted(numbers, key=lambda f: -f[0]):
         if hypothesis.pays(physics, gain) and hypothesis.determined(physics):
             return replace(hypothesis, issue=replace(hypothesis.issue, severity="warning"))
     return signs.weak_signs(physics) or gravity.hanging(physics)
@@ -110,7 +109,8 @@ def _worth_a_look(
     for family in families:
         for hypothesis in family(few, moving):
             gain = hypothesis.gain(few)
-            least = 0.6 * min(hypothesis.needed, GROSS) if hypothesis.number is None else LEAST
+            number, least = hypothesis.number, 0.6 * min(hypothesis.needed, GROSS)
+            least = least if number is None else min(least, number.least)
             if gain > least:
                 found.append((gain, hypothesis))
     return found

@@ -27,9 +27,8 @@ _SAME = 3.0
 _ALONE = 3.0
 #: ... and this many standard deviations of the error elsewhere.
 _FAR = 12.0
-#: An error this close to a reversal [s] is friction's, unless so many reversals as slow as that one (the
-#: acceleration there up to so many times as large) do without.
-_NEAR, _RECURS, _AS_SLOW = 0.1, 2, 3.0
+#: A joint slides at this share of its usual speed.
+_SLIDES = 0.3
 #: Errors this close to a peak belong to it [s].
 _WIDTH = 1.0
 
@@ -131,29 +130,18 @@ def shifted(run: Measurements, seconds: float) -> Measurements:
     return replace(run.rows(keep), tau=tau)
 
 
-def _own_reversal(physics: Physics, j: int, k: int) -> bool:
-    """Whether joint j turns round at row k as slowly as hardly ever: there friction errs once."""
-    t, dq, ddq = physics.motion.t, physics.motion.dq[:, j], np.abs(physics.motion.ddq[:, j])
-    turns = np.flatnonzero(np.signbit(dq[1:]) != np.signbit(dq[:-1]))
-    if not len(turns):
-        return False
-    here = turns[int(np.argmin(np.abs(t[turns] - t[k])))]
-    alike = np.sum(ddq[turns] <= _AS_SLOW * ddq[here]) - 1
-    return bool(abs(t[here] - t[k]) < _NEAR and alike < _RECURS)
-
-
 def knock(physics: Physics) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push, a lost packet."""
     t = physics.motion.t
     found: dict[int, list[tuple[int, float]]] = {}
+    # Where a joint turns round or rests, friction errs as it likes.
+    slides = np.abs(physics.motion.dq) > _SLIDES * np.sqrt(np.mean(physics.motion.dq**2, axis=0))
     for j, columns in enumerate(physics.columns):
         y = physics.channels[:, j]
         error = np.abs(y - columns @ solve(columns.T @ columns, (columns.T @ y)[:, None])[:, 0])
-        k = int(np.argmax(error))
+        k = int(np.argmax(np.where(slides[:, j], error, 0.0)))
         if min(t[k] - t[0], t[-1] - t[k]) < 0.5 * _WIDTH:
             continue  # the arm starts or comes to rest there: stiction
-        if _own_reversal(physics, j, k):
-            continue
         elsewhere = error[np.abs(t - t[k]) > _WIDTH]
         if len(elsewhere) and error[k] > max(_ALONE * elsewhere.max(), _FAR * np.std(elsewhere)):
             near = next((at for at in found if abs(t[at] - t[k]) < _WIDTH), k)

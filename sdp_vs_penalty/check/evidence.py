@@ -63,11 +63,12 @@ class Evidence:
         """(p,) the parameters at the maximum."""
         weights = 1.0 / self.energy
         for _ in range(_ROUNDS):
-            theta = self._solve(weights)
+            theta = self.weighted(weights)
             weights = 1.0 / (self._shares(theta) * self.energy)
         return theta
 
-    def _solve(self, weights: Array) -> Array:
+    def weighted(self, weights: Array) -> Array:
+        """(p,) the parameters by least squares with these weights (n,) of the channels."""
         gram = np.tensordot(weights, self.gram, 1)
         return solve(gram, (weights @ self.cross)[:, None])[:, 0]
 
@@ -105,6 +106,11 @@ class Evidence:
     def score(self) -> float:
         return float(np.log(self.shares).sum())
 
+    @property
+    def misfit(self) -> float:
+        """The score without its floor, below which it would be flat: for the best value of a number."""
+        return float(np.log(np.maximum(self.left / self.energy, 1e-12)).sum())
+
 
 def parts_of(count: int) -> list[slice]:
     """Of so many rows, the run's parts one after the other."""
@@ -128,6 +134,17 @@ def left_out(columns: Sequence[Array], channels: Array) -> Array:
     """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
     parts = in_parts(columns, channels)
     return np.array([p._shares(e.theta) for p, e in zip(parts, without_each(parts), strict=True)])
+
+
+def alone_left_out(columns: Sequence[Array], channels: Array) -> Array:
+    """(n,) share of each channel that its joint's own model leaves of parts that it did not see."""
+    parts = in_parts(columns, channels)
+    left = np.zeros((len(parts), channels.shape[1]))
+    for k, (part, rest) in enumerate(zip(parts, without_each(parts), strict=True)):
+        for j, (g, c) in enumerate(zip(rest.gram, rest.cross, strict=True)):
+            theta = solve(g, c[:, None])[:, 0]
+            left[k, j] = part.energy[j] - 2.0 * part.cross[j] @ theta + theta @ part.gram[j] @ theta
+    return np.maximum(left.sum(axis=0) / sum(p.energy for p in parts), FLOOR)
 
 
 def solve(gram: Array, right: Array) -> Array:

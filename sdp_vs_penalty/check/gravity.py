@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -12,11 +12,21 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from sdp_vs_penalty.check.evidence import solve
-from sdp_vs_penalty.check.hypothesis import AGREES, NEAR, SIGNIFICANT, Hypothesis, few_rows, propose
+from sdp_vs_penalty.check.hypothesis import (
+    AGREES,
+    NEAR,
+    SIGNIFICANT,
+    Hypothesis,
+    Number,
+    few_rows,
+    propose,
+)
 from sdp_vs_penalty.check.physics import Array, Physics, turned_gravity
 
-#: Gravity is said to point elsewhere from this angle on; smaller ones are the effect base_tilt.
-_SMALLEST_ANGLE = 5.0
+#: Gravity is said to point elsewhere from this angle on [degrees]; less is the effect base_tilt.
+_SMALLEST_ANGLE = 2.0
+#: ... and from this one on no model of these data means anything.
+_MEANINGLESS = 10.0
 #: What gravity can be on Earth, with room for rounding [m/s^2]; otherwise it is tried at this size.
 _EARTH, _STANDARD = (9.6, 10.0), 9.81
 #: Within this angle of an axis of the base gravity is said to point along it [degrees].
@@ -56,12 +66,21 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
             f"the problem assumes gravity {_vector(robot.gravity)} m/s^2, but the weight in the "
             f"torques points along {measured} m/s^2 as measured."
         )
+    across = direction - (direction @ assumed) * assumed
+    across /= max(float(np.linalg.norm(across)), 1e-300)
+
+    def tilted(radians: float) -> Callable[[Physics], Physics]:
+        vector = size * (np.cos(radians) * assumed + np.sin(radians) * across)
+        return lambda p: p.with_gravity(vector.tolist())
+
     yield propose(
         apply,
         2,
         (kind, "the base", what, mend),
         None,
         gravity=(x, y, z),
+        number=Number(float(np.radians(angle)), tilted) if earthly and angle < 170.0 else None,
+        severity="warning" if earthly and angle < _MEANINGLESS else "error",
         angle_degrees=angle,
         vector=[x, y, z],
     )

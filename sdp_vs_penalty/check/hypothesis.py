@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import PARTS, in_parts, without_each
+from sdp_vs_penalty.check.evidence import PARTS, in_parts, solve, without_each
 from sdp_vs_penalty.check.issue import Issue, Repair
-from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
 
 #: A hypothesis has to raise the score (see evidence.py) by so much: the residual of one joint, or of
 #: several together, to an e-th of its energy. On clean logs, where each only trades one small error of
@@ -36,39 +36,61 @@ AGREES = 0.5
 #: Rows for hypotheses that need new columns each.
 _FEW_ROWS = 200
 #: A number (a gain, a zero, a clock's rate) is known where it lies so many standard deviations from what
-#: the file says; then it is worth a warning from this gain on, too.
-SIGMAS, LEAST = 8.0, 0.15
-#: Steps to either side, as a share of the number.
-_STEP = 0.3
+#: the file says, or so many beyond what is usual; then it is worth a warning from this gain on, too.
+SIGMAS, BEYOND, LEAST = 8.0, 4.0, 0.15
+#: Steps to either side, as a share of the number and at most.
+_STEP, _LARGEST_STEP = 0.3, 0.05
+#: A minimum is refined to this share of the number.
+_FINE, _GOLDEN = 0.03, 0.382
 
 
 @dataclass(frozen=True)
 class Number:
-    """An estimated number, zero where the file is right; ``at(x)`` applies another one."""
+    """An estimated number, zero where the file is right; ``at(x)`` applies another one.
+
+    tolerance : what arms and loggers differ by themselves, of the number's own unit; least : gain of the
+    score from which on it is worth a warning.
+    """
 
     value: float
     at: Callable[[float], Callable[[Physics], Physics]]
+    tolerance: float = np.inf
+    least: float = LEAST
 
-    def sigmas(self, physics: Physics) -> float:
-        """How many standard deviations it lies from zero: those of leaving out parts of the run.
+    def determined(self, physics: Physics) -> bool:
+        """Whether it is certainly not zero, or certainly more than is usual."""
+        deviation, size = self.deviation(physics), abs(self.value)
+        return bool(size > SIGMAS * deviation or size - self.tolerance > BEYOND * deviation)
+
+    def deviation(self, physics: Physics) -> float:
+        """Its standard deviation: that of leaving out parts of the run.
 
         What the model lacks makes a number wrong by as much as it varies from part to part; the noise
-        alone, of which there is little in thousands of rows, would make it look exact. Leaving out
-        parts in turn (delete-a-group jackknife) moves the minimum of the score, near which it is a
-        parabola.
+        alone, of which there is little in thousands of rows, would make it look exact. To first order
+        the number is one column more beside the arm's, -dr/dx of the residual r = C - Y theta; where
+        it scales a channel C, its column is made of Y theta, whose noise would else tell of a gain
+        (errors in variables). Leaving out parts in turn (a delete-a-group jackknife) moves its size.
         """
-        h = _STEP * self.value
-        points = self.value + h * np.array([-1.0, 0.0, 1.0])
-        tried = [self.at(float(x))(physics) for x in points]
-        scores = np.array(
-            [[e.score for e in without_each(in_parts(p.columns, p.channels))] for p in tried]
-        )
-        bend = scores[0] - 2.0 * scores[1] + scores[2]
-        if np.any(bend <= 0.0):
-            return 0.0
-        found = self.value + 0.5 * h * (scores[0] - scores[2]) / bend
-        spread = np.sqrt((PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2))
-        return float(abs(found.mean()) / max(float(spread), 1e-300))
+        h = min(_STEP * abs(self.value), _LARGEST_STEP)
+        low, here, high = (self.at(self.value + x)(physics) for x in (-h, 0.0, h))
+        theta = here.evidence.theta
+        weights = 1.0 / (here.evidence.shares * here.evidence.energy)
+        change = high.channels - low.channels
+        scaled = np.sum(change * here.channels, axis=0) / np.sum(here.channels**2 + 1e-300, axis=0)
+        change = change - scaled * here.channels
+        wide = [
+            np.column_stack([c, ((a - b - k * c) @ theta - x) / (2.0 * h)])
+            for c, a, b, k, x in zip(
+                here.columns, high.columns, low.columns, scaled, change.T, strict=True
+            )
+        ]
+        parts = in_parts(wide, here.channels)
+        found = np.array([e.weighted(weights)[-1] for e in without_each(parts)])
+        left_out = (PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)
+        # Where nothing tells of the number, each part says zero alike: the noise's share speaks then.
+        gram = np.tensordot(weights, sum(e.gram for e in parts), 1)
+        noise = solve(gram, np.eye(len(gram))[:, -1:])[-1, 0] * OVERSAMPLING / len(here.channels)
+        return float(np.sqrt(left_out + max(noise, 0.0)))
 
 
 @dataclass(frozen=True)
@@ -103,16 +125,18 @@ class Hypothesis:
 
     def determined(self, physics: Physics) -> bool:
         """Whether its number is certainly not what the file says; True where it has none."""
-        return self.number is None or self.number.sigmas(physics) > SIGMAS
+        return self.number is None or self.number.determined(physics)
 
     def pays(self, physics: Physics, gain: float) -> bool:
         """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.
 
-        What happens once need not show everywhere, but in most of them.
+        What happens once need not show everywhere, but in most of them; nor need a number that no arm
+        has by itself, which has to be the same all over the run (see :class:`Number`).
         """
         before, after = physics.left_out, self.apply(physics).left_out
         each = np.log(before / after).sum(axis=1)
-        least = _MOST if self.once else NEARLY_ALL
+        large = self.number is not None and abs(self.number.value) > 2.0 * self.number.tolerance
+        least = _MOST if self.once or large else NEARLY_ALL
         return bool(np.mean(each) > HALF * min(gain, 3.0) and np.sum(each > 0.0) >= least)
 
     def stated(self, physics: Physics) -> Issue:
@@ -157,18 +181,25 @@ def few_rows(physics: Physics) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, _FEW_ROWS)).astype(np.intp))
 
 
-def best_number(score: Callable[[float], float], grid: Iterable[float], steps: int = 3) -> float:
-    """The number with the lowest score: the best of a grid, refined by parabolas around it."""
+def best_number(score: Callable[[float], float], grid: Iterable[float], steps: int = 8) -> float:
+    """The number with the lowest score: the best of a grid, refined by parabolas around it.
+
+    A logarithm of squares is sharp at its minimum; where a parabola lands beside it the longer side
+    is cut by the golden section.
+    """
     known = {x: score(x) for x in grid}
+    width = np.inf
     for _ in range(steps):
         places = sorted(known)
         k = min(range(1, len(places) - 1), key=lambda i: known[places[i]])
         a, b, c = places[k - 1 : k + 2]
-        left, right = (known[b] - known[a]) / (b - a), (known[c] - known[b]) / (c - b)
-        if right <= left:
+        if c - a < _FINE * max(abs(b), _FINE):
             break
-        at = 0.5 * (a + b) - 0.5 * left * (c - a) / (right - left)
-        at = min(max(at, a + 0.05 * (b - a)), c - 0.05 * (c - b))
+        left, right = (known[b] - known[a]) / (b - a), (known[c] - known[b]) / (c - b)
+        at = 0.5 * (a + b) - 0.5 * left * (c - a) / max(right - left, 1e-300)
+        if c - a > 0.5 * width or not a + 0.02 * (c - a) < at < c - 0.02 * (c - a):
+            at = b + _GOLDEN * (c - b if c - b > b - a else a - b)
+        width = c - a
         if min(abs(at - x) for x in (a, b, c)) < 1e-3 * (c - a):
             break
         known[at] = score(at)

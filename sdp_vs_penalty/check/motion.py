@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check import events
+from sdp_vs_penalty.check.channels import leads
 from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
@@ -89,6 +90,7 @@ def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         lambda run: events.shifted(run, seconds),
         severity="warning",
         seconds=seconds,
+        number=leads(seconds, np.ones(physics.n)),
     )
 
 
@@ -161,7 +163,7 @@ def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
     one, same = np.ones(physics.n), np.arange(physics.n)
 
     def left(j: int, shift: float) -> float:
-        return physics.with_motion(one, same, shift * (same == j)).evidence.score
+        return physics.with_motion(one, same, shift * (same == j)).evidence.misfit
 
     length = float(robot.link_reach().sum())
     grids = {
@@ -171,7 +173,7 @@ def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
         for j in np.flatnonzero(moving)
     }
     tried = {(j, x): left(j, x) for j, grid in grids.items() for x in grid.tolist()}
-    base = physics.evidence.score
+    base = physics.evidence.misfit
     best = sorted(tried, key=lambda key: tried[key])[:3]
     for j in dict.fromkeys(j for j, _ in best):
         revolute = robot.joints[j].kind == "revolute"
@@ -241,7 +243,7 @@ def clock(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         return
 
     def left(log: float) -> float:
-        return physics.with_clock(float(np.exp(log))).evidence.score
+        return physics.with_clock(float(np.exp(log))).evidence.misfit
 
     factor = float(np.exp(best_number(left, np.log(_RATES).tolist())))
     if abs(np.log(factor)) < np.log1p(_SMALLEST_RATE):

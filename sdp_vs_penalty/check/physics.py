@@ -144,7 +144,8 @@ class Physics:
         motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
         channels, rate = self.channels[rows], self.rate[rows]
         own = None if self.own is None else self.own.part(rows)
-        parent = (self, np.arange(len(self.channels))[rows])
+        whole, places = self.parent or (self, np.arange(len(self.channels)))
+        parent = (whole, places[rows])
         made = replace(self, motion=motion, channels=channels, rate=rate)
         return replace(made, own=own, parent=parent)
 

@@ -13,8 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import Evidence
+from sdp_vs_penalty.check.evidence import Evidence, alone_left_out
 from sdp_vs_penalty.check.issue import Issue, joints_text
+from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.problem.problem import Problem
 
 #: What an ordinary arm leaves of its torques (root mean square, all joints together): with joint torque
@@ -37,17 +38,19 @@ def overall(evidence: Evidence) -> float:
 
 
 def find(
-    evidence: Evidence, wide: Evidence, problem: Problem, moving: NDArray[np.bool_], tried: bool
+    evidence: Evidence, physics: Physics, problem: Problem, moving: NDArray[np.bool_], tried: bool
 ) -> Iterator[Issue]:
     """A warning where what is left over is more than such an arm leaves. tried : whether causes were.
 
-    evidence : of the rows and the model of an identification, which is quoted; wide : of an arm with
-    rotors and further laws of friction (see beyond.py). What that one explains is the model's matter.
+    evidence : of the rows and the model of an identification, which is quoted; physics : with rotors
+    and further laws of friction (see beyond.py). What that explains is the model's matter. A joint's
+    own model, which has as many parameters as the arm, is asked about parts that it was not fitted to.
     """
+    wide, own = physics.evidence, alone_left_out(physics.columns, physics.channels)
     shares, alone = evidence.shares, np.minimum(evidence.alone, wide.alone)
     total = overall(evidence) ** 0.5
     least = np.minimum(shares, wide.shares)
-    ratio = np.minimum(shares / evidence.alone, wide.shares / wide.alone)
+    ratio = np.minimum(shares / evidence.alone, wide.shares / np.maximum(wide.alone, own))
     usual = _TYPICAL[problem.torque_side]
     against = moving & (ratio > _CONTRADICTS) & (np.sqrt(least) > _AT_LEAST)
     poor = moving & (alone > _OWN)

@@ -17,8 +17,10 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import LowPass
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
-from sdp_vs_penalty.signals.runs import Stretch
+from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 
+#: A joint slides at this share of its usual speed.
+_SLIDES = 0.3
 #: A stretch's motion on the column grid, and the low-pass that picks the rows out of it.
 _Dense = tuple[Motion, sparse.csr_array]
 
@@ -62,7 +64,14 @@ def physics_of(
 
     kept = Own(_stacked(own, known), indices)
     given = Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
-    return beyond.widened(given, _stacked(own, beyond.columns))
+    slide = _sliding(dq[:, moving_joints(run)])
+    return beyond.widened(given.part(slide), _stacked(own, beyond.columns)[:, slide])
+
+
+def _sliding(dq: Array) -> NDArray[np.intp]:
+    """Rows in which some joint slides: where all have stopped, stiction holds any torque."""
+    usual = np.sqrt(np.mean(dq**2, axis=0))
+    return np.flatnonzero(np.any(np.abs(dq) > _SLIDES * usual, axis=1))
 
 
 def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64]) -> tuple[tuple[Array, ...], _Dense]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.check import zeros
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
@@ -20,7 +21,7 @@ from sdp_vs_penalty.signals.runs import movement, moving_joints, spans
 _STUCK_SECONDS, _STUCK_TIMES, _SLOWING = 0.2, 3.0, 10
 _MOVES = 0.9  # share of those rows in which another joint moves
 #: A spike leaves its neighbours by so many times their usual scatter, and this share of the range.
-_SPIKE, _SPIKE_RANGE, _ZERO_RANGE = 40.0, 0.25, 0.05
+_SPIKE, _SPIKE_RANGE = 40.0, 0.25
 _WIDTH = 7  # samples of the median that spikes are measured from
 _FEW = 0.02  # share of the rows: more is no spike but a signal
 #: Rows in a row that lie on straight lines in every channel, or come a second time, are no chance.
@@ -35,7 +36,7 @@ _TORN = 2.5
 
 def find(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
     """In the order of mending; each on the run as the ones before have mended it."""
-    for search in (_wrapped, _repeated_run, _doubled, _interpolated, _spikes, _torn, _stale):
+    for search in (_wrapped, _repeated_run, _doubled, _interpolated, zeros.find, _spikes, _torn, _stale):
         for issue in search(run, robot, standstill):
             yield issue
             if issue.repair is not None:
@@ -173,10 +174,10 @@ def _interpolated(run: Measurements, robot: Robot, standstill: float) -> Iterato
 
 
 def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
-    """Single samples far from their neighbours on both sides: zeros, bits turned, packets torn."""
+    """Single samples far from their neighbours on both sides: bits turned, packets torn."""
     if len(run.t) < 4 * _WIDTH:
         return
-    found: dict[str, NDArray[np.intp]] = {}
+    found: dict[str, NDArray[np.bool_]] = {}
     # Rows at rest are not used, and drives click when they start and stop.
     motion = movement(run, standstill)
     moves = motion.at(run.t - 0.5) & motion.moves & motion.at(run.t + 0.5)
@@ -187,32 +188,22 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
             off = np.abs(x - np.median(around, axis=1))
             scatter = np.quantile(off, 0.9)
             low, high = np.quantile(x, [0.02, 0.98])
-            share = np.where(x == 0.0, _ZERO_RANGE, _SPIKE_RANGE)
-            bad = np.flatnonzero(
-                (off > np.maximum(_SPIKE * scatter, share * (high - low) + 1e-9)) & moves
-            )
-            if 0 < len(bad) <= _FEW * len(x):
+            least = max(_SPIKE * scatter, _SPIKE_RANGE * (high - low) + 1e-9)
+            bad = (off > least) & moves
+            if 0 < bad.sum() <= _FEW * len(x):
                 found[f"{name}{j + 1}"] = bad
     if not found:
         return
 
-    def repair(r: Measurements) -> Measurements:
-        q, tau = r.q.copy(), r.tau.copy()
-        for name, bad in found.items():
-            group, j = name.rstrip("0123456789"), int(name.lstrip("qtau")) - 1
-            good = np.setdiff1d(np.arange(len(r.t)), bad)
-            column = (q if group == "q" else tau)[:, j]
-            column[bad] = np.interp(r.t[bad], r.t[good], column[good])
-        return replace(r, q=q, tau=tau)
-
-    count = sum(len(bad) for bad in found.values())
-    first = min(int(bad[0]) for bad in found.values())
+    count = sum(int(bad.sum()) for bad in found.values())
+    first = min(int(np.argmax(bad)) for bad in found.values())
     joints = sorted({int(name.lstrip("qtau")) for name in found})
     yield Issue(
         "spikes", "error",
         f"{', '.join(found)}, row {first + 2}" + (f" and {count - 1} more" if count > 1 else ""),
         f"{show.count(count, 'sample')} of {', '.join(found)} lie far from the samples on both sides.",
-        "certain: no joint moves like that", "replace them by interpolation", repair,
+        "certain: no joint moves like that", "replace them by interpolation",
+        lambda r: zeros.interpolated(r, found),
         {"channels": list(found), "joints": joints, "samples": count},
     )  # fmt: skip
 

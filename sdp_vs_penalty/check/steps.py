@@ -114,7 +114,8 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
     cutoff : of the torque [Hz]; independent samples have to outnumber the parameters in every part.
     """
     # Rotors and friction of other laws have no part in it: in a short part they would explain anything.
-    physics, count = physics.narrow, len(physics.motion.t)
+    # What they explain of the whole run needs no second arm, though.
+    wide, physics, count = physics.evidence, physics.narrow, len(physics.motion.t)
     cuts = [s for s in _CUTS if physics.determined(cutoff, float(min(s, 1.0 - s)))]
     if not cuts:
         return
@@ -134,6 +135,7 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
     spread = sum(part.shares * part.energy for part in stripes) / one.energy
     # Most joints have to say so: a wrist's friction is no other arm. And at the outermost cut it is the
     # start or the end of the run that differs.
+    spread = np.minimum(spread, wide.left / wide.energy)
     change = np.log(np.maximum(spread, 1e-5) / np.maximum(left, 1e-5))
     outermost = cut in (int(cuts[0] * count), int(cuts[-1] * count))
     if physics.n * float(np.median(change)) < _TWO or outermost:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -36,6 +37,7 @@ WRONG = (
     "stale position joint 2 1 s",
     "spikes joint 3 tau 500",
     "zeros joint 2 q",
+    "zeros joint 5 tau 0.05 s",
     "joints swapped joint 2+5 q and tau",
     "doubled rows, clock re-made every tenth",
     "lost rows, clock re-made 8 x 10 rows",
@@ -61,3 +63,13 @@ def test_what_was_done_is_named(name: str, arm: Arm) -> None:
     (corruption,) = (c for c in arm.corruptions() if c.name == name)
     case = run_case(arm, corruption)
     assert case.outcome == "named" or (case.outcome == "silent" and (case.harm or 9.0) < HARMFUL), case
+
+
+@pytest.mark.parametrize("degrees", [0.0, 3.0])
+def test_a_small_tilt_of_the_base_is_named_with_its_direction(degrees: float, arm: Arm) -> None:
+    x = 9.81 * np.sin(np.radians(degrees))
+    given = arm.problem.with_gravity((x, 0.0, -9.81 * np.cos(np.radians(degrees))))
+    found = [f for f in check(given, arm.train)[0].problems if f.kind == "gravity direction"]
+    assert [f.severity for f in found] == ["warning"] * bool(degrees)
+    for f in found:
+        np.testing.assert_allclose(f.gravity, (0.0, 0.0, -9.81), atol=0.1)

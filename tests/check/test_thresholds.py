@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.check import events
+from sdp_vs_penalty.check import events, rows, zeros
+from sdp_vs_penalty.check.evidence import Evidence
+from sdp_vs_penalty.check.hypothesis import Number
 from sdp_vs_penalty.check.signs import time_reversed
 from sdp_vs_penalty.data.measurements import Measurements
 
@@ -51,3 +53,51 @@ def test_a_delay_is_one_only_beyond_its_uncertainty(
         assert found[0].repair is not None
         mended = found[0].repair(ramp)  # torques of a later row belong to this one's positions
         np.testing.assert_allclose(mended.tau[:, 0] - mended.t, fit.seconds, atol=1e-9)
+
+
+def channel(step: float) -> np.ndarray[Any, Any]:
+    """A channel of this resolution that passes through zero ten times."""
+    t = np.linspace(0.0, 10.0, 4000)
+    noise = np.random.default_rng(0).normal(size=len(t))
+    return np.asarray(np.round((np.sin(np.pi * t + 0.3) + 0.01 * noise) / step) * step)
+
+
+@pytest.mark.parametrize("step", [1e-6, 0.02])
+def test_zeros_are_filled_in_only_where_the_channel_jumps_to_them(step: float) -> None:
+    x, travel = channel(step), np.ones(4000)
+    assert not zeros._filled(x, travel).any()
+    gone = [1000, 1001, 2150, 2151, 2152, 3400]
+    x[gone] = 0.0
+    found = np.flatnonzero(zeros._filled(x, travel))
+    assert set(gone) <= set(found.tolist())
+    assert np.all(x[found] == 0.0)
+    assert len(found) <= len(gone) + 1
+
+
+def test_rows_at_rest_are_left_out_and_slow_joints_are_not() -> None:
+    moving = np.column_stack([np.sin(np.arange(300) / 20.0), 1e-3 * np.cos(np.arange(300) / 20.0)])
+    moving[100:150] *= 1e-3
+    assert rows._sliding(moving).tolist() == [*range(100), *range(150, 300)]
+
+
+def test_a_gain_is_known_only_where_another_joint_feels_the_same_mass() -> None:
+    """Two channels c_1 = g a m, c_2 = b m: coupled; with a parameter each, nothing tells of g."""
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(2, 800, 1))
+    for coupled in (True, False):
+        first, second = np.hstack([a, 0.0 * a]), np.hstack([b, 0.0 * b] if coupled else [0.0 * b, b])
+        channels = np.hstack([1.3 * a, b]) + 0.05 * rng.normal(size=(800, 2))
+        arm = _Bare([first, second], channels)
+        number = Number(-np.log(1.3), arm.gained)
+        assert number.determined(arm) == coupled  # type: ignore[arg-type]
+
+
+class _Bare:
+    """As much of :class:`Physics` as a number needs."""
+
+    def __init__(self, columns: list[Any], channels: Any) -> None:
+        self.columns, self.channels = columns, channels
+        self.evidence = Evidence.of(np.array([c.T @ c for c in columns]), columns, channels)
+
+    def gained(self, log: float) -> Any:
+        return lambda p: _Bare(p.columns, p.channels * np.array([np.exp(log), 1.0]))
