@@ -24,7 +24,7 @@ from sdp_vs_penalty.simulation.challenge.report import (
 
 OUT = Path(__file__).parents[1] / "results" / "curves.md"
 #: What stands there from this line on is written by hand, and stays.
-NOTES = "## Notes"
+NOTES = "\n## Notes"
 
 
 def main() -> None:
