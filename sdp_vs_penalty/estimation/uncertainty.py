@@ -120,14 +120,14 @@ class Uncertainty:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], parameters: Sequence[Mapping[str, Any]]) -> Uncertainty:
         """parameters : entries as :meth:`Interval.to_dict` writes them, in the model's order."""
-        p = len(parameters)
+        p, n = len(parameters), len(data["torque_noise"])
         return cls(
             tuple(map(Interval.from_dict, parameters)),
             tuple(map(Interval.from_dict, data["base"])),
             np.array(data["spread"], float).reshape(p, -1),
-            np.array(data["gain_response"], float).reshape(p, -1),
+            np.array(data["gain_response"], float).reshape(p, n),
             np.array(data["torque_noise"], float),
-            np.array(data["gain_errors"], float).reshape(len(data["torque_noise"]), -1),
+            np.array(data["gain_errors"], float).reshape(n, -1),
         )
 
 

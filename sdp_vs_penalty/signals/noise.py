@@ -100,7 +100,7 @@ class Noise:
 def noise_floor(runs: SegmentedRuns) -> Array | None:
     """Standard deviation (n,) of the torque noise below ``runs.cutoff`` [N m or N]; None where too
     little repeats. ``runs`` carry a model, of which only what repeats must be right."""
-    noise = _from_repetition(runs, runs.residual, standing=True) if runs.segments else None
+    noise = _from_repetition(runs, runs.residual) if runs.segments else None
     return None if noise is None else noise.floor
 
 
@@ -143,10 +143,12 @@ def _moving(pieces: Pieces, still: Array) -> Pieces:
 
 
 def _from_repetition(
-    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None, standing: bool = False
+    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None
 ) -> Noise | None:
-    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``; of ``standing``
-    joints as well, whose friction holds what torque there is, or of moving ones alone."""
+    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``.
+
+    Its floor is that of all rows, its law that of moving joints: friction holds a standing one.
+    """
     repeats = find_repeats(runs)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
@@ -163,19 +165,22 @@ def _from_repetition(
     suspect = np.zeros(residual.shape, bool)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
-        pieces = every if standing else _moving(every, stood[:, j])
         drift = _drift_columns(t, gap, speed[:, j])
-        rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
-        steady = Pieces(p[good[p]] for p in pieces)
-        floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
-        degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
-        # Known on the rows that repeat, wanted on all.
-        white = innovations(rest, ar[j], steady)
-        swell = noise_profile(white, rates[j][index], rates[j])
-        floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
-        profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
-        suspect[index[~good], j] = True
-        _mark_later(runs, repeats, good, j, suspect)
+        moving = _moving(every, stood[:, j])
+        for pieces in (every,) if moving is every else (moving, every):
+            rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
+            steady = Pieces(p[good[p]] for p in pieces)
+            level, a, innovation, rank = beside(rest, steady, drift * good[:, None])
+            # Known on the rows that repeat, wanted on all.
+            white = innovations(rest, a, steady)
+            swell = noise_profile(white, rates[j][index], rates[j])
+            floor[j] = level * np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
+            if pieces is moving:
+                ar[j], sigma[j] = a, innovation
+                degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
+                profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
+                suspect[index[~good], j] = True
+                _mark_later(runs, repeats, good, j, suspect)
     if shown is not None:
         suspect, repeats = _carried(suspect, runs, shown), find_repeats(shown)
     held = runs.held if shown is None else shown.held
