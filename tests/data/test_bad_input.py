@@ -423,6 +423,10 @@ MODEL_CASES: dict[str, tuple[Callable[[Any], Any], list[str]]] = {
     "a joint of nothing": (setter("robot", "joints", 0, "placement", value=[1.0]), ["placement"]),
     "an axis of nothing": (setter("robot", "joints", 0, "axis", value=[0, 0, 0]), ["axis"]),
     "a strange joint": (setter("robot", "joints", 0, "kind", value="ball"), ["'ball'"]),
+    "noise of other joints": (
+        setter("uncertainty", "torque_noise", value=[0.1] * 9),
+        ["wrong content", "reshape"],
+    ),
     "a strange gravity": (setter("robot", "gravity", value=[1, 2]), ["gravity"]),
     "a strange filter": (setter("preprocessing", "state_cutoff", value=-1.0), ["state_cutoff"]),
 }
