@@ -128,7 +128,7 @@ def unseen(data: Path, names: tuple[str, ...]) -> list[Arm]:
         "ur10e e": lambda: ur10e_window(data, "ur10e e", (3.0, 33.0), (5.0, 30.0), ("19_14", "19_15")),
         "panda c": lambda: panda_window(data, "panda c", (6.0, 21.0), (0.0, 6.0)),
         "ur10e f": lambda: ur10e_window(data, "ur10e f", (20.0, 45.0), (0.0, 20.0), ("19_15", "19_14")),
-        "panda d": lambda: panda_window(data, "panda d", (10.0, 24.0), (24.0, 30.0)),
+        "panda d": lambda: panda_window(data, "panda d", (4.5, 19.5), (0.0, 4.5)),
         "panda b": lambda: panda_window(data, "panda b", (15.0, 30.0), (0.0, 14.0)),
     }
     return [real[name]() if name in real else _machine(name) for name in names]
