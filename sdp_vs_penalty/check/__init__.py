@@ -7,7 +7,7 @@ that one mistake is reported once and does not hide the next.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,8 @@ _ROWS = 1000
 _EVENT_ROWS = 2000
 #: Samples that are looked at as a whole, and those of each window of a longer run.
 _MOST, _WINDOW = 1 << 18, 1 << 16
+#: Issues with what all runs of an arm share.
+_OF_THE_ARM = ("encoder offset", "gravity direction")
 #: Band in which one-off events are looked for, in cut-offs of the states.
 _WIDER = 3.0
 
@@ -140,7 +142,32 @@ def check(
     settings = preprocessing or problem.preprocessing
     reports = [report for run in measurements.runs() for report in _unusable(run)]
     windows = [window for run in measurements.runs() for window in _windows(run)]
-    return reports + [_check_run(problem, window, settings, thorough) for window in windows]
+    return reports + of_one_arm([_check_run(problem, w, settings, thorough) for w in windows])
+
+
+def of_one_arm(reports: Sequence[Report]) -> list[Report]:
+    """Runs of one arm share its mounting and the zeros of its joints: what is only likely to be wrong
+    with these is a warning where at least as many runs, checked to their end, do not show it."""
+    shown = [{(f.kind, f.where) for f in r.problems} for r in reports]
+    whole = [s for s, r in zip(shown, reports, strict=True) if r.unexplained is not None]
+
+    def weighed(issue: Issue) -> Issue:
+        if issue.severity != "error" or issue.kind not in _OF_THE_ARM or issue.mends:
+            return issue
+        key = issue.kind, issue.where
+        without = sum(key not in s for s in whole)
+        if without < sum(key in s for s in shown):
+            return issue
+        sure = f"{issue.certainty.rstrip('.')}; {without} of {len(reports)} runs do not show it"
+        return replace(issue, severity="warning", certainty=sure)
+
+    return [replace(r, issues=gravest_first(map(weighed, r.issues))) for r in reports]
+
+
+def gravest_first(issues: Iterable[Issue]) -> tuple[Issue, ...]:
+    """In the order of their severity, otherwise as they came."""
+    order = ("error", "warning", "note")
+    return tuple(sorted(issues, key=lambda f: order.index(f.severity)))
 
 
 def _windows(run: Measurements) -> list[Measurements]:
@@ -175,9 +202,7 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         work.found.append(_stopped("too little data", error, "certain: the filters need more"))
     if not any(f.severity == "error" for f in work.found):
         work.found += _refused(problem, run, settings, compressed=work.run is run)
-    order = ("error", "warning", "note")
-    issues = tuple(sorted(work.found, key=lambda f: order.index(f.severity)))
-    return Report(run.names[0], issues, work.run, work.fixed, unexplained)
+    return Report(run.names[0], gravest_first(work.found), work.run, work.fixed, unexplained)
 
 
 def _refused(

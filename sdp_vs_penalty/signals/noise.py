@@ -58,7 +58,7 @@ class Noise:
     deviation of the whitened noise; degrees (n,) of freedom behind it; source : REPETITION, or RESIDUAL
     (a guess: the model's error is in it); suspect (M, n) : rows where the repetition shows an event;
     profile (M, n) : how the motion swells the noise, around 1; held (M, n) : standard deviation of what
-    friction adds to rows during which a joint stands still; repeats : what repeats what.
+    friction adds to a guess while a joint stands still; repeats : what repeats what.
     """
 
     floor: Array
@@ -147,7 +147,8 @@ def _from_repetition(
 ) -> Noise | None:
     """The noise of ``runs``, on their rows or on those of windows of them, ``shown``.
 
-    Its floor is that of all rows, its law that of moving joints: friction holds a standing one.
+    A joint that stands still does so again when the motion repeats: what friction holds there is no
+    noise, but shows how it yields before it slides.
     """
     repeats = find_repeats(runs)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
@@ -156,8 +157,7 @@ def _from_repetition(
     difference = _differences(runs, residual, repeats)
     index = np.concatenate([r.rows for r in repeats])
     gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
-    every, stood = Pieces(consecutive(repeats)), runs.still[index]
-    stood = np.maximum(stood, np.concatenate([runs.still[later_rows(runs, r)] for r in repeats]))
+    pieces = Pieces(consecutive(repeats))
     share = min(1.0, new_differences(runs, repeats) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
     rates_shown = rates if shown is None else rate_features(shown)
@@ -166,25 +166,22 @@ def _from_repetition(
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
         drift = _drift_columns(t, gap, speed[:, j])
-        moving = _moving(every, stood[:, j])
-        for pieces in (every,) if moving is every else (moving, every):
-            rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
-            steady = Pieces(p[good[p]] for p in pieces)
-            level, a, innovation, rank = beside(rest, steady, drift * good[:, None])
-            # Known on the rows that repeat, wanted on all.
-            white = innovations(rest, a, steady)
-            swell = noise_profile(white, rates[j][index], rates[j])
-            floor[j] = level * np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
-            if pieces is moving:
-                ar[j], sigma[j] = a, innovation
-                degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
-                profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
-                suspect[index[~good], j] = True
-                _mark_later(runs, repeats, good, j, suspect)
+        rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
+        steady = Pieces(p[good[p]] for p in pieces)
+        floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
+        degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
+        # Known on the rows that repeat, wanted on all.
+        white = innovations(rest, ar[j], steady)
+        swell = noise_profile(white, rates[j][index], rates[j])
+        floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
+        profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
+        suspect[index[~good], j] = True
+        _mark_later(runs, repeats, good, j, suspect)
     if shown is not None:
         suspect, repeats = _carried(suspect, runs, shown), find_repeats(shown)
-    held = runs.held if shown is None else shown.held
-    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
+    return Noise(
+        floor, ar, sigma, degrees, REPETITION, suspect, profile, np.zeros_like(profile), repeats
+    )
 
 
 def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:

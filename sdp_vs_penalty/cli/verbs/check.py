@@ -35,7 +35,7 @@ def verb(
     Exit code 1 where an identification would be meaningless.
     Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
     """
-    from sdp_vs_penalty.check import check
+    from sdp_vs_penalty.check import check, of_one_arm
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import read_run, run_files, save
     from sdp_vs_penalty.files import write_text
@@ -52,6 +52,7 @@ def verb(
         for path in data:
             progress(path.name)
             reports += check(robot, read_run(path, robot.robot.n, robot.robot.joint_names))
+    reports = of_one_arm(reports)
     for report in reports:
         _show(report)
     mounting = [] if gravity is None else ["--gravity", gravity]
