@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.check import Report, check, samples
+from sdp_vs_penalty.check import Issue, Report, check, of_one_arm, samples
 from sdp_vs_penalty.check.gravity import FreeGravity
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of as rows_of
@@ -616,3 +616,31 @@ def test_a_slow_log_keeps_its_seconds(simulated: tuple[Problem, Measurements]) -
     for changed in (sparse(run), slow):
         kinds = {f.kind for f in check(problem, changed, thorough=False)[0].issues}
         assert "time unit" not in kinds
+
+
+@pytest.mark.parametrize(
+    ("runs", "sure", "severity"),
+    [
+        ("x.", "likely: it mends", "warning"),
+        ("x..", "likely: it mends", "warning"),
+        ("xx.", "likely: it mends", "error"),
+        ("x", "likely: it mends", "error"),
+        ("x-", "likely: it mends", "error"),
+        ("x.", "certain: it mends", "error"),
+    ],
+)
+def test_one_arm_has_one_mounting(
+    runs: str, sure: str, severity: str, simulated: tuple[Problem, Measurements]
+) -> None:
+    """What is likely of an arm's zeros (x) is no error where as many runs (.) do not show it; a run that
+    could not be checked (-) says nothing."""
+    _, run = simulated
+    issue = Issue("encoder offset", "error", "joint 2", "the zero", sure, "add", repair=lambda m: m)
+    given = [
+        Report(str(k), (issue,) if r == "x" else (), run, run, None if r == "-" else 0.0)
+        for k, r in enumerate(runs)
+    ]
+    reports = of_one_arm(given)
+    assert reports[0].issues[0].severity == severity
+    assert reports[0].meaningless == (severity == "error")
+    assert ("runs do not show it" in reports[0].issues[0].certainty) == (severity == "warning")
