@@ -118,7 +118,7 @@ def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
 
 
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
-    """A guess: all of a residual (M, n) taken for noise."""
+    """A guess: all of a residual (M, n) taken for noise, in rows during which the joint moves."""
     n = runs.n
     moving = [_moving(runs.pieces(j), runs.still[:, j]) for j in range(n)]
     parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
