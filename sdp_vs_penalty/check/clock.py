@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import stamps
-from sdp_vs_penalty.check.issue import Issue
+from sdp_vs_penalty.check.issue import Issue, rows_text
 from sdp_vs_penalty.check.stamps import LONG
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.robot.arrays import Array
@@ -52,7 +52,7 @@ def _missing(run: Measurements) -> Issue | None:
     return Issue(
         "missing numbers",
         "error",
-        f"row {_row(bad[0])}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        rows_text(_row(bad[0]), len(bad)),
         f"{show.count(len(bad), 'row')} with values that are not finite numbers, or that no "
         "robot measures.",
         "certain: read from the file",
@@ -171,7 +171,7 @@ def _backwards(run: Measurements) -> Issue | None:
     return Issue(
         "time runs backwards",
         "error",
-        f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        rows_text(_row(bad[0] + 1), len(bad)),
         what,
         "certain: read from the file",
         remedy,
@@ -189,8 +189,7 @@ def _only_forward(run: Measurements) -> Measurements:
 def _run_on(run: Measurements) -> Measurements:
     """Steps back replaced by the median step."""
     steps = np.diff(run.t)
-    steps = np.where(steps < 0.0, np.median(steps[steps > 0.0]), steps)
-    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
+    return stamps.with_steps(run, np.where(steps < 0.0, np.median(steps[steps > 0.0]), steps))
 
 
 def _repeats(run: Measurements) -> Issue | None:
@@ -202,7 +201,7 @@ def _repeats(run: Measurements) -> Issue | None:
     return Issue(
         "repeated time",
         "error",
-        f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        rows_text(_row(bad[0] + 1), len(bad)),
         f"{show.count(len(bad), 'row')} with a repeated time; the values {kind}.",
         "certain: read from the file",
         "keep the first of each",
@@ -260,13 +259,12 @@ def _clock_step(run: Measurements) -> Issue | None:
     def repair(given: Measurements) -> Measurements:
         new = np.diff(given.t)
         new[jumps] = typical
-        return replace(given, t=given.t[0] + np.concatenate([[0.0], np.cumsum(new)]))
+        return stamps.with_steps(given, new)
 
     return Issue(
         "clock step",
         "warning",
-        f"row {_row(jumps[0] + 1)} (t = {run.t[jumps[0]]:.4g} s)"
-        + (f" and {len(jumps) - 1} more" if len(jumps) > 1 else ""),
+        f"t = {run.t[jumps[0]]:.4g} s, {rows_text(_row(jumps[0] + 1), len(jumps))}",
         f"the clock jumps ahead by up to {steps.max():.3g} s while the moving arm does not: the "
         "clock was set, and no sample is missing.",
         "likely: the distance travelled is that of one usual step",
@@ -284,8 +282,7 @@ def _gap(run: Measurements) -> Issue | None:
     return Issue(
         "gap in time",
         "warning",
-        f"row {_row(long[0] + 1)} (t = {run.t[long[0]]:.4g} s)"
-        + (f" and {len(long) - 1} more" if len(long) > 1 else ""),
+        f"t = {run.t[long[0]]:.4g} s, {rows_text(_row(long[0] + 1), len(long))}",
         f"{show.count(len(long), 'gap')} of up to {steps.max():.3g} s (the usual step is "
         f"{typical:.3g} s); in all {steps.sum():.3g} s are missing.",
         "certain: read from the file",

@@ -24,8 +24,8 @@ _UNRELATED = 0.25
 _ROUNDS = 4
 #: Those that leave the motion as it is cost little; the others need new columns each.
 _FAMILIES = (
-    motion.degrees, motion.delay, signs.signs, gravity.direction, order.exchanged, channels.gain,
-    channels.late, channels.filtered, channels.weight, steps.drift, motion.clock, motion.turned,
+    motion.degrees, signs.signs, gravity.direction, order.exchanged, channels.gain,
+    channels.late, channels.weight, steps.drift, motion.clock, motion.turned,
     motion.exchanged, motion.offsets,
 )  # fmt: skip
 #: Families with many members, for data that nothing else explains.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.evidence import PARTS, in_parts, solve, without_each
 from sdp_vs_penalty.check.issue import Issue, Repair
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
@@ -49,13 +50,15 @@ class Number:
     """An estimated number, zero where the file is right; ``at(x)`` applies another one.
 
     tolerance : what arms and loggers differ by themselves, of the number's own unit; least : gain of the
-    score from which on it is worth a warning.
+    score from which on it is worth a warning; like_friction : whether other laws of friction may do the
+    same.
     """
 
     value: float
     at: Callable[[float], Callable[[Physics], Physics]]
     tolerance: float = np.inf
     least: float = LEAST
+    like_friction: bool = False
 
     def determined(self, physics: Physics) -> bool:
         """Whether it is certainly not zero, or certainly more than is usual."""
@@ -124,8 +127,15 @@ class Hypothesis:
         return GROSS if left < _SETTLED * physics.evidence.contradiction else self.needed
 
     def determined(self, physics: Physics) -> bool:
-        """Whether its number is certainly not what the file says; True where it has none."""
-        return self.number is None or self.number.determined(physics)
+        """Whether its number is certainly not what the file says; True where it has none.
+
+        What laws of friction explain as well is the model's matter, and no fault of the file.
+        """
+        if self.number is None or not self.number.determined(physics):
+            return self.number is None
+        if not self.number.like_friction:
+            return True
+        return self.gain(beyond.rival(physics)) > HALF * self.gain(physics)
 
     def pays(self, physics: Physics, gain: float) -> bool:
         """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.

@@ -11,6 +11,7 @@ from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 
 #: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
 #: place of the masses.
@@ -85,9 +86,7 @@ def _single_channels(run: Measurements, physics: Physics) -> Iterator[Issue]:
     """Channels in another unit than the others, where no other joint's torque tells their gain."""
     effort = np.array([joint.effort for joint in physics.model.robot.joints])
     over = np.abs(run.tau).max(axis=0) / np.where(effort > 0.0, effort, np.inf)
-    modelled = np.column_stack(
-        [columns[:, : len(physics.nominal)] @ physics.nominal for columns in physics.columns]
-    )
+    modelled = _modelled(physics)
     ratio = np.linalg.norm(physics.channels, axis=0) / np.maximum(
         np.linalg.norm(modelled, axis=0), 1e-3 * np.linalg.norm(modelled) + 1e-300
     )
@@ -172,7 +171,11 @@ def _unit(size: float, possible: tuple[float, float]) -> tuple[float, str] | Non
 
 def _ratio_to_nominal(physics: Physics) -> float:
     """Size of the measured torque over that of the nominal arm's on the same motion."""
-    modelled = np.column_stack(
-        [columns[:, : len(physics.nominal)] @ physics.nominal for columns in physics.columns]
-    )
-    return float(np.linalg.norm(physics.channels) / max(float(np.linalg.norm(modelled)), 1e-300))
+    modelled = float(np.linalg.norm(_modelled(physics)))
+    return float(np.linalg.norm(physics.channels) / max(modelled, 1e-300))
+
+
+def _modelled(physics: Physics) -> Array:
+    """(M, n) torque of the nominal arm on the same motion."""
+    known = len(physics.nominal)
+    return np.column_stack([columns[:, :known] @ physics.nominal for columns in physics.columns])

@@ -37,7 +37,7 @@ def verb(
     """
     from sdp_vs_penalty.check import check, of_one_arm
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.files import read_run, run_files, save
+    from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.problem.load import load_problem
 
@@ -60,7 +60,8 @@ def verb(
         to = _beside(data)
         console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
     elif fix is None and not any(report.meaningless for report in reports):
-        console.next_step(["identify", problem, "--data", *data, *mounting, "--out", "model.json"])
+        train = [path for path in data if not for_testing(path)] or data
+        console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
     if fix is not None and len(reports) > len(data):
         raise InputError("--fix: a run is too long to be repaired", "cut it into files of 250 000 rows")
     if fix is not None:
