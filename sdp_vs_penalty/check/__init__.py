@@ -25,6 +25,7 @@ from sdp_vs_penalty.check import (
     samples,
     scale,
     signals,
+    visible,
 )
 from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
@@ -310,5 +311,6 @@ class _Work:
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
         every, _ = physics.parent or (physics, None)  # those at rest, too, as in an identification
         self.mend(excitation.find(self.problem, every))
+        self.mend(visible.find(physics, moving))
         self.mend(events.knock(self.physics(wider, _EVENT_ROWS).narrow))
         return residual.overall(evidence)

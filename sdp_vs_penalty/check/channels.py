@@ -41,14 +41,10 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     if np.sum(moving & alive) < 2:
         return  # a joint that moves alone has none to be compared with
     for j in np.flatnonzero(moving & alive):
+        number = gain_number(int(j), n)
 
-        def scaled(log: float, j: int = int(j)) -> Array:
-            scale = np.ones(n)
-            scale[j] = np.exp(log)
-            return scale
-
-        def score(log: float, scaled: Callable[[float], Array] = scaled) -> float:
-            return physics.with_channels(scaled(log), same).evidence.misfit
+        def score(log: float, number: Number = number) -> float:
+            return number.at(log)(physics).evidence.misfit
 
         found = best_number(score, np.log(_GAINS).tolist())
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
@@ -60,19 +56,24 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         texts = ("torque gain", joints_text([j]), what + ".", f"multiply tau{j + 1} by {factor:.3g}")
         if unit is not None and (unit < 0.05 or unit > 5.0):
             texts = ("torque unit", joints_text([j]), f"{what}: it is in {_UNITS[unit]}.", texts[3])
-        scale = scaled(float(np.log(factor)))
+        scale = np.where(same == j, factor, 1.0)
         yield propose(
-            partial(Physics.with_channels, scale=scale, order=same), 2, texts,
+            number.at(float(np.log(factor))), 2, texts,
             partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
             gross=abs(found) > np.log1p(_GROSS_GAIN),
             severity="error" if abs(found) > np.log1p(_MEANINGLESS) else "warning",
-            number=Number(found, partial(_gained, scaled), _USUAL_GAIN),
+            number=replace(number, value=found),
         )  # fmt: skip
 
 
-def _gained(scaled: Callable[[float], Array], log: float) -> Callable[[Physics], Physics]:
-    scale = scaled(log)
-    return partial(Physics.with_channels, scale=scale, order=np.arange(len(scale)))
+def gain_number(j: int, n: int) -> Number:
+    """The gain of a channel as the logarithm of what it has to be multiplied by, 0."""
+
+    def at(x: float) -> Callable[[Physics], Physics]:
+        scale = np.where(np.arange(n) == j, np.exp(x), 1.0)
+        return partial(Physics.with_channels, scale=scale, order=np.arange(n))
+
+    return Number(0.0, at, _USUAL_GAIN)
 
 
 def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
