@@ -63,7 +63,8 @@ class Candidates:
     def __init__(self, rows: SegmentedRuns, noise: Noise, candidacy: Candidacy) -> None:
         self.rows, self.noise, self.candidacy = rows, noise, candidacy
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
-        self._scored: tuple[WhiteFit, Array] | None = None
+        self._scored: tuple[WhiteFit, Scores] | None = None
+        self._coarsely: tuple[WhiteFit, Array] | None = None
         self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
 
     @cached_property
@@ -145,9 +146,9 @@ class Candidates:
         self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
     ) -> dict[Key, tuple[float, Array]]:
         """Evidence on the grids of shapes, averaged and of each member, the most plausible first."""
-        if self._scored is None or self._scored[0] is not fit:
-            self._scored = fit, self._coarse(fit, scaled)
-        evidence, taken = self._scored[1], {h.effect.text for h in picked}
+        if self._coarsely is None or self._coarsely[0] is not fit:
+            self._coarsely = fit, self._coarse(fit, scaled)
+        evidence, taken = self._coarsely[1], {h.effect.text for h in picked}
         out: dict[Key, tuple[float, Array]] = {}
         for key in self.eligible(picked, known):
             members = self.by_key[key]
@@ -178,10 +179,16 @@ class Candidates:
         forms = [m for m in best.values() if values[m] > 0.5 * top][: 2 if refines else 1]
         return [members[m] for m in forms or [int(np.argmax(values))]]
 
+    def scores(self, fit: WhiteFit, scaled: Library) -> Scores:
+        """Of all groups; the last are kept."""
+        if self._scored is None or self._scored[0] is not fit:
+            self._scored = fit, score_library(fit, scaled)
+        return self._scored[1]
+
     def _coarse(self, fit: WhiteFit, scaled: Library) -> Array:
         """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
         only."""
-        scores = score_library(fit, scaled)
+        scores = self.scores(fit, scaled)
         out = np.zeros(len(scores.chi2))
         for batch in self.white.batches:
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]

@@ -20,12 +20,13 @@ from sdp_vs_penalty.robot.arrays import Array
 @dataclass(frozen=True)
 class Scores:
     """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy, and
-    what they follow from: the partialled gram (k, k) and z'r (k,)."""
+    what they follow from: the partialled gram (k, k) and z'r (k,); overlaps : of the fit."""
 
     chi2: Array
     beta: tuple[Array, ...]
     absorbed: Array
     products: tuple[tuple[Array, Array], ...]
+    overlaps: tuple[Array, ...]
 
 
 def score_library(fit: WhiteFit, library: Library) -> Scores:
@@ -35,9 +36,9 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
     """
     n, M = fit.rows.n, len(fit.rows.block)
     residual = fit.residual.reshape(n, M)
-    Q = fit.Q.reshape(n, M, -1)
-    joints = [_Scored(Q[j], library.joints[j], residual[j]) for j in range(n)]
-    joints.append(_Scored(fit.Q, library.robot.reshape(n * M, -1), fit.residual))
+    overlaps = fit.overlaps(library)
+    joints = [_Scored(overlaps[j], library.joints[j], residual[j]) for j in range(n)]
+    joints.append(_Scored(overlaps[n], library.robot.reshape(n * M, -1), fit.residual))
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
     products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
@@ -49,14 +50,14 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
         for g, b, gram, pull in zip(batch.groups, found[1], grams, right, strict=True):
             beta[g], products[g] = b, (gram, pull)
-    return Scores(chi2, tuple(beta), absorbed, tuple(products))
+    return Scores(chi2, tuple(beta), absorbed, tuple(products), overlaps)
 
 
 class _Scored:
-    """Columns Z (N, C) beside a basis Q (N, r): raw energies (C,) and scores z'r (C,)."""
+    """Columns Z (N, C) beside a basis Q: their overlap Q'Z (r, C), raw energies (C,), scores z'r (C,)."""
 
-    def __init__(self, Q: Array, Z: Array, residual: Array) -> None:
-        self.Z, self.overlap = Z, Q.T @ Z
+    def __init__(self, overlap: Array, Z: Array, residual: Array) -> None:
+        self.Z, self.overlap = Z, overlap
         self.raw, self.right = np.einsum("nc,nc->c", Z, Z), residual @ Z
 
     def grams(self, columns: NDArray[np.intp]) -> Array:

@@ -284,4 +284,4 @@ def test_groups_of_any_size_are_partialled(columns: list[list[int]]) -> None:
     Z = rng.normal(size=(40, 6))
     rest = Z - Q @ (Q.T @ Z)
     wanted = [rest[:, c].T @ rest[:, c] for c in columns]
-    np.testing.assert_allclose(_Scored(Q, Z, rng.normal(size=40)).grams(np.array(columns)), wanted)
+    np.testing.assert_allclose(_Scored(Q.T @ Z, Z, rng.normal(size=40)).grams(np.array(columns)), wanted)
