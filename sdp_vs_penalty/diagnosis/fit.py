@@ -174,8 +174,8 @@ class WhiteFit:
         return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self)
 
     def overlaps(self, library: Library) -> tuple[Array, ...]:
-        """Q'z of a weighted library's columns on each joint (r, C_j), and of those on several (r, C); kept
-        for the next time, and for fits that extend this one."""
+        """Q'z of a weighted library's columns on each joint (r, C_j), and of those on several (r, C);
+        kept for the next time, and for fits that extend this one."""
         if id(library) not in self._overlaps:
             n, first = self.rows.n, 0 if self.base is None else self.base.Q.shape[1]
             Q = self.Q[:, first:]

@@ -150,8 +150,8 @@ def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequ
 
 
 def accepted(state: SearchState, candidate: Candidate, lucky: bool = True) -> Pick | None:
-    """The pick, if the candidate passes every test, the cheapest first; lucky : the last of them, against
-    random signs, is among them."""
+    """The pick, if the candidate passes every test, the cheapest first; lucky : the last of them is
+    against random signs."""
     fit, stage, k = state.fit, state.stage, len(candidate.beta)
     joints = joints_of(fit, candidate)
     freedom = max(fit.degrees[joints].sum() - k, 1.0)

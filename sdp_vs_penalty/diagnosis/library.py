@@ -79,6 +79,16 @@ class Library:
         out[group.joint] = self.joints[group.joint][:, group.columns]
         return out
 
+    @cached_property
+    def grams(self) -> tuple[Array, ...]:
+        """Of each batch z'z (G, k, k) of its groups' columns z."""
+        out = []
+        for batch in self.batches:
+            Z = self.robot if batch.joint is None else self.joints[batch.joint]
+            z = Z.reshape(-1, Z.shape[-1])[:, batch.columns.ravel()]
+            out.append(grams(z, len(batch.groups)))
+        return tuple(out)
+
     def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:
         pieces = [rows.pieces(j) for j in range(rows.n)]
         joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
@@ -148,6 +158,15 @@ def build_library(
         robot_parts.append(spread_columns(rows, effect))
     robot_columns = np.concatenate(robot_parts, axis=2)
     return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
+
+
+def grams(columns: Array, count: int) -> Array:
+    """(G, k, k) products x'x of ``count`` groups of columns (N, G k) side by side."""
+    N, size = columns.shape
+    if size == count:
+        return np.einsum("nc,nc->c", columns, columns)[:, None, None]
+    x = np.ascontiguousarray(columns.reshape(N, count, -1).transpose(1, 2, 0))
+    return np.asarray(x @ x.transpose(0, 2, 1))
 
 
 def _batches(groups: Sequence[Group]) -> tuple[Batch, ...]:

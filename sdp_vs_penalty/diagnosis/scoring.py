@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
-from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.library import Library, grams
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -34,46 +34,21 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
 
     Coefficients that are known beforehand are held by that: as penalised least squares has them.
     """
-    n, M = fit.rows.n, len(fit.rows.block)
-    residual = fit.residual.reshape(n, M)
-    overlaps = fit.overlaps(library)
-    joints = [_Scored(overlaps[j], library.joints[j], residual[j]) for j in range(n)]
-    joints.append(_Scored(overlaps[n], library.robot.reshape(n * M, -1), fit.residual))
+    n, overlaps = fit.rows.n, fit.overlaps(library)
+    right = [r @ z for r, z in zip(np.split(fit.residual, n), library.joints, strict=True)]
+    right.append(fit.residual @ library.robot.reshape(len(fit.residual), -1))
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
     products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
-    for batch in library.batches:
-        scored = joints[n if batch.joint is None else batch.joint]
-        c = batch.columns
-        grams, right = scored.grams(c), scored.right[c]
-        found = solve_groups(grams, scored.raw[c], right, batch.signed, batch.known)
+    for batch, gram in zip(library.batches, library.grams, strict=True):
+        place = n if batch.joint is None else batch.joint
+        pull, taken = right[place][batch.columns], overlaps[place][:, batch.columns.ravel()]
+        left, raw = gram - grams(taken, len(gram)), np.diagonal(gram, axis1=1, axis2=2)
+        found = solve_groups(left, raw, pull, batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
-        for g, b, gram, pull in zip(batch.groups, found[1], grams, right, strict=True):
-            beta[g], products[g] = b, (gram, pull)
+        for g, b, *product in zip(batch.groups, found[1], left, pull, strict=True):
+            beta[g], products[g] = b, (product[0], product[1])
     return Scores(chi2, tuple(beta), absorbed, tuple(products), overlaps)
-
-
-class _Scored:
-    """Columns Z (N, C) beside a basis Q: their overlap Q'Z (r, C), raw energies (C,), scores z'r (C,)."""
-
-    def __init__(self, overlap: Array, Z: Array, residual: Array) -> None:
-        self.Z, self.overlap = Z, overlap
-        self.raw, self.right = np.einsum("nc,nc->c", Z, Z), residual @ Z
-
-    def grams(self, columns: NDArray[np.intp]) -> Array:
-        """(G, k, k) partialled grams of groups of columns (G, k): nothing but what groups need."""
-        k = columns.shape[1]
-        if k == 1:
-            c = columns[:, 0]
-            return (self.raw[c] - np.einsum("rc,rc->c", self.overlap[:, c], self.overlap[:, c]))[
-                :, None, None
-            ]
-        z, o = (
-            x[:, columns.ravel()].reshape(-1, len(columns), k).transpose(1, 2, 0)
-            for x in (self.Z, self.overlap)
-        )
-        z, o = np.ascontiguousarray(z), np.ascontiguousarray(o)
-        return np.asarray(z @ z.transpose(0, 2, 1) - o @ o.transpose(0, 2, 1))
 
 
 def solve_group(
