@@ -190,7 +190,7 @@ class Candidates:
         only."""
         scores = self.scores(fit, scaled)
         out = np.zeros(len(scores.chi2))
-        for batch in self.white.batches:
+        for batch, gram in zip(scaled.batches, scaled.grams, strict=True):
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
                 if k > 1:
@@ -198,7 +198,7 @@ class Candidates:
                 gains = fit.joint_gains(batch.joint, chi2)
                 out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
                 continue
-            out[batch.groups] = self._spread_evidence(fit, scaled, batch, scores)
+            out[batch.groups] = self._spread_evidence(fit, batch, gram, scores)
         return out
 
     def _with_signs(self, batch: Batch, scores: Scores) -> Array:
@@ -213,23 +213,16 @@ class Candidates:
         return chi2
 
     @staticmethod
-    def _spread_evidence(fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
-        """(G,) evidence of a batch that acts on several joints."""
+    def _spread_evidence(fit: WhiteFit, batch: Batch, gram: Array, scores: Scores) -> Array:
+        """(G,) evidence of a batch that acts on several joints; gram (n, G, k, k) : of its columns."""
         k, out = batch.columns.shape[1], np.zeros(len(batch.groups))
-        likely = scores.chi2[batch.groups] > k
-        if not likely.any():
-            return out
-        columns = scaled.robot[:, :, batch.columns[likely].ravel()].reshape(len(fit.residual), -1, k)
-        beta = np.array([scores.beta[g] for g in batch.groups[likely]])
-        # What is left is linear in the columns: they are combined before the model is partialled out.
-        taken = np.einsum("ngk,gk->ng", columns, beta)
-        left = fit.residual[:, None] - taken + fit.Q @ (fit.Q.T @ taken)
-        after = fit.weighting.level[:, None] ** 2 * fit.rows.joint_sums(left**2)
-        freedom = float(k)
-        if batch.known is not None:
-            z = fit.partialled(columns[:, 0])
-            freedom = effective(z.T @ z, batch.known)
-        out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
+        likely = np.flatnonzero(scores.chi2[batch.groups] > k)
+        if likely.size:
+            places = batch.groups[likely]
+            beta = np.array([scores.beta[g] for g in places])
+            after = scores.spread.left(fit, batch.columns[likely], gram[:, likely], beta)
+            freedom = effective(scores.products[places[0]][0], batch.known)
+            out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
         return out
 
     def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:

@@ -174,15 +174,16 @@ class WhiteFit:
         return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self)
 
     def overlaps(self, library: Library) -> tuple[Array, ...]:
-        """Q'z of a weighted library's columns on each joint (r, C_j), and of those on several (r, C);
-        kept for the next time, and for fits that extend this one."""
+        """Q_j'z_j of a weighted library's columns on each joint j (r, C_j), and of those on several
+        (n, r, C); kept for the next time, and for fits that extend this one."""
         if id(library) not in self._overlaps:
-            n, first = self.rows.n, 0 if self.base is None else self.base.Q.shape[1]
-            Q = self.Q[:, first:]
-            own = [q.T @ z for q, z in zip(np.split(Q, n), library.joints, strict=True)]
-            own.append(Q.T @ library.robot.reshape(len(Q), -1))
+            first = 0 if self.base is None else self.base.Q.shape[1]
+            parts = np.split(self.Q[:, first:], self.rows.n)
+            own = [q.T @ z for q, z in zip(parts, library.joints, strict=True)]
+            own.append(np.stack([q.T @ z for q, z in zip(parts, library.robot, strict=True)]))
             if self.base is not None:
-                own = [np.vstack(x) for x in zip(self.base.overlaps(library), own, strict=True)]
+                before = self.base.overlaps(library)
+                own = [np.concatenate(x, axis=-2) for x in zip(before, own, strict=True)]
             self._overlaps[id(library)] = library, tuple(own)
         return self._overlaps[id(library)][1]
 

@@ -81,12 +81,14 @@ class Library:
 
     @cached_property
     def grams(self) -> tuple[Array, ...]:
-        """Of each batch z'z (G, k, k) of its groups' columns z."""
+        """Of each batch z_j'z_j (G, k, k) of its groups' columns on its joint; on several (n, G, k, k)."""
         out = []
         for batch in self.batches:
-            Z = self.robot if batch.joint is None else self.joints[batch.joint]
-            z = Z.reshape(-1, Z.shape[-1])[:, batch.columns.ravel()]
-            out.append(grams(z, len(batch.groups)))
+            count, columns = len(batch.groups), batch.columns.ravel()
+            if batch.joint is None:
+                out.append(np.stack([grams(Z[:, columns], count) for Z in self.robot]))
+            else:
+                out.append(grams(self.joints[batch.joint][:, columns], count))
         return tuple(out)
 
     def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:

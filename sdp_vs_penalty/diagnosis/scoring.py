@@ -20,13 +20,36 @@ from sdp_vs_penalty.robot.arrays import Array
 @dataclass(frozen=True)
 class Scores:
     """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy, and
-    what they follow from: the partialled gram (k, k) and z'r (k,); overlaps : of the fit."""
+    what they follow from: the partialled gram (k, k) and z'r (k,); overlaps : with the fit, Q'z of the
+    columns on each joint and of those on several; spread : of the latter, joint by joint."""
 
     chi2: Array
     beta: tuple[Array, ...]
     absorbed: Array
     products: tuple[tuple[Array, Array], ...]
     overlaps: tuple[Array, ...]
+    spread: Spread
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Of columns z that act on several joints, joint by joint: Q_j'z_j (n, r, C) and z_j'r_j (n, C)."""
+
+    overlaps: Array
+    pulls: Array
+
+    def left(self, fit: WhiteFit, columns: NDArray[np.intp], gram: Array, beta: Array) -> Array:
+        """(n, G) squared weighted residual that groups of columns (G, k) leave with coefficients beta
+        (G, k), in units of noise; gram (n, G, k, k) : z_j'z_j."""
+        G, k = columns.shape
+        own = self.overlaps[:, :, columns.ravel()].reshape(*self.overlaps.shape[:2], G, k)
+        c = np.einsum("nrgk,gk->nrg", own, beta)
+        total, (H, p) = c.sum(axis=0), fit.joint_products
+        cross = p @ total - np.einsum("ngk,gk->ng", self.pulls[:, columns], beta)
+        cross -= np.einsum("nrg,rg->ng", c, total)
+        squares = np.einsum("gk,ngkl,gl->ng", beta, gram, beta)
+        squares += np.einsum("rg,nrg->ng", total, H @ total) + 2.0 * cross
+        return fit.joint_chi2[:, None] + fit.weighting.level[:, None] ** 2 * squares
 
 
 def score_library(fit: WhiteFit, library: Library) -> Scores:
@@ -34,21 +57,22 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
 
     Coefficients that are known beforehand are held by that: as penalised least squares has them.
     """
-    n, overlaps = fit.rows.n, fit.overlaps(library)
-    right = [r @ z for r, z in zip(np.split(fit.residual, n), library.joints, strict=True)]
-    right.append(fit.residual @ library.robot.reshape(len(fit.residual), -1))
+    residual, (*overlaps, robot) = np.split(fit.residual, fit.rows.n), fit.overlaps(library)
+    right = [r @ z for r, z in zip(residual, library.joints, strict=True)]
+    spread = Spread(robot, np.array([r @ z for r, z in zip(residual, library.robot, strict=True)]))
+    overlaps, right = [*overlaps, robot.sum(axis=0)], [*right, spread.pulls.sum(axis=0)]
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
     products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
-    for batch, gram in zip(library.batches, library.grams, strict=True):
-        place = n if batch.joint is None else batch.joint
+    for batch, own in zip(library.batches, library.grams, strict=True):
+        place, gram = (-1, own.sum(axis=0)) if batch.joint is None else (batch.joint, own)
         pull, taken = right[place][batch.columns], overlaps[place][:, batch.columns.ravel()]
         left, raw = gram - grams(taken, len(gram)), np.diagonal(gram, axis1=1, axis2=2)
         found = solve_groups(left, raw, pull, batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
-        for g, b, *product in zip(batch.groups, found[1], left, pull, strict=True):
-            beta[g], products[g] = b, (product[0], product[1])
-    return Scores(chi2, tuple(beta), absorbed, tuple(products), overlaps)
+        for g, b, one, its in zip(batch.groups, found[1], left, pull, strict=True):
+            beta[g], products[g] = b, (one, its)
+    return Scores(chi2, tuple(beta), absorbed, tuple(products), tuple(overlaps), spread)
 
 
 def solve_group(
