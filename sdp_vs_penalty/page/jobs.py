@@ -246,7 +246,7 @@ def take(request: Request, progress: Progress) -> Answer:
     from sdp_vs_penalty.export import export
 
     out = Path(request["out"])
-    urdf = request.get("urdf") if out.suffix == ".urdf" else None
+    urdf = request.get("urdf") if out.name == "robot.urdf" else None
     progress(f"writing {out.name}")
     return {"left_out": list(export(load_estimate(request["model"]), out, urdf))}
 
