@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -55,6 +56,11 @@ class RowLabels:
         """(B, ...) sums over the rows of each block, of values (M, ...)."""
         starts = np.searchsorted(self.block, np.arange(self.blocks))
         return np.add.reduceat(values, starts, axis=0)
+
+    def products(self, values: Array, weights: Array) -> Array:
+        """(B, k) sums over each block of values (M, k) times weights (M,)."""
+        ends = np.searchsorted(self.block, np.arange(self.blocks + 1))
+        return np.array([weights[a:b] @ values[a:b] for a, b in pairwise(ends.tolist())])
 
     def joint_sums(self, values: Array) -> Array:
         """(n, ...) sums over the rows of each joint."""
@@ -119,7 +125,8 @@ class Weighting:
 class WhiteFit:
     """The model fitted to weighted white rows.
 
-    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves.
+    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves; base : the
+    fit of which this is an extension, its columns first.
     """
 
     rows: RowLabels
@@ -127,6 +134,7 @@ class WhiteFit:
     residual: Array
     target: Array
     weighting: Weighting
+    base: WhiteFit | None = None
 
     @classmethod
     def of(cls, rows: RowLabels, basis: Array, target: Array, weighting: Weighting) -> WhiteFit:
@@ -163,7 +171,25 @@ class WhiteFit:
             new = np.column_stack([new, own])
         residual = self.residual - new @ (new.T @ self.residual)
         Q = np.column_stack([self.Q, new])
-        return WhiteFit(self.rows, Q, residual, self.target, self.weighting)
+        return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self)
+
+    def overlaps(self, library: Library) -> tuple[Array, ...]:
+        """Q_j'z_j of a weighted library's columns on each joint j (r, C_j), and of those on several
+        (n, r, C); kept for the next time, and for fits that extend this one."""
+        if id(library) not in self._overlaps:
+            first = 0 if self.base is None else self.base.Q.shape[1]
+            parts = np.split(self.Q[:, first:], self.rows.n)
+            own = [q.T @ z for q, z in zip(parts, library.joints, strict=True)]
+            own.append(np.stack([q.T @ z for q, z in zip(parts, library.robot, strict=True)]))
+            if self.base is not None:
+                before = self.base.overlaps(library)
+                own = [np.concatenate(x, axis=-2) for x in zip(before, own, strict=True)]
+            self._overlaps[id(library)] = library, tuple(own)
+        return self._overlaps[id(library)][1]
+
+    @cached_property
+    def _overlaps(self) -> dict[int, tuple[Library, tuple[Array, ...]]]:
+        return {}
 
     def without_folds(self, folds: NDArray[np.intp]) -> list[WithoutFold]:
         """The model fitted without each of the folds (M,) in turn; kept for the next candidate."""

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.block_test import flip_threshold
+from sdp_vs_penalty.diagnosis.block_test import above_chance
 from sdp_vs_penalty.diagnosis.candidates import MOST, Candidate
 from sdp_vs_penalty.diagnosis.fit import Weighting, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Key, Library
@@ -114,11 +114,11 @@ class SearchState:
         picked = [p.candidate for p in self.picks]
         return frozenset(self.stage.candidates.eligible(picked, self.stage.known))
 
-    @cached_property
-    def threshold(self) -> float:
-        """What random signs of the blocks make of all that may be added."""
-        seed = self.stage.seed + len(self.picks)
-        return flip_threshold(self.fit, self.scaled, self.eligible, seed)
+    def above_chance(self, exponent: float) -> bool:
+        """Whether an exponent exceeds what random signs of the blocks make of all that may be added."""
+        fit, scaled, seed = self.fit, self.scaled, self.stage.seed + len(self.picks)
+        scores = self.stage.candidates.scores(fit, scaled)
+        return above_chance(fit, scaled, scores, self.eligible, seed, exponent)
 
     def with_noise(self, noise: Noise) -> SearchState:
         """The same picks with another idea of the noise."""

@@ -16,8 +16,8 @@ from sdp_vs_penalty.diagnosis.block_test import (
 )
 from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
-from sdp_vs_penalty.diagnosis.library import Batch, Group, Library
-from sdp_vs_penalty.diagnosis.scoring import _Scored, cross_validate, evidence, solve_group
+from sdp_vs_penalty.diagnosis.library import Batch, Group, Library, grams
+from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_group
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.autoregression import autoregression, beside
@@ -284,7 +284,9 @@ def test_groups_of_any_size_are_partialled(columns: list[list[int]]) -> None:
     Z = rng.normal(size=(40, 6))
     rest = Z - Q @ (Q.T @ Z)
     wanted = [rest[:, c].T @ rest[:, c] for c in columns]
-    np.testing.assert_allclose(_Scored(Q, Z, rng.normal(size=40)).grams(np.array(columns)), wanted)
+    every = np.ravel(columns)
+    found = grams(Z[:, every], len(columns)) - grams(Q.T @ Z[:, every], len(columns))
+    np.testing.assert_allclose(found, wanted)
 
 
 def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near() -> None:

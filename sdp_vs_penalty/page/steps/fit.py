@@ -96,7 +96,8 @@ def _draw(view: View) -> None:
     if model.on_bounds:
         tag(
             "p",
-            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}.",
+            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}. "
+            "The step Model changes bounds.",
             "soft",
         )
 

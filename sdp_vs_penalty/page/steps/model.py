@@ -12,6 +12,7 @@ from sdp_vs_penalty.page.controls import (
     draw_form,
     drop,
     number,
+    table,
     tag,
     text_field,
 )
@@ -28,7 +29,8 @@ _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset",
 
 def _depends(session: Session) -> Any:
     chosen = session.method, session.seed, session.effects, session.anyway
-    return (session.robot or {}).get("source"), *chosen, session.meaningless
+    bounds = session.options.get("bounds")
+    return (session.robot or {}).get("source"), *chosen, session.meaningless, bounds
 
 
 def _draw(view: View) -> None:
@@ -74,6 +76,7 @@ def _draw(view: View) -> None:
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
         choice("Method", options, session.method, lambda v: put("method", v), "method")
         number("Seed", session.seed, lambda v: put("seed", v), "seed")
+    _bounds(view)
     _options(view)
     if session.meaningless:
         check(
@@ -91,6 +94,45 @@ def _draw(view: View) -> None:
             "soft",
         )
         drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
+
+
+def _bounds(view: View) -> None:
+    """What is known of the links before anything is measured: seen, and changed one by one."""
+    session = view.session
+    assert session.robot is not None
+    known = {name: (low, high, unit) for name, low, high, unit in session.robot["bounds"]}
+    words = session.options.get("bounds", "").split(",")
+    own = {name: ends for name, equals, ends in (word.partition("=") for word in words) if equals}
+    asked = {"name": next(iter(known)), "low": "", "high": ""}
+
+    def put() -> None:
+        if asked["low"] or asked["high"]:
+            own[asked["name"]] = f"{asked['low']}:{asked['high']}"
+        else:
+            own.pop(asked["name"], None)
+        session.options.pop("bounds", None)
+        if own:
+            session.options["bounds"] = ",".join(f"{name}={ends}" for name, ends in own.items())
+        session.changed()
+
+    title = f"Bounds of links ({len(own)} changed)" if own else "Bounds of links"
+    with details(title, "bounds") as shown:
+        if own:
+            shown.props["open"] = True
+        with tag("div", style="fields"):
+            names = [(name, f"{name} [{unit}]") for name, (_, _, unit) in known.items()]
+            names.append(("total", "total [kg]"))
+            choice("Bound on", names, asked["name"], lambda v: asked.update(name=v), "bound-name")
+            text_field("From", "", lambda v: asked.update(low=v.strip()), "bound-low", "none")
+            text_field("To", "", lambda v: asked.update(high=v.strip()), "bound-high", "none")
+        button("Set the bound", put, "bound-set")
+        tag("p", "Both ends empty: as before. c is the centre of mass, I the inertia about it.", "soft")
+        given = [(f"{n} [{u}]", low or "-", high or "-", "") for n, (low, high, u) in known.items()]
+        rows = [row for row in given if row[1:3] != ("-", "-")]
+        for name, ends in own.items():
+            low, _, high = ends.partition(":")
+            rows.append((name, low or "-", high or "-", "yours"))
+        table(("bound on", "from", "to", ""), rows, "Bounds of the links")
 
 
 def _options(view: View) -> None:
