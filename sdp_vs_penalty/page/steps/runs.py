@@ -1,4 +1,4 @@
-"""Step 2: which measurements."""
+"""Which measurements."""
 
 from __future__ import annotations
 
