@@ -1,4 +1,4 @@
-"""Step 3: what makes torque to begin with, and by which method."""
+"""What makes torque to begin with, and by which method."""
 
 from __future__ import annotations
 
