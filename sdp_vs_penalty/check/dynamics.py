@@ -51,16 +51,13 @@ def find(physics: Physics, moving: NDArray[np.bool_], cutoff: float) -> Iterator
         yield from steps.two_parts(physics, cutoff)
         return
     yield Issue(
-        "torque not explained",
-        "error",
-        "all torque channels",
+        "torque not explained", "error", "all torque channels",
         f"No inertia and friction of this arm explain {100.0 * first:.0f} % of the torque energy.",
         "certain: none of the tried signs, orders, units, zeros, delays and directions of gravity helps",
         "check that this is the right robot, that the columns are joint torques, and that positions "
-        "and torques come from the same recording",
-        None,
+        "and torques come from the same recording", None,
         {"unexplained_percent": 100.0 * first, "at_best_percent": 100.0 * left},
-    )
+    )  # fmt: skip
 
 
 def unexplained(physics: Physics, joints: NDArray[np.bool_]) -> float:

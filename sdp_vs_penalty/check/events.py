@@ -48,13 +48,9 @@ def knock(physics: Physics) -> Iterator[Issue]:
             return run.rows(keep)
 
         yield Issue(
-            "one-off event",
-            "warning",
-            f"t = {at:.3g} s, {joints_text(j for j, _ in joints)}",
+            "one-off event", "warning", f"t = {at:.3g} s, {joints_text(j for j, _ in joints)}",
             f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error there "
             f"is {sizes}, over {_ALONE:g} times that at any other moment.",
-            "likely: an effect of the arm itself would recur",
-            f"exclude {_WIDTH:g} s around it",
-            without,
-            {"t": at, "joints": [j + 1 for j, _ in joints]},
-        )
+            "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
+            without, {"t": at, "joints": [j + 1 for j, _ in joints]},
+        )  # fmt: skip

@@ -56,18 +56,12 @@ def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
         named = ("q1" if robot.n == 1 else f"q1 to q{robot.n}") if every else f"q{joints[0] + 1}"
         what = "the positions are" if every else f"the position of {joints_text(joints)} is"
         yield propose(
-            partial(Physics.with_motion, scale=factor, order=same),
-            0 if every else 1,
-            (
-                "positions in degrees" if every else "position unit",
-                named,
-                f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
-                f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180",
-            ),
-            motion_repair(factor, same),
-            largest=largest,
-            joints=[j + 1 for j in joints],
-        )
+            partial(Physics.with_motion, scale=factor, order=same), 0 if every else 1, (
+            "positions in degrees" if every else "position unit", named,
+            f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
+            f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180", ),
+            motion_repair(factor, same), largest=largest, joints=[j + 1 for j in joints],
+        )  # fmt: skip
 
 
 def motion_repair(scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Repair:

@@ -58,17 +58,14 @@ def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Issu
         yield _too_large(ratio, over, _unit(ratio, scale), _masses(problem))
     elif small:
         yield Issue(
-            "torque channel kind",
-            "error",
-            "all torque channels",
+            "torque channel kind", "error", "all torque channels",
             f"the torques are {1.0 / ratio:.3g} times too small for an arm of {_masses(problem)}: "
             "they are motor currents, or torques on the motor side of the gear.",
             "likely: judged by size alone",
             "multiply each channel by its drive gain (N m per A, gear ratio included); if the torques "
-            "are right, correct the problem's masses",
-            None,
+            "are right, correct the problem's masses", None,
             {"times_nominal": ratio, "times_effort_limit": over},
-        )
+        )  # fmt: skip
 
 
 #: Torques above so many times the effort limits are no torques of these joints.
@@ -149,16 +146,13 @@ def _too_large(
 def _wrong_masses(ratio: float, over: float, problem: Problem) -> Issue:
     size = f"{ratio:.3g} times what" if ratio > 1.0 else f"{1.0 / ratio:.3g} times less than"
     return Issue(
-        "masses of the problem",
-        "error",
-        "the problem",
+        "masses of the problem", "error", "the problem",
         f"the torques are {size} an arm of {_masses(problem)} needs, yet they reach {100.0 * over:.0f} "
         "% of the joints' effort limits, as torques do: the problem's masses are wrong.",
         "likely: judged by size alone",
-        "correct total_mass in problem.toml (the inertials of a URDF)",
-        None,
+        "correct total_mass in problem.toml (the inertials of a URDF)", None,
         {"times_effort_limit": over, "times_nominal": ratio},
-    )
+    )  # fmt: skip
 
 
 def _unit(size: float, possible: tuple[float, float]) -> tuple[float, str] | None:

@@ -32,16 +32,12 @@ def bursts(run: Measurements) -> Issue | None:
         return None
     even = pause / per
     return Issue(
-        "burst stamps",
-        "error",
-        "column t",
+        "burst stamps", "error", "column t",
         f"rows come in bursts of {per:.0f}, {typical:.2g} s apart, every {pause:.3g} s: these are the "
-        "times of packets, not of samples.",
-        "certain: read from the file",
+        "times of packets, not of samples.", "certain: read from the file",
         f"space the time stamps evenly, {even:.3g} s apart (and log the samples' own time)",
-        lambda given: _evened(given, LONG * pause),
-        {"rows_a_burst": per, "seconds": pause},
-    )
+        lambda given: _evened(given, LONG * pause), {"rows_a_burst": per, "seconds": pause},
+    )  # fmt: skip
 
 
 def jitter(run: Measurements) -> Issue | None:
