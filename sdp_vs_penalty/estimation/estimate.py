@@ -98,8 +98,8 @@ class Estimate(Shown):
         far = [i for i in known if not 1.0 / _FAR < masses[i] / nominal[i] < _FAR]
         numbers = "s" * (len(links) > 1) + " " + show.words([i + 1 for i in links])
         said = (
-            f"the data do not determine the mass of link{numbers}, but sums with other links': what is "
-            f"given comes from the {self.sources[first[links[0]]]}"
+            f"the data do not determine the mass of link{numbers}, only sums with others; the value "
+            f"comes from the {self.sources[first[links[0]]]}"
         )
         each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
         return f"{said}; far from nominal: {show.words(each)}." if far else f"{said}."
