@@ -132,8 +132,8 @@ def conclude(
     findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
     rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
-    measured = measured_curves(state, left, [j - 1 for j in doubted], rows)
-    findings = stood_in(findings, measured)
+    measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
+    findings = explanations.doubtful(stood_in(findings, measured), doubted)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
     if left.remains or doubted or measured.curves:
         verdict = UNKNOWN

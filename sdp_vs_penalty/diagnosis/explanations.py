@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.parsimony import Company
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
@@ -67,15 +69,30 @@ def weaknesses(
     return (*(text for text, true in reasons.items() if true), *([looks_like] if looks_like else []))
 
 
-def doubts(findings: Sequence[Finding]) -> dict[int, str]:
-    """By joint (from 1) what speaks against the findings of one kind on it being physical causes at
+def doubts(findings: Sequence[Finding]) -> dict[tuple[str, int], str]:
+    """By effect and joint (from 1) what speaks against findings of one kind being physical causes at
     all."""
     found: dict[tuple[str, int], list[Mapping[str, float]]] = {}
     for f in findings:
         if f.joints:
             found.setdefault((f.effect, f.joints[0]), []).append(f.shape)
-    said = [(j, effect_types()[name].doubt(j, shapes)) for (name, j), shapes in found.items()]
-    return {j: text for j, text in said if text}
+    said = [(key, effect_types()[key[0]].doubt(key[1], shapes)) for key, shapes in found.items()]
+    return {key: text for key, text in said if text}
+
+
+def doubtful(findings: Sequence[Finding], doubted: Mapping[tuple[str, int], str]) -> tuple[Finding, ...]:
+    """The findings, weak where their kind is doubted on their joint: a curve would say the same."""
+    return tuple(
+        replace(
+            f,
+            confidence="weak",
+            indistinguishable_from=tuple(dict.fromkeys((*f.indistinguishable_from, CURVE))),
+            remarks=(*f.remarks, "one of several waves: together one unknown function of the position"),
+        )
+        if f.joints and (f.effect, f.joints[0]) in doubted
+        else f
+        for f in findings
+    )
 
 
 def remarks(

@@ -81,7 +81,7 @@ class Library:
 
     @cached_property
     def grams(self) -> tuple[Array, ...]:
-        """Of each batch z_j'z_j (G, k, k) of its groups' columns, (n, G, k, k) where on several joints."""
+        """Of each batch z_j'z_j (G, k, k) of its groups' columns; (n, G, k, k) on several joints."""
         out = []
         for batch in self.batches:
             count, columns = len(batch.groups), batch.columns.ravel()
