@@ -16,6 +16,9 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 
+#: Below this share of all rows' error that of motion is told apart.
+_MOSTLY = 0.5
+
 
 def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
     """One number for the size of an effect, and its standard deviation.
@@ -95,17 +98,30 @@ def doubtful(findings: Sequence[Finding], doubted: Mapping[tuple[str, int], str]
     )
 
 
+def standstill(moving: Array, every: Array) -> str:
+    """One sentence where most of the error is of standstill, else nothing; (n,) RMSE while the joints
+    move, and on all rows."""
+    mostly = [int(j) + 1 for j in np.flatnonzero(moving < _MOSTLY * every)]
+    if not mostly:
+        return ""
+    errors = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
+    return (
+        f"Most of the held-out error of {show.joints(mostly)} is of standstill, where dry friction "
+        f"holds any torque up to its own: in motion it is {errors} N m or N, and that is what judges."
+    )
+
+
 def remarks(
-    noise_source: str, doubted: Sequence[str], held_out: str, new_share: float | None
+    noise_source: str, doubted: Sequence[str], held_out: str, new_share: float | None, stands: str = ""
 ) -> tuple[str, ...]:
-    """Sentences about the diagnosis as a whole."""
+    """Sentences about the diagnosis as a whole; stands : of :func:`standstill`."""
     out = []
     if noise_source == "residual":
         out.append(
             "No motion repeats, so noise and model error cannot be separated: the noise shown is the "
             "error itself. Record a run with more than one period."
         )
-    out += doubted
+    out += [*doubted, stands] if stands else doubted
     if warning := repeatability_warning(new_share):
         out.append(warning)
     if held_out == "folds":

@@ -57,6 +57,7 @@ class HeldOut:
     source: str
     holds: tuple[bool, ...]
     rises: tuple[bool, ...]
+    moving: Array
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class OnTest:
         def squares(chosen: Sequence[int]) -> Array:
             return _squares(found.estimate, frozen, effects, split, chosen)[0]
 
-        return HeldOut(before, every, "test", *_told(picks, evidence, squares))
+        return HeldOut(before, every, "test", *_told(picks, evidence, squares), evidence[-1])
 
     def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
         """The rows of both runs in the columns of the model and of all effects."""
@@ -156,8 +157,9 @@ class OnFolds:
 
         keep = stage.rows.keep
         count, evident = keep.sum(axis=0), (keep & _evident(stage)).sum(axis=0)
-        told = _told(picks, _rmse(same, evident), squares)
-        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told)
+        evidence = _rmse(same, evident)
+        told = _told(picks, evidence, squares)
+        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told, evidence[-1])
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
