@@ -207,7 +207,7 @@ def rivals_of(
             if gains.sum() > 0.5 * own.sum() and apart.sum() < 2.0 * sigma:
                 close.append(h)
     # A rival explains the same: once the chosen one is in the model, it is not needed.
-    with_chosen = state.fit.extended(state.fit.scaled(chosen.columns))
+    with_chosen = state.fit.extended(chosen.columns)
     solve = state.stage.candidates.solve
     return tuple(h for h in close if solve(with_chosen, h.key, h.effect, h.columns).chi2 < 0.5 * h.chi2)
 

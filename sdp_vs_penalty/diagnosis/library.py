@@ -81,7 +81,7 @@ class Library:
 
     @cached_property
     def grams(self) -> tuple[Array, ...]:
-        """Of each batch z_j'z_j (G, k, k) of its groups' columns; (n, G, k, k) on several joints."""
+        """Of each batch z_j'z_j (G, k, k) of its groups' columns; on several (n, G, k, k)."""
         out = []
         for batch in self.batches:
             count, columns = len(batch.groups), batch.columns.ravel()

@@ -68,9 +68,7 @@ def _joint_by_joint(state: SearchState) -> SearchState:
     fit = others.fit
     gains = [
         evidence(
-            fit.likelihood_gain(
-                fit.extended(*(fit.scaled(p.candidate.columns) for p in picks)).joint_chi2
-            ),
+            fit.likelihood_gain(fit.extended(*(p.candidate.columns for p in picks)).joint_chi2),
             sum(p.candidate.columns.shape[1] for p in picks),
         )
         for picks in (shared, singles.picks[len(others.picks) :])
@@ -100,7 +98,7 @@ def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
     joint = state.picks[a].candidate.key[1]
     assert joint is not None
     columns = [state.picks[k].candidate.columns for k in (a, b)]
-    both = without.fit.extended(*(without.fit.scaled(c) for c in columns))
+    both = without.fit.extended(*columns)
     gain = without.fit.likelihood_gain(both.joint_chi2)
     needed = float(evidence(gain, sum(c.shape[1] for c in columns))) - TOLD_APART
     for candidate in without.contenders(on=frozenset([joint]))[:1]:

@@ -57,10 +57,8 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
 
     Coefficients that are known beforehand are held by that: as penalised least squares has them.
     """
-    residual, (*overlaps, robot) = np.split(fit.residual, fit.rows.n), fit.overlaps(library)
-    right = [r @ z for r, z in zip(residual, library.joints, strict=True)]
-    spread = Spread(robot, np.array([r @ z for r, z in zip(residual, library.robot, strict=True)]))
-    overlaps, right = [*overlaps, robot.sum(axis=0)], [*right, spread.pulls.sum(axis=0)]
+    (*overlaps, robot), (*right, pulls) = fit.overlaps(library), fit.pulls(library)
+    overlaps, right = [*overlaps, robot.sum(axis=0)], [*right, pulls.sum(axis=0)]
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
     products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
@@ -72,7 +70,7 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
         for g, b, one, its in zip(batch.groups, found[1], left, pull, strict=True):
             beta[g], products[g] = b, (one, its)
-    return Scores(chi2, tuple(beta), absorbed, tuple(products), tuple(overlaps), spread)
+    return Scores(chi2, tuple(beta), absorbed, tuple(products), tuple(overlaps), Spread(robot, pulls))
 
 
 def solve_group(

@@ -79,7 +79,7 @@ class SearchState:
         ``best`` candidate so far."""
         fit, weighting = self.fit, self.base.weighting
         if best is not None:
-            fit = fit.extended(fit.scaled(best.columns))
+            fit = fit.extended(best.columns)
         n = self.stage.rows.n
         white = fit.residual.reshape(n, -1) * weighting.level[:, None]
         colour = np.zeros((n, ORDER))
@@ -137,7 +137,7 @@ class SearchState:
 
 
 def _extended(fit: WhiteFit, picks: Sequence[Pick]) -> WhiteFit:
-    return fit.extended(*(fit.scaled(pick.candidate.columns) for pick in picks))
+    return fit.extended(*(pick.candidate.columns for pick in picks))
 
 
 def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least: Array) -> SearchState:

@@ -1,4 +1,4 @@
-"""Step 4: measured against modelled, joint by joint, and where the model fails."""
+"""Measured against modelled, joint by joint, and where the model fails."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Step 3: what makes torque to begin with, and by which method."""
+"""What makes torque to begin with, and by which method."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.page.controls import (
@@ -126,13 +127,28 @@ def _bounds(view: View) -> None:
             text_field("From", "", lambda v: asked.update(low=v.strip()), "bound-low", "none")
             text_field("To", "", lambda v: asked.update(high=v.strip()), "bound-high", "none")
         button("Set the bound", put, "bound-set")
-        tag("p", "Both ends empty: as before. c is the centre of mass, I the inertia about it.", "soft")
-        given = [(f"{n} [{u}]", low or "-", high or "-", "") for n, (low, high, u) in known.items()]
-        rows = [row for row in given if row[1:3] != ("-", "-")]
-        for name, ends in own.items():
-            low, _, high = ends.partition(":")
-            rows.append((name, low or "-", high or "-", "yours"))
-        table(("bound on", "from", "to", ""), rows, "Bounds of the links")
+        said = "Both ends empty: as before. c is the centre of mass, I the inertia about it; * is yours."
+        tag("p", said, "soft")
+        _bounds_table(session.robot["bounds"], own)
+
+
+def _bounds_table(known: Sequence[Sequence[str]], own: Mapping[str, str]) -> None:
+    """A row a link, a column a parameter; what is changed has a star."""
+
+    def cell(name: str, low: str, high: str) -> str:
+        if name in own:
+            low, _, high = own[name].partition(":")
+        if not (low or high):
+            return "-"
+        span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
+        return span + " *" * (name in own)
+
+    links = [known[k : k + 10] for k in range(0, len(known), 10)]
+    rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
+    heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
+    table(("link", *heads), rows, "Bounds of the links")
+    if "total" in own:
+        tag("p", f"Total mass: {cell('total', '', '')} kg", "soft")
 
 
 def _options(view: View) -> None:
