@@ -59,7 +59,7 @@ def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
             partial(Physics.with_motion, scale=factor, order=same), 0 if every else 1, (
             "positions in degrees" if every else "position unit", named,
             f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
-            f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180", ),
+            f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180"),
             motion_repair(factor, same), largest=largest, joints=[j + 1 for j in joints],
         )  # fmt: skip
 
