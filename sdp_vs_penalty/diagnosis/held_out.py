@@ -8,7 +8,7 @@ which the joint moves (:mod:`~sdp_vs_penalty.signals.stillness`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -57,6 +57,7 @@ class HeldOut:
     source: str
     holds: tuple[bool, ...]
     rises: tuple[bool, ...]
+    moving: Array
 
 
 @dataclass(frozen=True)
@@ -68,15 +69,24 @@ class OnTest:
     test: Measurements
 
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
-        first, effects = self.found.first, [p.candidate.effect for p in picks]
-        evidence, every = self._ladders(self.found.estimate, effects)
+        found, effects = self.found, [p.candidate.effect for p in picks]
+        frozen, split = found.state.stage.frozen, self._split(found.estimate, effects)
+        evidence, every = (
+            _rmse(x, rows.joint_rows())
+            for x, rows in zip(_ladder(found.estimate, frozen, effects, split), split.there, strict=True)
+        )
         before = every[0]
-        if first is not self.found.estimate:
-            before = self._ladders(first, [])[1][0]
-        return HeldOut(before, every, "test", *_told(picks, evidence))
+        if found.first is not found.estimate:
+            own = self._split(found.first, [])
+            before = _rmse(_squares(found.first, frozen, [], own, [])[1], own.there[1].joint_rows())
 
-    def _ladders(self, estimate: Estimate, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """(steps + 1, n) RMSE on the rows that are evidence, and on all."""
+        def squares(chosen: Sequence[int]) -> Array:
+            return _squares(found.estimate, frozen, effects, split, chosen)[0]
+
+        return HeldOut(before, every, "test", *_told(picks, evidence, squares), evidence[-1])
+
+    def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
+        """The rows of both runs in the columns of the model and of all effects."""
         frozen, settings = self.found.state.stage.frozen, estimate.preprocessing
         model = model_beside(estimate, effects)
         if model.needs_reference and not frozen:
@@ -90,9 +100,7 @@ class OnTest:
         there = compress_cells(self.test, model, settings, self._cells)
         if frozen:
             train, there = (rows.beside(estimate.theta) for rows in (train, there))
-        parts = there.select([0]), there
-        evidence, every = _squares(estimate, frozen, effects, train, parts)
-        return _rmse(evidence, parts[0].joint_rows()), _rmse(every, there.joint_rows())
+        return _Split(train, (there.select([0]), there))
 
     @cached_property
     def _cells(self) -> _Evidence:
@@ -135,16 +143,23 @@ class OnFolds:
             rows = with_estimate(stage.rows, first)
             columns = model_columns(rows, first, stage.frozen)
             given = replace(stage, rows=rows, columns=columns, residual=rows.residual)
+        effects, frozen = [p.candidate.effect for p in picks], stage.frozen
         total = np.zeros((len(picks) + 1, stage.rows.n))
-        same, before = np.zeros_like(total), np.zeros(stage.rows.n)
+        same, before, splits = np.zeros_like(total), np.zeros(stage.rows.n), []
         for train, own in self._searched:
             total += _matched(now, stage, picks, own, train)
-            same += _left_out(now, stage, picks, train)[0]
-            before += _left_out(first, given, (), train)[1][0]
+            splits.append(_left_out(now, stage, effects, train))
+            same += _ladder(now, frozen, effects, splits[-1])[0]
+            before += _squares(first, frozen, [], _left_out(first, given, [], train), [])[1]
+
+        def squares(chosen: Sequence[int]) -> Array:
+            return np.sum([_squares(now, frozen, effects, s, chosen)[0] for s in splits], axis=0)
+
         keep = stage.rows.keep
         count, evident = keep.sum(axis=0), (keep & _evident(stage)).sum(axis=0)
-        told = _told(picks, _rmse(same, evident))
-        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told)
+        evidence = _rmse(same, evident)
+        told = _told(picks, evidence, squares)
+        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told, evidence[-1])
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
@@ -159,37 +174,42 @@ class OnFolds:
         return out
 
 
+@dataclass(frozen=True)
+class _Split:
+    """Rows in the columns of a model and of effects, or of what a frozen model leaves in those of the
+    effects: ``train`` to fit to, ``there`` to judge on, those that are evidence and all."""
+
+    train: Regression
+    there: tuple[Regression, Regression]
+
+
 def _squares(
-    estimate: Estimate,
-    frozen: bool,
-    effects: Sequence[Effect],
-    train: Regression,
-    there: Sequence[Regression],
+    estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split, chosen: Sequence[int]
 ) -> Array:
-    """(K, steps + 1, n) squared errors on each of K sets of rows ``there`` of the model with the first
-    effects, fitted to the rows ``train`` at each step; of a frozen model all are what it leaves."""
-    ends = np.cumsum([train.p - sum(len(e.parameters) for e in effects), *map(_size, effects)])
-    out = []
-    for k, end in enumerate(ends):
-        wanted = np.arange(train.p) < end
-        theta = fitted_parameters(estimate, effects[:k], train.keeping(wanted), frozen)
-        out.append([rows.keeping(wanted).joint_losses(theta) for rows in there])
-    return np.swapaxes(out, 0, 1)
+    """(2, n) squared errors on the rows to judge on of the model with the chosen effects."""
+    sizes = [len(e.parameters) for e in effects]
+    picked = np.repeat(np.isin(np.arange(len(effects)), chosen), sizes)
+    wanted = np.concatenate([np.ones(split.train.p - len(picked), bool), picked])
+    own = [effects[k] for k in chosen]
+    theta = fitted_parameters(estimate, own, split.train.keeping(wanted), frozen)
+    return np.array([rows.keeping(wanted).joint_losses(theta) for rows in split.there])
+
+
+def _ladder(estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split) -> Array:
+    """(2, steps + 1, n) the same of the model with the first effects, one step after the other."""
+    steps = range(len(effects) + 1)
+    return np.stack([_squares(estimate, frozen, effects, split, range(k)) for k in steps], axis=1)
 
 
 def _rmse(squares: Array, rows: NDArray[np.int64]) -> Array:
     return np.asarray(np.sqrt(squares / np.maximum(rows, 1)))
 
 
-def _size(effect: Effect) -> int:
-    return len(effect.parameters)
-
-
 def _left_out(
-    estimate: Estimate, stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]
-) -> Array:
-    """(2, steps + 1, n) squared errors on the stage's other rows: those that are evidence, and all."""
-    effects, rows = [p.candidate.effect for p in picks], stage.rows
+    estimate: Estimate, stage: Stage, effects: Sequence[Effect], train: NDArray[np.bool_]
+) -> _Split:
+    """The stage's rows to fit to, and all others to judge on."""
+    rows = stage.rows
     columns = [stage.columns, *(spread_columns(rows, effect) for effect in effects)]
     own = () if stage.frozen else estimate.model.effects
     parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
@@ -206,8 +226,7 @@ def _left_out(
             indices = np.arange(len(parameters))
             factors.append(Factor(j, block, indices, triangular([kept]), len(kept)))
     both = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
-    there = both.select([1]), both.select([1, 2])
-    return _squares(estimate, stage.frozen, effects, both.select([0]), there)
+    return _Split(both.select([0]), (both.select([1]), both.select([1, 2])))
 
 
 def _evident(stage: Stage) -> NDArray[np.bool_]:
@@ -231,18 +250,31 @@ def _matched(
         step.setdefault(pick.candidate.key, k)
     same = sorted((p for p in own if p.candidate.key in step), key=lambda p: step[p.candidate.key])
     steps = np.array([step[p.candidate.key] for p in same], int)
-    squares = _left_out(estimate, stage, same, train)[1]
+    effects = [p.candidate.effect for p in same]
+    squares = _ladder(estimate, stage.frozen, effects, _left_out(estimate, stage, effects, train))[1]
     return squares[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
 
 
-def _told(picks: Sequence[Pick], ladder: Array) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+def _told(
+    picks: Sequence[Pick], ladder: Array, squares: Callable[[Sequence[int]], Array]
+) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
     """Of each pick whether the errors of the joints on which it acts fall in geometric mean, and whether
-    they rise."""
-    change = [
-        float(np.mean(np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))[_acts(pick)]))
-        for pick, before, after in zip(picks, ladder[:-1], ladder[1:], strict=True)
-    ]
-    return tuple(c < -_FALLS for c in change), tuple(c > _FALLS for c in change)
+    they rise. ladder (steps + 1, n) : with the first picks; squares : (n,) of any picks, by which those
+    are judged beside all others that add nothing where they stand: some need a later one."""
+    steps = zip(picks, ladder[:-1], ladder[1:], strict=True)
+    change = [_change(pick, before, after) for pick, before, after in steps]
+    kept, rises = list(range(len(picks))), [False] * len(picks)
+    for k in sorted((k for k, c in enumerate(change) if c >= -_FALLS), key=lambda k: -change[k]):
+        others = [m for m in kept if m != k]
+        change[k] = 0.5 * _change(picks[k], squares(others), squares(kept))
+        if change[k] > _FALLS:
+            kept, rises[k] = others, True
+    return tuple(c < -_FALLS for c in change), tuple(rises)
+
+
+def _change(pick: Pick, before: Array, after: Array) -> float:
+    before, after = (np.maximum(x[_acts(pick)], 1e-300) for x in (before, after))
+    return float(np.mean(np.log(after / before)))
 
 
 def _acts(pick: Pick) -> list[int] | slice:
