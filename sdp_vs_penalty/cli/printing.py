@@ -22,7 +22,7 @@ from sdp_vs_penalty.cli.console import (
 )
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.show import new_motion
+from sdp_vs_penalty.diagnosis.show import event_lines, new_motion
 from sdp_vs_penalty.diagnosis.where_it_fails import BANDS, JointFailure, dependences
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot import inertia
@@ -213,9 +213,9 @@ def diagnosis(
     known = result.noise_source == "repetition"
     left = ", ".join(f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True))
     say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
-    for event in result.events:
-        hum = "" if event.frequency is None else f", a hum of {number(event.frequency)} Hz"
-        say(f"event on joint {event.joint + 1}: {event.t_start:.2f} s to {event.t_end:.2f} s{hum}")
+    lines = event_lines(result.events, verbose)
+    for line in lines:
+        say(line if len(lines) == len(result.events) else f"{line}; --verbose lists them")
     if result.invisible:
         hidden: dict[str, list[str]] = {}
         for i in result.invisible:

@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.library import Key, Library
+from sdp_vs_penalty.diagnosis.library import Batch, Key, Library
+from sdp_vs_penalty.diagnosis.scoring import Scores
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Columns of a group that random signs are tried on: the work grows with the fourth power of them.
 _MOST = 12
+#: Draws of signs, the share of them that makes the threshold, and groups that are drawn at once.
+_DRAWS, _SHARE, _AT_ONCE = 200, 0.99, 32
+#: Where exponents end.
+_HIGHEST = 300.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,7 @@ def wald_exponent(sums: BlockSums) -> Array:
 
 def _exponent(W: Array, k: int) -> Array:
     p = special.chdtrc(k, np.maximum(W, 0.0))
-    return np.asarray(-np.log10(np.maximum(p, 1e-300)))
+    return np.asarray(-np.log10(np.maximum(p, 10.0**-_HIGHEST)))
 
 
 def wald(sums: BlockSums) -> Array:
@@ -127,30 +132,98 @@ def _energy(A: Array, x: Array) -> Array:
     return np.asarray(np.sum(x * np.linalg.solve(A, x[..., None])[..., 0], axis=-1))
 
 
-def flip_threshold(
-    fit: WhiteFit, library: Library, eligible: Set[Key], seed: int, draws: int = 200
-) -> float:
+def flip_threshold(fit: WhiteFit, library: Library, eligible: Set[Key], seed: int) -> float:
     """99th percentile of the largest Wald exponent of what is ``eligible`` when blocks change sign at
     random.
 
     What cannot be added makes no false claim, and does not hide what can: a few stretches of error that
     resemble a finer law whatever their signs would otherwise outshine the plain one.
     """
-    rng = np.random.default_rng(seed)
-    signs = rng.choice([-1.0, 1.0], (draws, fit.rows.blocks))
+    signs = _signs(fit, seed)
     sums: dict[int, list[BlockSums]] = {}
     for batch in library.batches:
-        k = batch.columns.shape[1]
-        allowed = np.array([library.groups[g].key in eligible for g in batch.groups])
-        if allowed.any() and k <= _MOST:
-            fresh = _seen(fit, library, batch.joint, batch.columns[allowed])
+        columns = batch.columns[_allowed(library, batch, eligible)]
+        if len(columns):
+            k = columns.shape[1]
+            fresh = _seen(fit, library, batch.joint, columns)
             sums.setdefault(k, []).append(BlockSums.of(fit, fresh, k))
     exponents = [
         _exponent(largest_wald(BlockSums.joined(parts), signs), k)
         for k, parts in sums.items()
         if any(len(p.scores) for p in parts)
     ]
-    return float(np.quantile(np.max(exponents, axis=0), 0.99)) if exponents else 0.0
+    return float(np.quantile(np.max(exponents, axis=0), _SHARE)) if exponents else 0.0
+
+
+def above_chance(
+    fit: WhiteFit, library: Library, scores: Scores, eligible: Set[Key], seed: int, exponent: float
+) -> bool:
+    """Whether an exponent is at least :func:`flip_threshold`: decided as soon as enough draws exceed it,
+    or no more can (sequential Monte Carlo: Besag and Clifford 1991).
+
+    Which groups can exceed it, and in which draws, is seen from the classical statistic s'D^-1 s of the
+    blocks' scores, of which :func:`wald` is never more. scores : of the library.
+    """
+    if exponent >= _HIGHEST:
+        return True
+    signs, blocks = _signs(fit, seed), _block_scores(fit, library, scores)
+    place = _SHARE * (len(signs) - 1)
+    enough, allowed = len(signs) - int(place), len(signs) - 1 - int(np.ceil(place))
+    pending: list[tuple[int, float, int | None, NDArray[np.intp]]] = []
+    for batch in library.batches:
+        which = _allowed(library, batch, eligible)
+        groups, columns = batch.groups[which], batch.columns[which]
+        limit = float(special.chdtri(columns.shape[1], 10.0**-exponent))
+        could = (_classical(groups, columns, scores, blocks[batch.joint], signs) > limit).sum(axis=1)
+        order = np.argsort(-could)[: np.count_nonzero(could)]
+        for start in range(0, len(order), _AT_ONCE):
+            part = order[start : start + _AT_ONCE]
+            pending.append((int(could[part[0]]), limit, batch.joint, columns[part]))
+    exceeded = np.zeros(len(signs), bool)
+    for _, limit, joint, columns in sorted(pending, key=lambda p: -p[0]):
+        sums = BlockSums.of(fit, _seen(fit, library, joint, columns), columns.shape[1])
+        if len(sums.scores):
+            exceeded |= largest_wald(sums, signs) > limit
+        if exceeded.sum() >= enough:
+            return False
+    return bool(exceeded.sum() <= allowed) or exponent >= flip_threshold(fit, library, eligible, seed)
+
+
+def _signs(fit: WhiteFit, seed: int) -> Array:
+    return np.random.default_rng(seed).choice([-1.0, 1.0], (_DRAWS, fit.rows.blocks))
+
+
+def _allowed(library: Library, batch: Batch, eligible: Set[Key]) -> NDArray[np.bool_]:
+    """(G,) which groups of a batch random signs are tried on."""
+    few = batch.columns.shape[1] <= _MOST
+    return np.array([few and library.groups[g].key in eligible for g in batch.groups], bool)
+
+
+def _block_scores(fit: WhiteFit, library: Library, scores: Scores) -> dict[int | None, Array]:
+    """(B, C) scores z_b'r_b of the library's partialled columns, by joint (None: on several)."""
+    n, sums = fit.rows.n, fit.rows.products
+    residual = fit.residual.reshape(n, -1)
+
+    def summed(columns: Array) -> Array:
+        return np.sum([sums(z, r) for z, r in zip(columns, residual, strict=True)], axis=0)
+
+    model = summed(fit.Q.reshape(*residual.shape, -1))
+    out: dict[int | None, Array] = {None: summed(library.robot) - model @ scores.overlaps[n]}
+    for j, (z, r) in enumerate(zip(library.joints, residual, strict=True)):
+        out[j] = sums(z, r) - model @ scores.overlaps[j]
+    return out
+
+
+def _classical(
+    groups: NDArray[np.intp], columns: NDArray[np.intp], scores: Scores, blocks: Array, signs: Array
+) -> Array:
+    """(G, S) s'D^-1 s of groups of columns (G, k) with the blocks' scores (B, C) changing sign."""
+    G, k = columns.shape
+    if not G:
+        return np.zeros((0, len(signs)))
+    pull = (signs @ blocks[:, columns.ravel()]).reshape(-1, G, k).transpose(1, 0, 2)
+    beta = pull @ np.linalg.inv(_ridged(np.array([scores.products[g][0] for g in groups])))
+    return np.asarray(np.sum(pull * beta, axis=2))
 
 
 def _seen(fit: WhiteFit, library: Library, joint: int | None, columns: NDArray[np.intp]) -> Array:

@@ -63,7 +63,8 @@ class Candidates:
     def __init__(self, rows: SegmentedRuns, noise: Noise, candidacy: Candidacy) -> None:
         self.rows, self.noise, self.candidacy = rows, noise, candidacy
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
-        self._scored: tuple[WhiteFit, Array] | None = None
+        self._scored: tuple[WhiteFit, Scores] | None = None
+        self._coarsely: tuple[WhiteFit, Array] | None = None
         self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
 
     @cached_property
@@ -145,9 +146,9 @@ class Candidates:
         self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
     ) -> dict[Key, tuple[float, Array]]:
         """Evidence on the grids of shapes, averaged and of each member, the most plausible first."""
-        if self._scored is None or self._scored[0] is not fit:
-            self._scored = fit, self._coarse(fit, scaled)
-        evidence, taken = self._scored[1], {h.effect.text for h in picked}
+        if self._coarsely is None or self._coarsely[0] is not fit:
+            self._coarsely = fit, self._coarse(fit, scaled)
+        evidence, taken = self._coarsely[1], {h.effect.text for h in picked}
         out: dict[Key, tuple[float, Array]] = {}
         for key in self.eligible(picked, known):
             members = self.by_key[key]
@@ -178,12 +179,18 @@ class Candidates:
         forms = [m for m in best.values() if values[m] > 0.5 * top][: 2 if refines else 1]
         return [members[m] for m in forms or [int(np.argmax(values))]]
 
+    def scores(self, fit: WhiteFit, scaled: Library) -> Scores:
+        """Of all groups; the last are kept."""
+        if self._scored is None or self._scored[0] is not fit:
+            self._scored = fit, score_library(fit, scaled)
+        return self._scored[1]
+
     def _coarse(self, fit: WhiteFit, scaled: Library) -> Array:
         """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
         only."""
-        scores = score_library(fit, scaled)
+        scores = self.scores(fit, scaled)
         out = np.zeros(len(scores.chi2))
-        for batch in self.white.batches:
+        for batch, gram in zip(scaled.batches, scaled.grams, strict=True):
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
                 if k > 1:
@@ -191,7 +198,7 @@ class Candidates:
                 gains = fit.joint_gains(batch.joint, chi2)
                 out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
                 continue
-            out[batch.groups] = self._spread_evidence(fit, scaled, batch, scores)
+            out[batch.groups] = self._spread_evidence(fit, batch, gram, scores)
         return out
 
     def _with_signs(self, batch: Batch, scores: Scores) -> Array:
@@ -206,23 +213,16 @@ class Candidates:
         return chi2
 
     @staticmethod
-    def _spread_evidence(fit: WhiteFit, scaled: Library, batch: Batch, scores: Scores) -> Array:
-        """(G,) evidence of a batch that acts on several joints."""
+    def _spread_evidence(fit: WhiteFit, batch: Batch, gram: Array, scores: Scores) -> Array:
+        """(G,) evidence of a batch that acts on several joints; gram (n, G, k, k) : of its columns."""
         k, out = batch.columns.shape[1], np.zeros(len(batch.groups))
-        likely = scores.chi2[batch.groups] > k
-        if not likely.any():
-            return out
-        columns = scaled.robot[:, :, batch.columns[likely].ravel()].reshape(len(fit.residual), -1, k)
-        beta = np.array([scores.beta[g] for g in batch.groups[likely]])
-        # What is left is linear in the columns: they are combined before the model is partialled out.
-        taken = np.einsum("ngk,gk->ng", columns, beta)
-        left = fit.residual[:, None] - taken + fit.Q @ (fit.Q.T @ taken)
-        after = fit.weighting.level[:, None] ** 2 * fit.rows.joint_sums(left**2)
-        freedom = float(k)
-        if batch.known is not None:
-            z = fit.partialled(columns[:, 0])
-            freedom = effective(z.T @ z, batch.known)
-        out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
+        likely = np.flatnonzero(scores.chi2[batch.groups] > k)
+        if likely.size:
+            places = batch.groups[likely]
+            beta = np.array([scores.beta[g] for g in places])
+            after = scores.spread.left(fit, batch.columns[likely], gram[:, likely], beta)
+            freedom = effective(scores.products[places[0]][0], batch.known)
+            out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
         return out
 
     def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:

@@ -7,13 +7,15 @@ r, z what Q leaves of torque and candidate, the drop is (z'r)^2 / z'z.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, Products, products
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
@@ -55,6 +57,11 @@ class RowLabels:
         """(B, ...) sums over the rows of each block, of values (M, ...)."""
         starts = np.searchsorted(self.block, np.arange(self.blocks))
         return np.add.reduceat(values, starts, axis=0)
+
+    def products(self, values: Array, weights: Array) -> Array:
+        """(B, k) sums over each block of values (M, k) times weights (M,)."""
+        ends = np.searchsorted(self.block, np.arange(self.blocks + 1))
+        return np.array([weights[a:b] @ values[a:b] for a, b in pairwise(ends.tolist())])
 
     def joint_sums(self, values: Array) -> Array:
         """(n, ...) sums over the rows of each joint."""
@@ -119,7 +126,8 @@ class Weighting:
 class WhiteFit:
     """The model fitted to weighted white rows.
 
-    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves.
+    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves; more : what
+    it adds to the fit ``base``, behind the columns of that one.
     """
 
     rows: RowLabels
@@ -127,6 +135,13 @@ class WhiteFit:
     residual: Array
     target: Array
     weighting: Weighting
+    base: WhiteFit | None = None
+    more: Extension | None = None
+    _added: dict[int, Added] = field(default_factory=dict, init=False)
+    _overlaps: PerLibrary = field(default_factory=PerLibrary, init=False)
+    _pulls: PerLibrary = field(default_factory=PerLibrary, init=False)
+    _weighted: dict[int, tuple[Library, Library]] = field(default_factory=dict, init=False)
+    _without: dict[bytes, list[WithoutFold]] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, rows: RowLabels, basis: Array, target: Array, weighting: Weighting) -> WhiteFit:
@@ -143,27 +158,53 @@ class WhiteFit:
             columns = columns - self.Q @ (self.Q.T @ columns)
         return columns
 
-    def extended(self, *groups: Array) -> WhiteFit:
-        """The fit with more weighted columns (n M, k), group after group."""
-        if not groups:
+    def extended(self, *white: Array) -> WhiteFit:
+        """The fit with more columns: groups (n M, k) of white ones, kept for other fits."""
+        if not white:
             return self
-        fresh = np.split(
-            self.partialled(np.hstack(groups)), np.cumsum([g.shape[1] for g in groups])[:-1], axis=1
-        )
-        new = np.zeros((len(self.residual), 0))
-        for group, own in zip(groups, fresh, strict=True):
-            for _ in range(2 if new.shape[1] else 0):
-                own = own - new @ (new.T @ own)
-            seen = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(group, axis=0)
-            own = own[:, np.linalg.norm(own, axis=0) > seen]
-            if own.shape[1] == 1:
-                own = own / np.linalg.norm(own)
-            elif own.shape[1]:
-                own = np.linalg.qr(own)[0]
-            new = np.column_stack([new, own])
-        residual = self.residual - new @ (new.T @ self.residual)
-        Q = np.column_stack([self.Q, new])
-        return WhiteFit(self.rows, Q, residual, self.target, self.weighting)
+        added = tuple(self._beside(columns) for columns in white)
+        rest, least = np.hstack([a.rest for a in added]), np.concatenate([a.least for a in added])
+        kept = np.arange(len(least))
+        while True:
+            new, R = np.linalg.qr(rest[:, kept])
+            seen = np.abs(np.diagonal(R)) > least[kept]
+            if seen.all():
+                break
+            kept = np.delete(kept, np.argmin(seen))
+        taken = new.T @ self.residual
+        more = Extension(added, kept, np.linalg.inv(R), taken)
+        residual, Q = self.residual - new @ taken, np.hstack([self.Q, new])
+        return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self, more)
+
+    def _beside(self, white: Array) -> Added:
+        if id(white) not in self._added:
+            scaled = self.scaled(white)
+            least = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(scaled, axis=0)
+            self._added[id(white)] = Added(white, self.partialled(scaled), least)
+        return self._added[id(white)]
+
+    def overlaps(self, library: Library) -> Products:
+        """Q_j'z_j of a weighted library's columns on each joint j (r, C_j), and of those on several
+        (n, r, C); worked out once."""
+
+        def made() -> Products:
+            if self.base is None or self.more is None:
+                return products(self.Q, library)
+            pairs = zip(self.base.overlaps(library), self.more.overlaps(library), strict=True)
+            return tuple(np.concatenate(x, axis=-2) for x in pairs)
+
+        return self._overlaps.of(library, made)
+
+    def pulls(self, library: Library) -> Products:
+        """z_j'r_j of the same columns with the residual: (C_j,) of each joint, and (n, C)."""
+
+        def made() -> Products:
+            if self.base is None or self.more is None:
+                return tuple(x[..., 0, :] for x in products(self.residual[:, None], library))
+            pairs = zip(self.base.pulls(library), self.more.overlaps(library), strict=True)
+            return tuple(before - self.more.taken @ new for before, new in pairs)
+
+        return self._pulls.of(library, made)
 
     def without_folds(self, folds: NDArray[np.intp]) -> list[WithoutFold]:
         """The model fitted without each of the folds (M,) in turn; kept for the next candidate."""
@@ -180,19 +221,11 @@ class WhiteFit:
             self._without[key] = found
         return self._without[key]
 
-    @cached_property
-    def _without(self) -> dict[bytes, list[WithoutFold]]:
-        return {}
-
     def weighted(self, white: Library) -> Library:
         """A white library weighted like these rows; kept for the next time."""
         if id(white) not in self._weighted:
             self._weighted[id(white)] = white, self.weighting.library(white)
         return self._weighted[id(white)][1]
-
-    @cached_property
-    def _weighted(self) -> dict[int, tuple[Library, Library]]:
-        return {}
 
     def chi2_of(self, residual: Array) -> Array:
         """(n,) squared weighted residual of each joint, in units of (filtered) noise."""
@@ -209,13 +242,25 @@ class WhiteFit:
         n = self.rows.n
         Q, r = self.Q.reshape(n, len(self.Q) // n, -1), self.residual.reshape(n, -1, 1)
         across = Q.transpose(0, 2, 1)
-        return across @ Q, (across @ r)[:, :, 0]
+        if self.base is None:
+            return across @ Q, (across @ r)[:, :, 0]
+        first = self.base.Q.shape[1]
+        sides = across @ Q[:, :, first:]
+        whole = np.concatenate([sides[:, :first].transpose(0, 2, 1), sides[:, first:]], axis=2)
+        top = np.concatenate([self.base.joint_products[0], sides[:, :first]], axis=2)
+        return np.concatenate([top, whole], axis=1), (across @ r)[:, :, 0]
 
     @cached_property
     def degrees(self) -> Array:
         """(n,) degrees of freedom of each joint: rows less its share of the model's rank."""
-        leverage = self.rows.joint_sums(np.sum(self.Q**2, axis=1))
-        return np.maximum(self.rows.count - leverage, 1.0)
+        return np.maximum(self.rows.count - self._leverage, 1.0)
+
+    @cached_property
+    def _leverage(self) -> Array:
+        """(n,) share of the rank that each joint's rows have."""
+        new = self.Q if self.base is None else self.Q[:, self.base.Q.shape[1] :]
+        own = self.rows.joint_sums(np.einsum("nr,nr->n", new, new))
+        return own if self.base is None else own + self.base._leverage
 
     def joint_gains(self, joint: int, chi2: Array) -> Array:
         """(G,) :meth:`likelihood_gain` of candidates on one joint's error only, from the chi2 (G,) that

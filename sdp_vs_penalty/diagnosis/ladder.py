@@ -149,9 +149,9 @@ def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequ
     return [*state.contenders(only=family[1]), *contenders]
 
 
-def accepted(state: SearchState, candidate: Candidate, threshold: float | None = None) -> Pick | None:
-    """The pick, if the candidate passes every test, the cheapest first; threshold : of the exponent, by
-    default that of the state."""
+def accepted(state: SearchState, candidate: Candidate, lucky: bool = True) -> Pick | None:
+    """The pick, if the candidate passes every test, the cheapest first; lucky : the last of them is
+    against random signs."""
     fit, stage, k = state.fit, state.stage, len(candidate.beta)
     joints = joints_of(fit, candidate)
     freedom = max(fit.degrees[joints].sum() - k, 1.0)
@@ -171,7 +171,7 @@ def accepted(state: SearchState, candidate: Candidate, threshold: float | None =
     excess = np.maximum(fit.joint_chi2 - least, 0.0) / level2
     if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
         return None
-    if exponent < (state.threshold if threshold is None else threshold):
+    if lucky and not state.above_chance(exponent):
         return None
     return Pick(candidate, gain, exponent, ())
 
@@ -207,7 +207,7 @@ def rivals_of(
             if gains.sum() > 0.5 * own.sum() and apart.sum() < 2.0 * sigma:
                 close.append(h)
     # A rival explains the same: once the chosen one is in the model, it is not needed.
-    with_chosen = state.fit.extended(state.fit.scaled(chosen.columns))
+    with_chosen = state.fit.extended(chosen.columns)
     solve = state.stage.candidates.solve
     return tuple(h for h in close if solve(with_chosen, h.key, h.effect, h.columns).chi2 < 0.5 * h.chi2)
 

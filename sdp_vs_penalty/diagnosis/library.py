@@ -79,6 +79,18 @@ class Library:
         out[group.joint] = self.joints[group.joint][:, group.columns]
         return out
 
+    @cached_property
+    def grams(self) -> tuple[Array, ...]:
+        """Of each batch z_j'z_j (G, k, k) of its groups' columns; on several (n, G, k, k)."""
+        out = []
+        for batch in self.batches:
+            count, columns = len(batch.groups), batch.columns.ravel()
+            if batch.joint is None:
+                out.append(np.stack([grams(Z[:, columns], count) for Z in self.robot]))
+            else:
+                out.append(grams(self.joints[batch.joint][:, columns], count))
+        return tuple(out)
+
     def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:
         pieces = [rows.pieces(j) for j in range(rows.n)]
         joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
@@ -148,6 +160,15 @@ def build_library(
         robot_parts.append(spread_columns(rows, effect))
     robot_columns = np.concatenate(robot_parts, axis=2)
     return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
+
+
+def grams(columns: Array, count: int) -> Array:
+    """(G, k, k) products x'x of ``count`` groups of columns (N, G k) side by side."""
+    N, size = columns.shape
+    if size == count:
+        return np.einsum("nc,nc->c", columns, columns)[:, None, None]
+    x = np.ascontiguousarray(columns.reshape(N, count, size // count).transpose(1, 2, 0))
+    return np.asarray(x @ x.transpose(0, 2, 1))
 
 
 def _batches(groups: Sequence[Group]) -> tuple[Batch, ...]:

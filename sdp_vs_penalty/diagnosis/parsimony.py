@@ -17,6 +17,8 @@ CORRELATED = 0.8
 #: Share of a larger effect's gain up to which a smaller one on its joints may be that law's own error: a
 #: law of friction holds to about a tenth of its torque.
 LAW = 0.01
+#: ... and up to which two friction laws that refine the same plain one may be one law between them.
+FINER_LAW = 0.03
 
 
 @dataclass(frozen=True)
@@ -66,9 +68,7 @@ def _joint_by_joint(state: SearchState) -> SearchState:
     fit = others.fit
     gains = [
         evidence(
-            fit.likelihood_gain(
-                fit.extended(*(fit.scaled(p.candidate.columns) for p in picks)).joint_chi2
-            ),
+            fit.likelihood_gain(fit.extended(*(p.candidate.columns for p in picks)).joint_chi2),
             sum(p.candidate.columns.shape[1] for p in picks),
         )
         for picks in (shared, singles.picks[len(others.picks) :])
@@ -98,7 +98,7 @@ def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
     joint = state.picks[a].candidate.key[1]
     assert joint is not None
     columns = [state.picks[k].candidate.columns for k in (a, b)]
-    both = without.fit.extended(*(without.fit.scaled(c) for c in columns))
+    both = without.fit.extended(*columns)
     gain = without.fit.likelihood_gain(both.joint_chi2)
     needed = float(evidence(gain, sum(c.shape[1] for c in columns))) - TOLD_APART
     for candidate in without.contenders(on=frozenset([joint]))[:1]:
@@ -119,12 +119,18 @@ def company(state: SearchState, k: int) -> Company:
     others = [m for m, touches in shared.items() if touches]
     correlated = tuple(state.picks[m] for m in others if _taken(state, k, m) > CORRELATED)
     larger = max((state.picks[m] for m in others), key=lambda p: p.gain, default=None)
-    small = larger is not None and pick.gain < LAW * larger.gain
+    small = larger is not None and pick.gain < _own_error(pick, larger) * larger.gain
     fit = state.fit
     least, level2 = fit.degrees * fit.weighting.noise_variance, fit.weighting.level**2
     left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0) / level2
     drowned = float(left[own].sum()) > pick.gain
     return Company(correlated, larger if small else None, drowned)
+
+
+def _own_error(pick: Pick, larger: Pick) -> float:
+    """Share of a larger pick's gain that its law may leave to the other."""
+    plain = set(pick.candidate.effect.refines) & set(larger.candidate.effect.refines)
+    return FINER_LAW if plain else LAW
 
 
 def _taken(state: SearchState, k: int, m: int) -> float:

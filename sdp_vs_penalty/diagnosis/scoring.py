@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import ROUNDING, WhiteFit
-from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.library import Library, grams
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -20,12 +20,36 @@ from sdp_vs_penalty.robot.arrays import Array
 @dataclass(frozen=True)
 class Scores:
     """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy, and
-    what they follow from: the partialled gram (k, k) and z'r (k,)."""
+    what they follow from: the partialled gram (k, k) and z'r (k,); overlaps : with the fit, Q'z of the
+    columns on each joint and of those on several; spread : of the latter, joint by joint."""
 
     chi2: Array
     beta: tuple[Array, ...]
     absorbed: Array
     products: tuple[tuple[Array, Array], ...]
+    overlaps: tuple[Array, ...]
+    spread: Spread
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Of columns z that act on several joints, joint by joint: Q_j'z_j (n, r, C) and z_j'r_j (n, C)."""
+
+    overlaps: Array
+    pulls: Array
+
+    def left(self, fit: WhiteFit, columns: NDArray[np.intp], gram: Array, beta: Array) -> Array:
+        """(n, G) squared weighted residual that groups of columns (G, k) leave with coefficients beta
+        (G, k), in units of noise; gram (n, G, k, k) : z_j'z_j."""
+        G, k = columns.shape
+        own = self.overlaps[:, :, columns.ravel()].reshape(*self.overlaps.shape[:2], G, k)
+        c = np.einsum("nrgk,gk->nrg", own, beta)
+        total, (H, p) = c.sum(axis=0), fit.joint_products
+        cross = p @ total - np.einsum("ngk,gk->ng", self.pulls[:, columns], beta)
+        cross -= np.einsum("nrg,rg->ng", c, total)
+        squares = np.einsum("gk,ngkl,gl->ng", beta, gram, beta)
+        squares += np.einsum("rg,nrg->ng", total, H @ total) + 2.0 * cross
+        return fit.joint_chi2[:, None] + fit.weighting.level[:, None] ** 2 * squares
 
 
 def score_library(fit: WhiteFit, library: Library) -> Scores:
@@ -33,46 +57,20 @@ def score_library(fit: WhiteFit, library: Library) -> Scores:
 
     Coefficients that are known beforehand are held by that: as penalised least squares has them.
     """
-    n, M = fit.rows.n, len(fit.rows.block)
-    residual = fit.residual.reshape(n, M)
-    Q = fit.Q.reshape(n, M, -1)
-    joints = [_Scored(Q[j], library.joints[j], residual[j]) for j in range(n)]
-    joints.append(_Scored(fit.Q, library.robot.reshape(n * M, -1), fit.residual))
+    (*overlaps, robot), (*right, pulls) = fit.overlaps(library), fit.pulls(library)
+    overlaps, right = [*overlaps, robot.sum(axis=0)], [*right, pulls.sum(axis=0)]
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
     products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
-    for batch in library.batches:
-        scored = joints[n if batch.joint is None else batch.joint]
-        c = batch.columns
-        grams, right = scored.grams(c), scored.right[c]
-        found = solve_groups(grams, scored.raw[c], right, batch.signed, batch.known)
+    for batch, own in zip(library.batches, library.grams, strict=True):
+        place, gram = (-1, own.sum(axis=0)) if batch.joint is None else (batch.joint, own)
+        pull, taken = right[place][batch.columns], overlaps[place][:, batch.columns.ravel()]
+        left, raw = gram - grams(taken, len(gram)), np.diagonal(gram, axis1=1, axis2=2)
+        found = solve_groups(left, raw, pull, batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
-        for g, b, gram, pull in zip(batch.groups, found[1], grams, right, strict=True):
-            beta[g], products[g] = b, (gram, pull)
-    return Scores(chi2, tuple(beta), absorbed, tuple(products))
-
-
-class _Scored:
-    """Columns Z (N, C) beside a basis Q (N, r): raw energies (C,) and scores z'r (C,)."""
-
-    def __init__(self, Q: Array, Z: Array, residual: Array) -> None:
-        self.Z, self.overlap = Z, Q.T @ Z
-        self.raw, self.right = np.einsum("nc,nc->c", Z, Z), residual @ Z
-
-    def grams(self, columns: NDArray[np.intp]) -> Array:
-        """(G, k, k) partialled grams of groups of columns (G, k): nothing but what groups need."""
-        k = columns.shape[1]
-        if k == 1:
-            c = columns[:, 0]
-            return (self.raw[c] - np.einsum("rc,rc->c", self.overlap[:, c], self.overlap[:, c]))[
-                :, None, None
-            ]
-        z, o = (
-            x[:, columns.ravel()].reshape(-1, len(columns), k).transpose(1, 2, 0)
-            for x in (self.Z, self.overlap)
-        )
-        z, o = np.ascontiguousarray(z), np.ascontiguousarray(o)
-        return np.asarray(z @ z.transpose(0, 2, 1) - o @ o.transpose(0, 2, 1))
+        for g, b, one, its in zip(batch.groups, found[1], left, pull, strict=True):
+            beta[g], products[g] = b, (one, its)
+    return Scores(chi2, tuple(beta), absorbed, tuple(products), tuple(overlaps), Spread(robot, pulls))
 
 
 def solve_group(

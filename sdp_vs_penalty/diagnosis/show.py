@@ -21,6 +21,8 @@ _LEVELS = {"good": "good", "usable": "usable", "bad": "do not use"}
 NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
 #: Below this share of new motion, errors say more of repeatability than of other motions.
 MOSTLY_NEW = 0.5
+#: Events that are listed one by one; more would hide the findings.
+_EVENTS = 3
 
 
 def fit_level(relative_percent: float, rmse: ArrayLike, floor: ArrayLike | None) -> str:
@@ -75,6 +77,26 @@ def outside_warning(shares: Mapping[str, float]) -> str | None:
 def new_motion(new_share: float | None) -> str:
     """The share of the judged motion that the model has not been trained on, as text."""
     return "not recorded" if new_share is None else f"{100.0 * new_share:.0f} %"
+
+
+def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
+    """A line an event; one for all of them where they are more than three, unless ``every``.
+
+    events : with ``joint`` (from 0), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
+    """
+    if len(events) > _EVENTS and not every:
+        where = show.joints(sorted({e.joint + 1 for e in events}))
+        hums = sum(e.frequency is not None for e in events)
+        hum = f", {hums} of them a hum" if hums else ""
+        first, last = min(e.t_start for e in events), max(e.t_end for e in events)
+        return [f"{len(events)} one-off events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
+    lines = [
+        f"one-off event on joint {e.joint + 1}: {e.t_start:.2f} s to {e.t_end:.2f} s" for e in events
+    ]
+    return [
+        line if e.frequency is None else f"{line}, a hum of {e.frequency:.3g} Hz"
+        for line, e in zip(lines, events, strict=True)
+    ]
 
 
 def diagnosis_verdict(

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.block_test import flip_threshold
+from sdp_vs_penalty.diagnosis.block_test import above_chance
 from sdp_vs_penalty.diagnosis.candidates import MOST, Candidate
 from sdp_vs_penalty.diagnosis.fit import Weighting, WhiteFit
 from sdp_vs_penalty.diagnosis.library import Key, Library
@@ -79,7 +79,7 @@ class SearchState:
         ``best`` candidate so far."""
         fit, weighting = self.fit, self.base.weighting
         if best is not None:
-            fit = fit.extended(fit.scaled(best.columns))
+            fit = fit.extended(best.columns)
         n = self.stage.rows.n
         white = fit.residual.reshape(n, -1) * weighting.level[:, None]
         colour = np.zeros((n, ORDER))
@@ -114,11 +114,11 @@ class SearchState:
         picked = [p.candidate for p in self.picks]
         return frozenset(self.stage.candidates.eligible(picked, self.stage.known))
 
-    @cached_property
-    def threshold(self) -> float:
-        """What random signs of the blocks make of all that may be added."""
-        seed = self.stage.seed + len(self.picks)
-        return flip_threshold(self.fit, self.scaled, self.eligible, seed)
+    def above_chance(self, exponent: float) -> bool:
+        """Whether an exponent exceeds what random signs of the blocks make of all that may be added."""
+        fit, scaled, seed = self.fit, self.scaled, self.stage.seed + len(self.picks)
+        scores = self.stage.candidates.scores(fit, scaled)
+        return above_chance(fit, scaled, scores, self.eligible, seed, exponent)
 
     def with_noise(self, noise: Noise) -> SearchState:
         """The same picks with another idea of the noise."""
@@ -137,7 +137,7 @@ class SearchState:
 
 
 def _extended(fit: WhiteFit, picks: Sequence[Pick]) -> WhiteFit:
-    return fit.extended(*(fit.scaled(pick.candidate.columns) for pick in picks))
+    return fit.extended(*(pick.candidate.columns for pick in picks))
 
 
 def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least: Array) -> SearchState:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion
 
@@ -71,22 +71,14 @@ def dahl(q: Array, d: float, start: float = 0.0) -> Array:
     Exact for motion that is monotone between samples: while q runs in direction s,
     z = s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop a reversal, not a sample.
     """
-    z = np.empty(len(q))
-    z[0] = start
-    step = np.diff(q)
-    moving = np.flatnonzero(step)
-    if not len(moving):
-        z[:] = start
-        return z
-    # The direction of each step; a step of zero goes with the one before it.
-    last = np.maximum.accumulate(np.where(step != 0.0, np.arange(len(step)), moving[0]))
-    direction = np.sign(step[last])
-    turns = np.flatnonzero(np.diff(direction)) + 1
-    for first, end in zip([0, *turns], [*turns, len(step)], strict=True):
-        s = direction[first]
-        travel = np.abs(q[first + 1 : end + 1] - q[first])
-        z[first + 1 : end + 1] = s + (z[first] - s) * np.exp(-travel / d)
-    return z
+    corners, direction, leg = _legs(q)
+    decay = np.exp(np.abs(np.diff(q[corners])) / -d)
+    z = [start]
+    for s, e in zip(direction.tolist(), decay.tolist(), strict=True):
+        z.append(s + (z[-1] - s) * e)
+    s, begin = direction[leg], np.array(z[:-1])[leg]
+    moved = s + (begin - s) * np.exp(np.abs(q[1:] - q[corners[leg]]) / -d)
+    return np.append(start, np.where(s == 0.0, start, moved))
 
 
 def stop(q: Array, d: float, start: float = 0.0) -> Array:
@@ -95,10 +87,22 @@ def stop(q: Array, d: float, start: float = 0.0) -> Array:
     Exact for motion that is monotone between samples: from one reversal to the next the state is the
     straight line of its spring, cut off at +-1. One step of the loop a reversal, not a sample.
     """
-    z = np.full(len(q), start)
-    direction = np.sign(np.diff(q))
-    moving = np.flatnonzero(direction)
-    turns = moving[np.flatnonzero(np.diff(direction[moving])) + 1]
-    for first, last in pairwise([0, *turns.tolist(), len(q) - 1]):
-        z[first : last + 1] = np.clip(z[first] + (q[first : last + 1] - q[first]) / d, -1.0, 1.0)
-    return z
+    corners, _, leg = _legs(q)
+    z = [start]
+    for step in (np.diff(q[corners]) / d).tolist():
+        z.append(min(max(z[-1] + step, -1.0), 1.0))
+    moved = np.array(z[:-1])[leg] + (q[1:] - q[corners[leg]]) / d
+    return np.append(start, np.clip(moved, -1.0, 1.0))
+
+
+def _legs(q: Array) -> tuple[NDArray[np.intp], Array, NDArray[np.intp]]:
+    """A path q (N,) as legs in one direction each: corners (L + 1,) the samples between which they lie,
+    direction (L,), and the leg (N - 1,) of each step; one without motion is part of that before it."""
+    sign = np.sign(np.diff(q))
+    moving = np.flatnonzero(sign)
+    turns = moving[np.flatnonzero(np.diff(sign[moving])) + 1]
+    corners = np.array([0, *turns, len(q) - 1])
+    leg = np.zeros(len(sign), np.intp)
+    leg[turns] = 1
+    direction = sign[np.r_[moving[:1], turns]] if len(moving) else np.zeros(1)
+    return corners, direction, np.cumsum(leg)

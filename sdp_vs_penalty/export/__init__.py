@@ -1,4 +1,4 @@
-"""Take a model elsewhere: URDF, MJCF, JSON, NumPy, C, friction table; :func:`export` is the verb."""
+"""Take a model elsewhere: simulators, controllers, tables; :func:`export` is the verb."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from sdp_vs_penalty.export.numpy_function import make_function
 from sdp_vs_penalty.export.sdf import make_sdf
 from sdp_vs_penalty.export.sidecar import make_sidecar
 from sdp_vs_penalty.export.urdf import edit_urdf, make_urdf
+from sdp_vs_penalty.export.usd import make_usd
 from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.robot.robot import Robot
 
 #: What each suffix writes, for the command line's help.
 FORMATS = {
@@ -28,12 +30,18 @@ FORMATS = {
     ".h": "C header",
     ".csv": "friction table",
     ".sdf": "SDFormat",
+    ".usda": "USD",
     ".script": "UR's payload",
 }
 
 _PARTLY: dict[str, Callable[[Estimate], tuple[bytes, tuple[str, ...]]]] = {
     ".h": make_c_header,
     ".csv": make_friction_table,
+}
+_SIMULATORS: dict[str, Callable[[Robot, Content], bytes]] = {
+    ".xml": make_mjcf,
+    ".sdf": make_sdf,
+    ".usda": make_usd,
 }
 _WHOLE: dict[str, Callable[[Estimate], bytes]] = {".json": make_sidecar, ".py": make_function}
 
@@ -48,8 +56,9 @@ def export(
 ) -> tuple[str, ...]:
     """Write a model in the format of the suffix: .urdf, .xml (MJCF), .json, .py (NumPy function), .h (C
     header with links, viscous and Coulomb friction, offset and rotor inertia), .csv (friction by
-    velocity), .sdf; a name that ends in .drake.urdf (with rotor inertias, which Drake reads); of a
-    payload, endeffector-config.json (Franka) or .script (UR's set_target_payload).
+    velocity), .sdf, .usda (links and joints for Isaac Sim); a name that ends in .drake.urdf (with rotor
+    inertias, which Drake reads); of a payload, endeffector-config.json (Franka) or .script (UR's
+    set_target_payload).
 
     estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
@@ -81,9 +90,9 @@ def export(
     content = Content.of(estimate)
     if not force:
         require_plausible(estimate)
-    if suffix in (".xml", ".sdf"):
-        write_bytes(out, (make_mjcf if suffix == ".xml" else make_sdf)(estimate.robot, content))
-        return content.left_out(armature=suffix == ".xml")
+    if suffix in _SIMULATORS:
+        write_bytes(out, _SIMULATORS[suffix](estimate.robot, content))
+        return content.left_out(armature=suffix == ".xml", friction=suffix != ".usda")
     drake = urdf is None and out.name.lower().endswith(".drake.urdf")
     if urdf is None:
         write_bytes(out, make_urdf(estimate.robot, content, drake))

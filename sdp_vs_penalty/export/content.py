@@ -68,10 +68,11 @@ class Content:
         others = tuple(e.brief for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
         return cls(links, others=others, gains=model.gains or (), **values)
 
-    def left_out(self, *, armature: bool) -> tuple[str, ...]:
-        """Effects that are lost in a file with, or without, a place for the armature."""
-        lost = not armature and bool(np.any(self.armature > 0.0))
-        return (("rotor_inertia",) if lost else ()) + self.others
+    def left_out(self, *, armature: bool, friction: bool = True) -> tuple[str, ...]:
+        """Effects that are lost in a file with, or without, a place for armature and friction."""
+        placed = {"damping": friction, "friction": friction, "armature": armature}
+        lost = (k for k, v in _PLACES.items() if not placed[v] and np.any(getattr(self, v) > 0.0))
+        return (*lost, *self.others)
 
 
 def require_consistent(link: Array, name: str) -> None:

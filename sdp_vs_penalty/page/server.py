@@ -31,7 +31,7 @@ from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.steps import STEPS
-from sdp_vs_penalty.page.steps.take_away import FILES, MADE
+from sdp_vs_penalty.page.steps.take_away import FILES, MADE, MORE
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.workshop import Work, Workshop
@@ -216,7 +216,11 @@ def make_app(page: Page) -> FastAPI:
     @app.get("/s/{token}/take/{name}")
     async def _take(token: str, name: str) -> Response:
         session = page.sessions.get(token)
-        if session is None or name not in (*FILES, *MADE) or not (session.folder / name).is_file():
+        if (
+            session is None
+            or name not in (*FILES, *MORE, *MADE)
+            or not (session.folder / name).is_file()
+        ):
             return _gone()
         return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
 
@@ -234,6 +238,8 @@ def make_app(page: Page) -> FastAPI:
         dark=None,
         tailwind=False,
         language="en-US",
+        # A tab that draws, sleeps or waits for a busy computer for so many seconds goes on where it was.
+        reconnect_timeout=20.0,
         show_welcome_message=False,
     )
     return app

@@ -31,7 +31,7 @@ from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
-from sdp_vs_penalty.signals.stillness import still
+from sdp_vs_penalty.signals.stillness import Standstill
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
@@ -43,11 +43,10 @@ _SHARP, _CORNER = 12.0, 0.3
 class Segment:
     """One uninterrupted piece of a run.
 
-    motion : on the column grid; t (M,), torque (M, n) : the rows; keep (M,) : which of them count; still
-    (M, n) : how much of a unit torque, whatever its sign, reaches them from when a joint stood still;
-    low_pass (M, N), dense (D, N) : from the column grid to the rows and to the dense grid t_dense
-    (D,), on which q_dense and torque_dense (D, n) are known: instants between its samples can be
-    read by interpolation.
+    motion : on the column grid; t (M,), torque (M, n) : the rows; keep (M,) : which of them count;
+    standstill : what reaches them from when a joint stood still; low_pass (M, N), dense (D, N) : from
+    the column grid to the rows and to the dense grid t_dense (D,), on which q_dense and torque_dense
+    (D, n) are known: instants between its samples can be read by interpolation.
     """
 
     run: int
@@ -55,7 +54,7 @@ class Segment:
     t: Array
     torque: Array
     keep: NDArray[np.bool_]
-    still: Array
+    standstill: Standstill
     low_pass: sparse.csr_array
     t_dense: Array
     torque_dense: Array
@@ -111,7 +110,7 @@ class SegmentedRuns:
     @cached_property
     def still(self) -> Array:
         """(M, n) share of each row that a joint stood still."""
-        return np.concatenate([s.still for s in self.segments])
+        return np.concatenate([s.standstill.share for s in self.segments])
 
     @cached_property
     def held(self) -> Array:
@@ -256,9 +255,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
         motion.t[rows],
         filters.torque(part, grid[rows]),
         keep,
-        convolve(still(q).astype(float), np.abs(filters.column.value))[0][
-            grid[rows] - filters.column.half
-        ],
+        Standstill(part, filters.column, grid[rows]),
         low_pass,
         motion.t[dense],
         filters.torque(part, grid[dense]),

@@ -6,10 +6,15 @@ and a torque measured meanwhile is no evidence for or against any.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.kernels import Kernel, convolve
+from sdp_vs_penalty.signals.runs import Stretch
 
 #: Positions are alike within so many standard deviations of their own noise.
 _ALIKE = 4.0
@@ -18,6 +23,23 @@ _ALIKE = 4.0
 _TURNS = 27.0
 #: Ratio of the lengths of time that are looked at, and their largest share of a stretch.
 _FINER, _LONGEST = 1.4, 0.1
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """When the joints of a stretch stand still, as its filtered rows see it: worked out when it is
+    asked for, since only guessed noise needs it. kernel : the low-pass; rows (M,) : their samples."""
+
+    stretch: Stretch
+    kernel: Kernel
+    rows: NDArray[np.int64]
+
+    @cached_property
+    def share(self) -> Array:
+        """(M, n) how much of a unit torque, whatever its sign, reaches each row from a standstill."""
+        q = self.stretch.resampled(self.stretch.q, 0, self.stretch.count)
+        (reaching,) = convolve(still(q).astype(float), np.abs(self.kernel.value))
+        return reaching[self.rows - self.kernel.half]
 
 
 def still(q: Array) -> NDArray[np.bool_]:

@@ -10,7 +10,13 @@ from arms import THREE, write_urdf
 from scipy import stats
 from small_runs import small_run
 
-from sdp_vs_penalty.diagnosis.block_test import BlockSums, _exponent, flip_threshold, largest_wald
+from sdp_vs_penalty.diagnosis.block_test import (
+    BlockSums,
+    _exponent,
+    above_chance,
+    flip_threshold,
+    largest_wald,
+)
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.ladder import accepted
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
@@ -51,14 +57,14 @@ def test_a_clean_run_makes_no_finding_by_luck(state: SearchState) -> None:
     true = candidate(state, on_joint_1(state, np.sin(np.linspace(0.0, 200.0, first))))
     residual = on_joint_1(state, state.fit.residual[:first])
     real = candidate(state, residual)  # explains all of joint 1's error, rows left out included
-    assert accepted(state, real, -np.inf) is not None
+    assert accepted(state, real, lucky=False) is not None
     low, high = 0.0, real.chi2
     for _ in range(40):
         middle = 0.5 * (low + high)
-        believed = accepted(state, replace(real, chi2=middle), -np.inf) is not None
+        believed = accepted(state, replace(real, chi2=middle), lucky=False) is not None
         low, high = (low, middle) if believed else (middle, high)
     assert stats.chi2.sf(high, 1) * state.stage.white.size <= CLEAN_CLAIMS
-    assert accepted(state, true, -np.inf) is None
+    assert accepted(state, true, lucky=False) is None
 
 
 def test_what_predicts_no_rows_left_out_is_no_finding(state: SearchState) -> None:
@@ -67,7 +73,7 @@ def test_what_predicts_no_rows_left_out_is_no_finding(state: SearchState) -> Non
     first = len(state.fit.residual) // state.stage.rows.n
     for _ in range(60):
         one = candidate(state, on_joint_1(state, rng.normal(size=first)))
-        assert accepted(state, replace(one, chi2=1e6), -np.inf) is None
+        assert accepted(state, replace(one, chi2=1e6), lucky=False) is None
 
 
 def test_the_threshold_is_that_of_columns_beside_the_model(state: SearchState) -> None:
@@ -99,3 +105,14 @@ def test_what_only_forbidden_signs_explain_is_not_plausible(state: SearchState) 
     assert allowed.chi2 < 500.0  # of 2 500
     coarse = stage.candidates._coarse(pushed, state.scaled)
     assert coarse[place] == pytest.approx(allowed.evidence, rel=0.05, abs=5.0)
+
+
+def test_chance_decides_early_as_its_whole_distribution_would(state: SearchState) -> None:
+    """Exponents on both sides of the threshold, and next to it, whatever may be added."""
+    fit, library, stage = state.fit, state.scaled, state.stage
+    scores, keys = stage.candidates.scores(fit, library), sorted(state.eligible, key=str)
+    for seed, eligible in enumerate([keys, keys[::7], keys[3::11]]):
+        threshold = flip_threshold(fit, library, set(eligible), seed)
+        for share in (0.3, 0.9, 0.999, 1.001, 1.1, 3.0):
+            decided = above_chance(fit, library, scores, set(eligible), seed, share * threshold)
+            assert decided == (share > 1.0), (seed, share)

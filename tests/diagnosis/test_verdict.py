@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from sdp_vs_penalty.diagnosis.events import Event
+from sdp_vs_penalty.diagnosis.show import event_lines
 from sdp_vs_penalty.diagnosis.verdict import FALSE_UNKNOWN, remainder
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 
@@ -97,3 +99,12 @@ def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:
     assert remainder(fit, rows, noise).p == 1.0
     rows.keep[:] = False
     np.testing.assert_array_equal(remainder(fit, rows, noise).share, [-1.0, -1.0])
+
+
+def test_many_events_are_one_line() -> None:
+    """The findings stay in sight; every event is still listed where it is asked for."""
+    events = [Event(k % 2, float(k), k + 0.5, "hum", 12.0) for k in range(4)]
+    (line,) = event_lines(events)
+    assert line == "4 one-off events on joints 1 and 2, 0.00 s to 3.50 s, 4 of them a hum"
+    assert len(event_lines(events, every=True)) == 4
+    assert event_lines(events[:1]) == ["one-off event on joint 1: 0.00 s to 0.50 s, a hum of 12 Hz"]

@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import random_robots
+import usd_reader
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -787,3 +788,41 @@ def test_friction_table_holds_what_follows_the_velocity(tmp_path: Path) -> None:
         turned = value[f"f_c{j}"] + value[f"f_st{j}"] * np.exp(-((v / 0.1) ** 2))
         at = joint == j
         np.testing.assert_allclose(torque[at], (expected + turned * np.tanh(v / 0.01))[at], rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_usd_file_makes_the_same_torques(name: str, tmp_path: Path) -> None:
+    robot = robots(tmp_path)[name]
+    estimate = estimate_of(robot, FULL, 4)
+    left_out = export(estimate, tmp_path / "robot.usda")
+    assert left_out == ("viscous_friction", "coulomb_friction", "rotor_inertia")
+    q, dq, ddq = states(robot)
+    found = usd_reader.torques(tmp_path / "robot.usda", robot, q, dq, ddq)
+    expected = robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
+    assert np.abs(found - expected).max() <= PARITY
+
+
+def test_openusd_reads_the_same(tmp_path: Path) -> None:
+    usd = pytest.importorskip("pxr.Usd", reason="needs usd-core")
+    from pxr import UsdPhysics, UsdValidation
+
+    robot = robots(tmp_path)["panda"]
+    estimate = estimate_of(robot, "rigid_body", 4)
+    export(estimate, tmp_path / "robot.usda")
+    stage = usd.Stage.Open(str(tmp_path / "robot.usda"))
+    masses = [
+        UsdPhysics.MassAPI(p).GetMassAttr().Get() for p in stage.Traverse() if "link" in p.GetName()
+    ]
+    assert masses[1:] == pytest.approx(estimate.links[:, 0].tolist(), rel=1e-6)  # single precision
+    every = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(every).Validate(stage)
+
+
+def test_what_usd_would_make_up_is_refused(tmp_path: Path) -> None:
+    robot = robots(tmp_path)["two_link"]
+    point = np.zeros((2, 10))
+    point[:, 0] = 1.0  # a point mass in its frame has no moments of inertia
+    with pytest.raises(InputError, match="which USD would make up"):
+        export(estimate_of(robot, "rigid_body", 0, point), tmp_path / "robot.usda")
+    rod = np.tile(inertia.standard_from_barycentric([1, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0]), (2, 1))
+    assert export(estimate_of(robot, "rigid_body", 0, rod), tmp_path / "robot.usda") == ()

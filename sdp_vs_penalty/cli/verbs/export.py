@@ -15,9 +15,9 @@ def verb(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="out.urdf|.xml|.sdf|.json|.py|.h|.csv|.script",
-            help="File to write; its name chooses URDF (.drake.urdf for Drake), MJCF, SDF, JSON, NumPy, "
-            "C, friction table, or a payload: endeffector-config.json (Franka), .script (UR).",
+            metavar="out.urdf|.xml|.sdf|.usda|.json|.py|.h|.csv|.script",
+            help="File to write; its name chooses URDF (.drake.urdf for Drake), MJCF, SDF, USD, JSON, "
+            "NumPy, C, friction table, or a payload: endeffector-config.json (Franka), .script (UR).",
         ),
     ],
     urdf: Annotated[
@@ -49,7 +49,7 @@ def verb(
     x, y, z = numbers("--flange", flange, 3) if flange is not None else (0.0, 0.0, 0.0)
     left_out = export(model, out, urdf, force=force, flange=(x, y, z))
     console.written(out)
-    if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
+    if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf", ".usda"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
         console.warn(
             "Moving links are named link1, link2 ...: a model.json holds only the joints' names"

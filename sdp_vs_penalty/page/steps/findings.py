@@ -1,4 +1,4 @@
-"""Step 6: which effects are missing, ranked, each to be added with a click."""
+"""Which effects are missing, ranked, each to be added with a click."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN
+from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN, event_lines
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, tag, text_field
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.wording import (
     change,
-    figure,
     physics,
     plain_name,
     where,
@@ -170,9 +169,13 @@ def _fall(before: float, after: float, floor: float, known: bool, joint: int, un
 
 def _rest(found: Diagnosis) -> None:
     """Events, what is left, what can never be seen, and remarks."""
-    for event in found.events:
-        start, end = figure(event.t_start, 4), figure(event.t_end, 4)
-        tag("p", f"One-off event on joint {event.joint + 1}: {start} s to {end} s.", "finding")
+    gist, every = event_lines(found.events), event_lines(found.events, every=True)
+    for line in gist:
+        tag("p", f"{line.capitalize()}.", "finding")
+    if len(every) > len(gist):
+        with details("Every event", "events"), tag("ul"):
+            for line in every:
+                tag("li", f"{line.capitalize()}.")
     for remark in found.remarks:
         tag("p", remark, "soft")
     share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))

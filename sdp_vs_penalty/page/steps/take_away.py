@@ -1,7 +1,8 @@
-"""Step 9: the model, for a simulator, a controller or a colleague."""
+"""The model, for a simulator, a controller or a colleague."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.page.controls import button, details, tag
@@ -18,7 +19,14 @@ FILES = {
     "model.py": "a NumPy function",
     "report.html": "HTML report",
 }
-
+#: Likewise, on demand.
+MORE = {
+    "robot.sdf": "for Gazebo",
+    "robot.usda": "for Isaac Sim (USD)",
+    "robot.drake.urdf": "for Drake, with rotor inertias",
+    "model.h": "a C header",
+    "friction.csv": "friction by velocity",
+}
 
 #: What else a job may have made to be fetched.
 MADE = ("trajectory.csv", "session.zip")
@@ -26,19 +34,21 @@ MADE = ("trajectory.csv", "session.zip")
 
 def _draw(view: View) -> None:
     session = view.session
-    with tag("div", style="tiles", role="group", aria_label="Files to download"):
-        for name, use in FILES.items():
-            with button(
-                "",
-                lambda name=name: session.take(name, view.download),  # type: ignore[misc]
-                f"take-{name}",
-                "tile",
-            ):
+
+    def tiles(files: dict[str, str]) -> None:
+        for name, use in files.items():
+            with button("", partial(session.take, name, view.download), f"take-{name}", "tile"):
                 tag("strong", name)
                 tag("span", use)
+
+    with tag("div", style="tiles", role="group", aria_label="Files to download"):
+        tiles(FILES)
         with button("", lambda: session.save(view.download), "save-session", "tile"):
             tag("strong", "session.zip")
             tag("span", "this whole session")
+    more = details("For other simulators and controllers", "more-files")
+    with more, tag("div", style="tiles", role="group", aria_label="More files to download"):
+        tiles(MORE)
     with details("The same on the command line", "commands"):
         tag("pre", "\n".join(session.commands()), tabindex="0")
 
