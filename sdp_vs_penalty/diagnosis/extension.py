@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +16,19 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Something for a library's columns on each joint (..., C_j), and for those on several (n, ..., C).
-Products = tuple[Array, ...]
-
 
 @dataclass(frozen=True)
 class PerLibrary:
-    """Products with libraries, by the library; which is kept, so that its number stays its own."""
+    """Products with a library's columns on one joint (None: on several), by library and joint; the
+    library is kept as well, so that its number stays its own."""
 
-    kept: dict[int, tuple[Library, Products]] = field(default_factory=dict)
+    kept: dict[tuple[int, int | None], tuple[Library, Array]] = field(default_factory=dict)
 
-    def of(self, library: Library, made: Callable[[], Products]) -> Products:
-        if id(library) not in self.kept:
-            self.kept[id(library)] = library, made()
-        return self.kept[id(library)][1]
+    def of(self, library: Library, joint: int | None, made: Callable[[], Array]) -> Array:
+        key = id(library), joint
+        if key not in self.kept:
+            self.kept[key] = library, made()
+        return self.kept[key][1]
 
 
 @dataclass(frozen=True)
@@ -41,14 +39,11 @@ class Added:
     white: Array
     rest: Array
     least: Array
+    _overlaps: PerLibrary = field(default_factory=PerLibrary, init=False)
 
-    @cached_property
-    def _overlaps(self) -> PerLibrary:
-        return PerLibrary()
-
-    def overlaps(self, library: Library) -> Products:
-        """The rest's products with a weighted library's columns: (k, C_j), and (n, k, C)."""
-        return self._overlaps.of(library, lambda: products(self.rest, library))
+    def overlaps(self, library: Library, joint: int | None) -> Array:
+        """The rest's products with a weighted library's columns, as :func:`products` has them."""
+        return self._overlaps.of(library, joint, lambda: products(self.rest, library, joint))
 
 
 @dataclass(frozen=True)
@@ -61,14 +56,16 @@ class Extension:
     turn: Array
     taken: Array
 
-    def overlaps(self, library: Library) -> Products:
-        """The orthonormal columns' products with a library's: (m, C_j), and (n, m, C)."""
-        parts = zip(*(a.overlaps(library) for a in self.added), strict=True)
-        return tuple(self.turn.T @ np.concatenate(x, axis=-2)[..., self.kept, :] for x in parts)
+    def overlaps(self, library: Library, joint: int | None) -> Array:
+        """The orthonormal columns' products with a library's."""
+        parts = [a.overlaps(library, joint) for a in self.added]
+        return np.asarray(self.turn.T @ np.concatenate(parts, axis=-2)[..., self.kept, :])
 
 
-def products(columns: Array, library: Library) -> Products:
-    """x_j'z_j of columns x (n M, r) with a library's: (r, C_j) on each joint, (n, r, C) on several."""
+def products(columns: Array, library: Library, joint: int | None) -> Array:
+    """x_j'z_j of columns x (n M, r) with those of a library on a joint, (r, C_j), or on several, joint
+    by joint (n, r, C)."""
     parts = np.split(columns, len(library.joints))
-    own = [x.T @ z for x, z in zip(parts, library.joints, strict=True)]
-    return *own, np.stack([x.T @ z for x, z in zip(parts, library.robot, strict=True)])
+    if joint is not None:
+        return np.asarray(parts[joint].T @ library.joints[joint])
+    return np.stack([x.T @ z for x, z in zip(parts, library.robot, strict=True)])

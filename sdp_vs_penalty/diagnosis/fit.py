@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, Products, products
+from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, products
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
@@ -183,28 +183,27 @@ class WhiteFit:
             self._added[id(white)] = Added(white, self.partialled(scaled), least)
         return self._added[id(white)]
 
-    def overlaps(self, library: Library) -> Products:
-        """Q_j'z_j of a weighted library's columns on each joint j (r, C_j), and of those on several
-        (n, r, C); worked out once."""
+    def overlaps(self, library: Library, joint: int | None) -> Array:
+        """Q_j'z_j of a weighted library's columns on a joint j (r, C_j), on several (n, r, C); kept."""
 
-        def made() -> Products:
+        def made() -> Array:
             if self.base is None or self.more is None:
-                return products(self.Q, library)
-            pairs = zip(self.base.overlaps(library), self.more.overlaps(library), strict=True)
-            return tuple(np.concatenate(x, axis=-2) for x in pairs)
+                return products(self.Q, library, joint)
+            both = self.base.overlaps(library, joint), self.more.overlaps(library, joint)
+            return np.concatenate(both, axis=-2)
 
-        return self._overlaps.of(library, made)
+        return self._overlaps.of(library, joint, made)
 
-    def pulls(self, library: Library) -> Products:
-        """z_j'r_j of the same columns with the residual: (C_j,) of each joint, and (n, C)."""
+    def pulls(self, library: Library, joint: int | None) -> Array:
+        """z_j'r_j of the same columns with the residual: (C_j,), on several (n, C)."""
 
-        def made() -> Products:
+        def made() -> Array:
             if self.base is None or self.more is None:
-                return tuple(x[..., 0, :] for x in products(self.residual[:, None], library))
-            pairs = zip(self.base.pulls(library), self.more.overlaps(library), strict=True)
-            return tuple(before - self.more.taken @ new for before, new in pairs)
+                return products(self.residual[:, None], library, joint)[..., 0, :]
+            taken = self.more.taken @ self.more.overlaps(library, joint)
+            return np.asarray(self.base.pulls(library, joint) - taken)
 
-        return self._pulls.of(library, made)
+        return self._pulls.of(library, joint, made)
 
     def without_folds(self, folds: NDArray[np.intp]) -> list[WithoutFold]:
         """The model fitted without each of the folds (M,) in turn; kept for the next candidate."""
