@@ -24,9 +24,13 @@ class PerLibrary:
 
     kept: dict[tuple[int, int | None], tuple[Library, Array]] = field(default_factory=dict)
 
-    def of(self, library: Library, joint: int | None, made: Callable[[], Array]) -> Array:
+    def has(self, library: Library, joint: int | None) -> bool:
+        return (id(library), joint) in self.kept
+
+    def of(self, library: Library, joint: int | None, made: Callable[[], Array] | None = None) -> Array:
+        """Those that are kept, or else ``made``."""
         key = id(library), joint
-        if key not in self.kept:
+        if made is not None and key not in self.kept:
             self.kept[key] = library, made()
         return self.kept[key][1]
 
@@ -34,16 +38,12 @@ class PerLibrary:
 @dataclass(frozen=True)
 class Added:
     """White columns (n M, k) beside a fit, and what that leaves of them once weighted: rest (n M, k);
-    least (k,) : norm from which a column of it is more than rounding."""
+    least (k,) : norm from which a column of it is more than rounding; overlaps : of the rest."""
 
     white: Array
     rest: Array
     least: Array
-    _overlaps: PerLibrary = field(default_factory=PerLibrary, init=False)
-
-    def overlaps(self, library: Library, joint: int | None) -> Array:
-        """The rest's products with a weighted library's columns, as :func:`products` has them."""
-        return self._overlaps.of(library, joint, lambda: products(self.rest, library, joint))
+    overlaps: PerLibrary = field(default_factory=PerLibrary, init=False)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,13 @@ class Extension:
 
     def overlaps(self, library: Library, joint: int | None) -> Array:
         """The orthonormal columns' products with a library's."""
-        parts = [a.overlaps(library, joint) for a in self.added]
+        fresh = [a for a in self.added if not a.overlaps.has(library, joint)]
+        if fresh:
+            found = products(np.hstack([a.rest for a in fresh]), library, joint)
+            ends = np.cumsum([a.rest.shape[1] for a in fresh])[:-1]
+            for a, own in zip(fresh, np.split(found, ends, axis=-2), strict=True):
+                a.overlaps.of(library, joint, own.copy)
+        parts = [a.overlaps.of(library, joint) for a in self.added]
         return np.asarray(self.turn.T @ np.concatenate(parts, axis=-2)[..., self.kept, :])
 
 

@@ -7,6 +7,7 @@ r, z what Q leaves of torque and candidate, the drop is (z'r)^2 / z'z.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -43,10 +44,6 @@ class RowLabels:
     @property
     def blocks(self) -> int:
         return int(self.block.max()) + 1
-
-    @property
-    def folds(self) -> int:
-        return int(self.fold.max()) + 1
 
     def block_sums(self, values: Array) -> Array:
         """(B, ...) sums over the rows of each block, of values (n M, ...)."""
@@ -162,7 +159,7 @@ class WhiteFit:
         """The fit with more columns: groups (n M, k) of white ones, kept for other fits."""
         if not white:
             return self
-        added = tuple(self._beside(columns) for columns in white)
+        added = self._beside(white)
         rest, least = np.hstack([a.rest for a in added]), np.concatenate([a.least for a in added])
         kept = np.arange(len(least))
         while True:
@@ -176,12 +173,17 @@ class WhiteFit:
         residual, Q = self.residual - new @ taken, np.hstack([self.Q, new])
         return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self, more)
 
-    def _beside(self, white: Array) -> Added:
-        if id(white) not in self._added:
-            scaled = self.scaled(white)
-            least = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(scaled, axis=0)
-            self._added[id(white)] = Added(white, self.partialled(scaled), least)
-        return self._added[id(white)]
+    def _beside(self, white: Sequence[Array]) -> tuple[Added, ...]:
+        """Groups of white columns beside this fit, those that are new all at once."""
+        fresh = [w for w in white if id(w) not in self._added]
+        if fresh:
+            whole = np.hstack([self.scaled(w) for w in fresh])
+            least = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(whole, axis=0, keepdims=True)
+            ends = np.cumsum([w.shape[1] for w in fresh])[:-1]
+            parts = (np.split(x, ends, axis=1) for x in (self.partialled(whole), least))
+            for w, rest, small in zip(fresh, *parts, strict=True):
+                self._added[id(w)] = Added(w, rest, small[0])
+        return tuple(self._added[id(w)] for w in white)
 
     def overlaps(self, library: Library, joint: int | None) -> Array:
         """Q_j'z_j of a weighted library's columns on a joint j (r, C_j), on several (n, r, C); kept."""
