@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 
+#: Share of its norm that others leave of a column, from which Cholesky's triangle is exact to 1e-11.
+_APART = 0.01
+
 
 @dataclass(frozen=True)
 class PerLibrary:
@@ -75,3 +78,17 @@ def products(columns: Array, library: Library, joint: int | None) -> Array:
     if joint is not None:
         return np.asarray(parts[joint].T @ library.joints[joint])
     return np.stack([x.T @ z for x, z in zip(parts, library.robot, strict=True)])
+
+
+def factored(columns: Array) -> tuple[Array, Array]:
+    """columns (N, m) as orthonormal ones times a triangle R (m, m): by Cholesky's of their products
+    where they are far enough from each other, else by Householder's."""
+    gram = columns.T @ columns
+    try:
+        R = np.asarray(np.linalg.cholesky(gram).T)
+        if np.all(np.diagonal(R) >= _APART * np.sqrt(np.diagonal(gram))):
+            return columns @ np.linalg.inv(R), R
+    except np.linalg.LinAlgError:
+        pass
+    q, r = np.linalg.qr(columns)
+    return np.asarray(q), np.asarray(r)

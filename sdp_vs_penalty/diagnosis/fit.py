@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, products
+from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, factored, products
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
@@ -150,10 +150,12 @@ class WhiteFit:
         return self.weighting.apply_all(columns)
 
     def partialled(self, columns: Array) -> Array:
-        """(n M, k) what the model's columns leave of weighted others; twice, against rounding."""
-        for _ in range(2):
-            columns = columns - self.Q @ (self.Q.T @ columns)
-        return columns
+        """(n M, k) what the model leaves of weighted columns; of little twice, against rounding."""
+        left = columns - self.Q @ (self.Q.T @ columns)
+        little = np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(columns, axis=0)
+        if little.any():
+            left[:, little] -= self.Q @ (self.Q.T @ left[:, little])
+        return left
 
     def extended(self, *white: Array) -> WhiteFit:
         """The fit with more columns: groups (n M, k) of white ones, kept for other fits."""
@@ -163,13 +165,13 @@ class WhiteFit:
         rest, least = np.hstack([a.rest for a in added]), np.concatenate([a.least for a in added])
         kept = np.arange(len(least))
         while True:
-            new, R = np.linalg.qr(rest[:, kept])
+            new, R = factored(rest[:, kept])
             seen = np.abs(np.diagonal(R)) > least[kept]
             if seen.all():
                 break
             kept = np.delete(kept, np.argmin(seen))
         taken = new.T @ self.residual
-        more = Extension(added, kept, np.linalg.inv(R), taken)
+        more = Extension(added, kept, np.asarray(np.linalg.inv(R)), taken)
         residual, Q = self.residual - new @ taken, np.hstack([self.Q, new])
         return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self, more)
 
