@@ -51,11 +51,11 @@ def written(folders: Iterable[Path], *names: str) -> Iterator[tuple[str, ...]]:
         scopes: list[ast.Module | ast.ClassDef] = [tree]
         for scope in scopes + [node for node in tree.body if isinstance(node, ast.ClassDef)]:
             texts = {
-                node.targets[0].id: node.value.value
+                target.id: node.value.value
                 for node in scope.body
-                if isinstance(node, ast.Assign)
-                and isinstance(node.targets[0], ast.Name)
-                and isinstance(node.value, ast.Constant)
+                if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(node.value, ast.Constant)
+                for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+                if isinstance(target, ast.Name)
             }
             if texts.keys() >= set(names):
                 yield tuple(str(texts[name]) for name in names)

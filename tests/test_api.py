@@ -205,6 +205,10 @@ def bad_calls(estimate: Estimate) -> list[tuple[Callable[[], object], str]]:
         (lambda: identify("two_link", 3), r"^identify\(measurements=3\): no measurements: give a path"),
         (lambda: identify("two_link", []), r"^identify\(measurements=...\): no run"),
         (lambda: identify("two_link", {"t": [0, 1], "q": run["q"]}), r"no column tau \(columns: q, t\)"),
+        (
+            lambda: identify("two_link", {**run, "dq2": [0.0, 1.0]}),
+            "no column dq1, but dq2: give each joint a column",
+        ),
         (lambda: identify("two_link", late), r"^run1: sample 2, column t: time runs backwards"),
         (lambda: identify("panda", run), "2 joints, the robot has 7"),
         (lambda: compare(None, run), r"^compare\(models=None\): no model"),
@@ -223,7 +227,7 @@ def bad_calls(estimate: Estimate) -> list[tuple[Callable[[], object], str]]:
     ]
 
 
-@pytest.mark.parametrize("k", range(16))
+@pytest.mark.parametrize("k", range(17))
 def test_errors_name_what_was_given(k: int, estimate: Estimate) -> None:
     call, words = bad_calls(estimate)[k]
     with pytest.raises(InputError, match=words) as caught:

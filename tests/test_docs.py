@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import typer.main
 
+import sdp_vs_penalty
 from sdp_vs_penalty.cli.main import app, expand_many, main
 from sdp_vs_penalty.data.datasets import DATASETS
 
@@ -66,6 +67,14 @@ def test_every_page_is_in_the_index_and_the_index_in_the_readme() -> None:
     for path in [*PAGES, *DOCS.glob("*.ipynb")]:
         assert path.name == "README.md" or f"({path.name})" in index
     assert "(docs/README.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    reference = (DOCS / "api.md").read_text(encoding="utf-8")
+    public = {name: getattr(sdp_vs_penalty, name) for name in sdp_vs_penalty.__all__}
+    lines = [f"::: {x.__module__}.{name}" for name, x in public.items() if callable(x)]
+    left = set(lines) - set(reference.splitlines())
+    assert not left, f"docs/api.md has no line {left}"
 
 
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:

@@ -48,9 +48,9 @@ def test_public_verbs_explain_every_argument_and_what_they_raise(name: str) -> N
     verb = getattr(sdp_vs_penalty, name)
     text = inspect.getdoc(verb)
     assert text is not None
-    assert "InputError" in text
+    assert "InputError" in text, f"{name} does not say where it raises InputError"
     for parameter in inspect.signature(verb).parameters:
-        assert parameter in text, f"{name}({parameter})"
+        assert parameter in text, f"{name} does not say what {parameter} is"
 
 
 @pytest.mark.parametrize("kind", effect_types().values(), ids=effect_types())

@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.paper.tables.methods import build
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.registration import by_word
+from sdp_vs_penalty.registration import by_word, written
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation.experiment import experiment
 
@@ -29,6 +29,7 @@ ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal on
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from sdp_vs_penalty.solvers.objective import Objective
 
 @dataclass(frozen=True)
 class Ridge(Estimator):
-    name = "ridge"
+    name: ClassVar[str] = "ridge"
     description = "least squares pulled to the nominal parameters"
 
     weight: float = 1e-3
@@ -104,6 +105,8 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def test_an_estimator_is_one_file(added: None) -> None:
     assert "ridge" in estimator_types()
+    (listed,) = written([Path(sdp_vs_penalty.estimators.__path__[-1])], "name", "description")
+    assert listed == ("ridge", "least squares pulled to the nominal parameters")
     problem = load_problem("two_link")
     run = experiment(problem).training_run(seed=0)
     estimate = identify(problem, run, "ridge")

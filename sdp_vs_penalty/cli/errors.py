@@ -27,7 +27,7 @@ def explain(error: BaseException) -> tuple[str, int]:
 
 def _plain(message: str) -> str:
     """A usage error without the words of the library that converts the values."""
-    message = message.rstrip(".?").replace("Value error, ", "")
+    message = " ".join(message.split()).rstrip(".?").replace("Value error, ", "")
     for kind, words in (("integer", "a whole number"), ("number", "a number")):
         message = re.sub(rf"Input should be a valid {kind}\b.*", f"{words} is needed", message)
     return message.replace("Input should be", "it must be")

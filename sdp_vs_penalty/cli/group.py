@@ -32,7 +32,7 @@ VERBS = {
         "export": "Export a model: URDF, MJCF, JSON, NumPy, C header, friction table.",
         "check-urdf": "Check a URDF's inertials for physical consistency.",
         "page": "Open the workbench in a browser.",
-        "list": "List problems, effects, methods, solvers, data sets, engines.",
+        "list": "List problems, effects, methods, solvers, tables and more.",
     },
     "Research": {
         "tables": "Regenerate the paper's tables.",

@@ -81,6 +81,16 @@ def _solvers() -> Listing:
     return ("name", "here", "installed by", "what it is"), rows
 
 
+def _tables() -> Listing:
+    from sdp_vs_penalty.paper.tables import table_modules
+
+    rows: Rows = [
+        (name, ", ".join(getattr(home, "PROBLEMS", ())), (home.__doc__ or "").strip().splitlines()[0])
+        for name, home in table_modules().items()
+    ]
+    return ("name", "only for", "what it is"), rows
+
+
 def _datasets() -> Listing:
     from sdp_vs_penalty.data.datasets import DATASETS
 
@@ -103,6 +113,7 @@ _KINDS: dict[str, Callable[[], Listing]] = {
     "effects": _effects,
     "methods": _methods,
     "solvers": _solvers,
+    "tables": _tables,
     "datasets": _datasets,
     "engines": _engines,
 }

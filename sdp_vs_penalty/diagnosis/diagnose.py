@@ -132,8 +132,8 @@ def conclude(
     findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
     rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
-    measured = measured_curves(state, left, [j - 1 for j in doubted], rows)
-    findings = stood_in(findings, measured)
+    measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
+    findings = explanations.doubtful(stood_in(findings, measured), doubted)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
     if left.remains or doubted or measured.curves:
         verdict = UNKNOWN
@@ -147,7 +147,13 @@ def conclude(
         left.share,
         held_out.ladder[-1],
         stage.rows.cutoff,
-        explanations.remarks(stage.noise.source, tuple(doubted.values()), held_out.source, new_share),
+        explanations.remarks(
+            stage.noise.source,
+            tuple(doubted.values()),
+            held_out.source,
+            new_share,
+            explanations.standstill(held_out.moving, held_out.ladder[-1]),
+        ),
         held_out.before if retuned else held_out.ladder[0],
         held_out.source,
         stage.frozen,

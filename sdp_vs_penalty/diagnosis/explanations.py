@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.parsimony import Company
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
+
+#: Below this share of all rows' error that of motion is told apart.
+_MOSTLY = 0.5
 
 
 def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
@@ -67,28 +72,56 @@ def weaknesses(
     return (*(text for text, true in reasons.items() if true), *([looks_like] if looks_like else []))
 
 
-def doubts(findings: Sequence[Finding]) -> dict[int, str]:
-    """By joint (from 1) what speaks against the findings of one kind on it being physical causes at
+def doubts(findings: Sequence[Finding]) -> dict[tuple[str, int], str]:
+    """By effect and joint (from 1) what speaks against findings of one kind being physical causes at
     all."""
     found: dict[tuple[str, int], list[Mapping[str, float]]] = {}
     for f in findings:
         if f.joints:
             found.setdefault((f.effect, f.joints[0]), []).append(f.shape)
-    said = [(j, effect_types()[name].doubt(j, shapes)) for (name, j), shapes in found.items()]
-    return {j: text for j, text in said if text}
+    said = [(key, effect_types()[key[0]].doubt(key[1], shapes)) for key, shapes in found.items()]
+    return {key: text for key, text in said if text}
+
+
+def doubtful(findings: Sequence[Finding], doubted: Mapping[tuple[str, int], str]) -> tuple[Finding, ...]:
+    """The findings, weak where their kind is doubted on their joint: a curve would say the same."""
+    return tuple(
+        replace(
+            f,
+            confidence="weak",
+            indistinguishable_from=tuple(dict.fromkeys((*f.indistinguishable_from, CURVE))),
+            remarks=(*f.remarks, "one of several waves: together one unknown function of the position"),
+        )
+        if f.joints and (f.effect, f.joints[0]) in doubted
+        else f
+        for f in findings
+    )
+
+
+def standstill(moving: Array, every: Array) -> str:
+    """One sentence where most of the error is of standstill, else nothing; (n,) RMSE while the joints
+    move, and on all rows."""
+    mostly = [int(j) + 1 for j in np.flatnonzero(moving < _MOSTLY * every)]
+    if not mostly:
+        return ""
+    errors = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
+    return (
+        f"Most of the held-out error of {show.joints(mostly)} is of standstill, where dry friction "
+        f"holds any torque up to its own: in motion it is {errors} N m or N, and that is what judges."
+    )
 
 
 def remarks(
-    noise_source: str, doubted: Sequence[str], held_out: str, new_share: float | None
+    noise_source: str, doubted: Sequence[str], held_out: str, new_share: float | None, stands: str = ""
 ) -> tuple[str, ...]:
-    """Sentences about the diagnosis as a whole."""
+    """Sentences about the diagnosis as a whole; stands : of :func:`standstill`."""
     out = []
     if noise_source == "residual":
         out.append(
             "No motion repeats, so noise and model error cannot be separated: the noise shown is the "
             "error itself. Record a run with more than one period."
         )
-    out += doubted
+    out += [*doubted, stands] if stands else doubted
     if warning := repeatability_warning(new_share):
         out.append(warning)
     if held_out == "folds":

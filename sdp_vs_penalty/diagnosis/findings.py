@@ -199,7 +199,9 @@ class Diagnosis(Shown):
             said = ", ".join(f"{name} on joint {j} ({rms:.2g} N m)" for j, name, rms in self.left)
             return f"Look first at what carries most of the error that is left: {said}."
         if self.noise_source != "repetition":
-            return "Record a run with more than one period: only repetition tells noise from error."
+            record = "record a run with more than one period: only repetition tells noise from error."
+            confident = [f for f in self.effects if f.confidence == "confident"]
+            return f"Add the confident findings; {record}" if confident else record.capitalize()
         if self.effects or self.retuned:
             return "Add the findings, and diagnose the model that results."
         return "Use the model, or record motion that excites more."

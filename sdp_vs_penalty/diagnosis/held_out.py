@@ -1,12 +1,14 @@
 """The error that falls along the ladder, on data that no choice has seen.
 
 At each step the model is fitted as ``add`` would fit it, by its own method under its problem's
-constraints, and on a test run it is judged on the rows on which ``compare`` judges it.
+constraints, and on a test run it is judged on the rows on which ``compare`` judges it. Whether a finding
+holds there is told by the rows that are evidence for or against it: where nothing repeats, those during
+which the joint moves (:mod:`~sdp_vs_penalty.signals.stillness`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,8 +26,17 @@ from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import with_reference
-from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress, triangular
+from sdp_vs_penalty.regression.regression import (
+    Factor,
+    Regression,
+    TimeBlock,
+    compress,
+    compress_cells,
+    triangular,
+)
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import RESIDUAL, STILL
+from sdp_vs_penalty.signals.segments import segmented
 
 #: By this share an error falls, rather than merely not rising.
 _FALLS = 0.001
@@ -37,15 +48,16 @@ _OUTER = 5
 class HeldOut:
     """before (n,) : RMSE of each joint with the shape constants that the model was given; ladder
     (steps + 1, n) : with those that the search adopted, before the first effect and after each; source :
-    "test" or "folds"; holds (steps,) : whether the error of a joint on which an effect acts falls on
-    data from which its size was not estimated (the test run, or folds left out); rises (steps,) :
-    whether it rises on all of them there."""
+    "test" or "folds"; holds (steps,) : whether the errors of the joints on which an effect acts fall, in
+    geometric mean, on rows from which its size was not estimated (the test run's, or folds left out) and
+    that are evidence; rises (steps,) : whether they rise there."""
 
     before: Array
     ladder: Array
     source: str
     holds: tuple[bool, ...]
     rises: tuple[bool, ...]
+    moving: Array
 
 
 @dataclass(frozen=True)
@@ -57,13 +69,24 @@ class OnTest:
     test: Measurements
 
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
-        first, effects = self.found.first, [p.candidate.effect for p in picks]
-        ladder = self._ladder(self.found.estimate, effects)
-        before = ladder[0] if first is self.found.estimate else self._ladder(first, [])[0]
-        return HeldOut(before, ladder, "test", *_told(picks, ladder))
+        found, effects = self.found, [p.candidate.effect for p in picks]
+        frozen, split = found.state.stage.frozen, self._split(found.estimate, effects)
+        evidence, every = (
+            _rmse(x, rows.joint_rows())
+            for x, rows in zip(_ladder(found.estimate, frozen, effects, split), split.there, strict=True)
+        )
+        before = every[0]
+        if found.first is not found.estimate:
+            own = self._split(found.first, [])
+            before = _rmse(_squares(found.first, frozen, [], own, [])[1], own.there[1].joint_rows())
 
-    def _ladder(self, estimate: Estimate, effects: Sequence[Effect]) -> Array:
-        """(steps + 1, n) RMSE."""
+        def squares(chosen: Sequence[int]) -> Array:
+            return _squares(found.estimate, frozen, effects, split, chosen)[0]
+
+        return HeldOut(before, every, "test", *_told(picks, evidence, squares), evidence[-1])
+
+    def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
+        """The rows of both runs in the columns of the model and of all effects."""
         frozen, settings = self.found.state.stage.frozen, estimate.preprocessing
         model = model_beside(estimate, effects)
         if model.needs_reference and not frozen:
@@ -73,11 +96,37 @@ class OnTest:
                 lambda part: compress(self.data, part, settings),
                 weighting_of(estimate),
             )
-        train, there = (compress(m, model, settings) for m in (self.data, self.test))
+        train = compress(self.data, model, settings)
+        there = compress_cells(self.test, model, settings, self._cells)
         if frozen:
             train, there = (rows.beside(estimate.theta) for rows in (train, there))
-        squares = _squares(estimate, frozen, effects, train, there)
-        return np.asarray(np.sqrt(squares / np.maximum(there.joint_rows(), 1)))
+        return _Split(train, (there.select([0]), there))
+
+    @cached_property
+    def _cells(self) -> _Evidence:
+        """Which rows of the test run are evidence: where nothing repeats, not those of standstill."""
+        found = self.found
+        if found.state.stage.noise.source != RESIDUAL:
+            return _Evidence({})
+        rows = segmented(self.test, found.estimate.preprocessing)
+        return _Evidence(
+            {k: (rows.t[m], rows.still[m]) for k in set(rows.run) if (m := rows.run == k).any()}
+        )
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """Two cells: the rows that are evidence, and the others; still : by run, instants (M,) and how much
+    of a row there a joint stood still (M, n)."""
+
+    still: Mapping[int, tuple[Array, Array]]
+    places = ((0, 0.0, 0.0), (0, 0.0, 0.0))
+
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        if run not in self.still:
+            return np.zeros(len(t), np.intp)
+        at, still = self.still[run]
+        return np.array([np.interp(t, at, s) > STILL for s in still.T], np.intp).T
 
 
 @dataclass(frozen=True)
@@ -94,15 +143,23 @@ class OnFolds:
             rows = with_estimate(stage.rows, first)
             columns = model_columns(rows, first, stage.frozen)
             given = replace(stage, rows=rows, columns=columns, residual=rows.residual)
+        effects, frozen = [p.candidate.effect for p in picks], stage.frozen
         total = np.zeros((len(picks) + 1, stage.rows.n))
-        same, before = np.zeros_like(total), np.zeros(stage.rows.n)
+        same, before, splits = np.zeros_like(total), np.zeros(stage.rows.n), []
         for train, own in self._searched:
             total += _matched(now, stage, picks, own, train)
-            same += _left_out(now, stage, picks, train)
-            before += _left_out(first, given, (), train)[0]
-        count = np.maximum(stage.rows.keep.sum(axis=0), 1)
-        told = _told(picks, np.sqrt(same / count))
-        return HeldOut(np.sqrt(before / count), np.sqrt(total / count), "folds", *told)
+            splits.append(_left_out(now, stage, effects, train))
+            same += _ladder(now, frozen, effects, splits[-1])[0]
+            before += _squares(first, frozen, [], _left_out(first, given, [], train), [])[1]
+
+        def squares(chosen: Sequence[int]) -> Array:
+            return np.sum([_squares(now, frozen, effects, s, chosen)[0] for s in splits], axis=0)
+
+        keep = stage.rows.keep
+        count, evident = keep.sum(axis=0), (keep & _evident(stage)).sum(axis=0)
+        evidence = _rmse(same, evident)
+        told = _told(picks, evidence, squares)
+        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told, evidence[-1])
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
@@ -117,29 +174,42 @@ class OnFolds:
         return out
 
 
+@dataclass(frozen=True)
+class _Split:
+    """Rows in the columns of a model and of effects, or of what a frozen model leaves in those of the
+    effects: ``train`` to fit to, ``there`` to judge on, those that are evidence and all."""
+
+    train: Regression
+    there: tuple[Regression, Regression]
+
+
 def _squares(
-    estimate: Estimate, frozen: bool, effects: Sequence[Effect], train: Regression, there: Regression
+    estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split, chosen: Sequence[int]
 ) -> Array:
-    """(steps + 1, n) squared errors on the rows ``there`` of the model with the first effects, fitted to
-    the rows ``train`` at each step; of a frozen model both are what it leaves."""
-    ends = np.cumsum([train.p - sum(len(e.parameters) for e in effects), *map(_size, effects)])
-    out = []
-    for k, end in enumerate(ends):
-        wanted = np.arange(train.p) < end
-        theta = fitted_parameters(estimate, effects[:k], train.keeping(wanted), frozen)
-        out.append(there.keeping(wanted).joint_losses(theta))
-    return np.array(out)
+    """(2, n) squared errors on the rows to judge on of the model with the chosen effects."""
+    sizes = [len(e.parameters) for e in effects]
+    picked = np.repeat(np.isin(np.arange(len(effects)), chosen), sizes)
+    wanted = np.concatenate([np.ones(split.train.p - len(picked), bool), picked])
+    own = [effects[k] for k in chosen]
+    theta = fitted_parameters(estimate, own, split.train.keeping(wanted), frozen)
+    return np.array([rows.keeping(wanted).joint_losses(theta) for rows in split.there])
 
 
-def _size(effect: Effect) -> int:
-    return len(effect.parameters)
+def _ladder(estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split) -> Array:
+    """(2, steps + 1, n) the same of the model with the first effects, one step after the other."""
+    steps = range(len(effects) + 1)
+    return np.stack([_squares(estimate, frozen, effects, split, range(k)) for k in steps], axis=1)
+
+
+def _rmse(squares: Array, rows: NDArray[np.int64]) -> Array:
+    return np.asarray(np.sqrt(squares / np.maximum(rows, 1)))
 
 
 def _left_out(
-    estimate: Estimate, stage: Stage, picks: Sequence[Pick], train: NDArray[np.bool_]
-) -> Array:
-    """(steps + 1, n) squared errors on the stage's other rows."""
-    effects, rows = [p.candidate.effect for p in picks], stage.rows
+    estimate: Estimate, stage: Stage, effects: Sequence[Effect], train: NDArray[np.bool_]
+) -> _Split:
+    """The stage's rows to fit to, and all others to judge on."""
+    rows = stage.rows
     columns = [stage.columns, *(spread_columns(rows, effect) for effect in effects)]
     own = () if stage.frozen else estimate.model.effects
     parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
@@ -147,15 +217,22 @@ def _left_out(
     if not stage.frozen:
         torque += (stage.columns @ estimate.theta).T
     rows_of = np.concatenate([np.concatenate(columns, axis=2), torque.T[:, :, None]], axis=2)
-    blocks = (TimeBlock(0, 0.0, 0.0), TimeBlock(0, 0.0, 0.0))
+    blocks = tuple(TimeBlock(0, 0.0, 0.0) for _ in range(3))
     factors = []
     for j in range(rows.n):
-        for block, mine in enumerate((train, ~train)):
+        counts = _evident(stage)[:, j]
+        for block, mine in enumerate((train, ~train & counts, ~train & ~counts)):
             kept = rows_of[j][mine & rows.keep[:, j]]
             indices = np.arange(len(parameters))
             factors.append(Factor(j, block, indices, triangular([kept]), len(kept)))
     both = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
-    return _squares(estimate, stage.frozen, effects, both.select([0]), both.select([1]))
+    return _Split(both.select([0]), (both.select([1]), both.select([1, 2])))
+
+
+def _evident(stage: Stage) -> NDArray[np.bool_]:
+    """(M, n) which rows are evidence for or against a law: where nothing repeats, those of motion."""
+    known = stage.noise.source != RESIDUAL
+    return np.ones_like(stage.rows.keep) if known else stage.rows.still <= STILL
 
 
 def _matched(
@@ -165,31 +242,39 @@ def _matched(
     own: Sequence[Pick],
     train: NDArray[np.bool_],
 ) -> Array:
-    """(steps + 1, n) squared errors left out, at each step with those of a fold's ``own`` picks that are
-    the same effect on the same joint as a pick up to there: a fold finds them in another order."""
+    """(steps + 1, n) squared errors on all rows left out, at each step with those of a fold's ``own``
+    picks that are the same effect on the same joint as a pick up to there: it finds them in another
+    order."""
     step: dict[Key, int] = {}
     for k, pick in enumerate(picks):
         step.setdefault(pick.candidate.key, k)
     same = sorted((p for p in own if p.candidate.key in step), key=lambda p: step[p.candidate.key])
     steps = np.array([step[p.candidate.key] for p in same], int)
-    squares = _left_out(estimate, stage, same, train)
+    effects = [p.candidate.effect for p in same]
+    squares = _ladder(estimate, stage.frozen, effects, _left_out(estimate, stage, effects, train))[1]
     return squares[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
 
 
-def _told(picks: Sequence[Pick], ladder: Array) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
-    """Of each pick whether the error falls on a joint on which it acts, and whether it rises on all."""
-    steps = [(pick, ladder[k], ladder[k + 1]) for k, pick in enumerate(picks)]
-    return tuple(_falls(*step) for step in steps), tuple(_rises(*step) for step in steps)
+def _told(
+    picks: Sequence[Pick], ladder: Array, squares: Callable[[Sequence[int]], Array]
+) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+    """Of each pick whether the errors of the joints on which it acts fall in geometric mean, and whether
+    they rise. ladder (steps + 1, n) : with the first picks; squares : (n,) of any picks, by which those
+    are judged beside all others that add nothing where they stand: some need a later one."""
+    steps = zip(picks, ladder[:-1], ladder[1:], strict=True)
+    change = [_change(pick, before, after) for pick, before, after in steps]
+    kept, rises = list(range(len(picks))), [False] * len(picks)
+    for k in sorted((k for k, c in enumerate(change) if c >= -_FALLS), key=lambda k: -change[k]):
+        others = [m for m in kept if m != k]
+        change[k] = 0.5 * _change(picks[k], squares(others), squares(kept))
+        if change[k] > _FALLS:
+            kept, rises[k] = others, True
+    return tuple(c < -_FALLS for c in change), tuple(rises)
 
 
-def _falls(pick: Pick, before: Array, after: Array) -> bool:
-    acts = _acts(pick)
-    return bool(np.any(after[acts] < (1.0 - _FALLS) * before[acts]))
-
-
-def _rises(pick: Pick, before: Array, after: Array) -> bool:
-    acts = _acts(pick)
-    return bool(np.all(after[acts] > (1.0 + _FALLS) * before[acts]))
+def _change(pick: Pick, before: Array, after: Array) -> float:
+    before, after = (np.maximum(x[_acts(pick)], 1e-300) for x in (before, after))
+    return float(np.mean(np.log(after / before)))
 
 
 def _acts(pick: Pick) -> list[int] | slice:

@@ -167,7 +167,7 @@ def grams(columns: Array, count: int) -> Array:
     N, size = columns.shape
     if size == count:
         return np.einsum("nc,nc->c", columns, columns)[:, None, None]
-    x = np.ascontiguousarray(columns.reshape(N, count, -1).transpose(1, 2, 0))
+    x = np.ascontiguousarray(columns.reshape(N, count, size // count).transpose(1, 2, 0))
     return np.asarray(x @ x.transpose(0, 2, 1))
 
 

@@ -17,6 +17,8 @@ CORRELATED = 0.8
 #: Share of a larger effect's gain up to which a smaller one on its joints may be that law's own error: a
 #: law of friction holds to about a tenth of its torque.
 LAW = 0.01
+#: ... and up to which two friction laws that refine the same plain one may be one law between them.
+FINER_LAW = 0.03
 
 
 @dataclass(frozen=True)
@@ -117,12 +119,18 @@ def company(state: SearchState, k: int) -> Company:
     others = [m for m, touches in shared.items() if touches]
     correlated = tuple(state.picks[m] for m in others if _taken(state, k, m) > CORRELATED)
     larger = max((state.picks[m] for m in others), key=lambda p: p.gain, default=None)
-    small = larger is not None and pick.gain < LAW * larger.gain
+    small = larger is not None and pick.gain < _own_error(pick, larger) * larger.gain
     fit = state.fit
     least, level2 = fit.degrees * fit.weighting.noise_variance, fit.weighting.level**2
     left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0) / level2
     drowned = float(left[own].sum()) > pick.gain
     return Company(correlated, larger if small else None, drowned)
+
+
+def _own_error(pick: Pick, larger: Pick) -> float:
+    """Share of a larger pick's gain that its law may leave to the other."""
+    plain = set(pick.candidate.effect.refines) & set(larger.candidate.effect.refines)
+    return FINER_LAW if plain else LAW
 
 
 def _taken(state: SearchState, k: int, m: int) -> float:

@@ -11,9 +11,11 @@ from sdp_vs_penalty.diagnosis.events import Event, intervals, spectral_lines
 from sdp_vs_penalty.diagnosis.stage import Stage
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
-from sdp_vs_penalty.signals.noise import rate_features
-from sdp_vs_penalty.signals.outliers import local_excess, noise_profile, robust_scale
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import RESIDUAL, rate_features
+from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import later_rows
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Mask = NDArray[np.bool_]
 
@@ -23,6 +25,8 @@ _SAME_PHASE = 0.25
 _FAINT = 1.5
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
+#: Share of its usual speed below which a joint is slow: friction's own errors are largest there.
+_SLOW = 0.2
 #: Hz: below, lines are the motion's own harmonics.
 _SLOWEST_HUM = 0.8
 #: In units of the row rate: above, what the low-pass folds has no flat surroundings.
@@ -48,6 +52,8 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
         steady /= max(robust_scale(steady[steady != 0.0]), 1.0)
         degrees = float(noise.degrees[j])
         found = local_excess(steady, rows.pieces(j), n, degrees)
+        if noise.source == RESIDUAL and found.any():
+            found &= _lone(white[:, j], rows, j)
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
             faint[:, j] = found | local_excess(_FAINT * steady, rows.pieces(j), n, degrees)
@@ -71,6 +77,16 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     ]
     events += _hums(state)
     return left, tuple(sorted(events, key=lambda e: (e.t_start, e.joint)))
+
+
+def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
+    """(M,) windows that stand out of a joint's own error, where no repetition tells it from noise."""
+    speed = np.abs(rows.dq[:, joint])
+    slow = (speed < _SLOW * np.sqrt(np.mean(speed**2))) | (rows.still[:, joint] > 0.0)
+    jerk = np.concatenate(
+        [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
+    )
+    return lone_windows(white, rows.pieces(joint), slow, jerk, rows.rate, rows.n)
 
 
 def _hums(state: SearchState) -> list[Event]:

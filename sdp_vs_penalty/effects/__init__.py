@@ -34,6 +34,10 @@ def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...
 def _parse_effect(text: str, robot: Robot) -> Effect:
     head, *shapes = text.split("@")
     name, _, joints_text = head.partition(":")
+    if name.isdecimal():  # torque_offset:1,3: commas part effects
+        raise InputError(
+            f"effect {name!r} is a number", "join the joints of an effect by +, like torque_offset:1+3"
+        )
     kind = _lookup(name)
     joints = None
     if joints_text:

@@ -75,7 +75,8 @@ class Certificate(Shown):
             out.append(("largest radius of gyration", text))
         if self.density is not None:
             low, high = self.density
-            out.append(("mean density", f"{low:.3g} to {high:.3g} kg/m^3 of the links' geometry"))
+            span = " to ".join(dict.fromkeys((f"{low:.3g}", f"{high:.3g}")))
+            out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:
             text = f"at {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"
             if self.at_every_pose:

@@ -47,7 +47,8 @@ from sdp_vs_penalty.page.run_jobs import (
     simulate,
 )
 from sdp_vs_penalty.page.summary import summary, violation
-from sdp_vs_penalty.problem.load import load_problem, with_filters
+from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
+from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import make_report
 from sdp_vs_penalty.simulation.hidden_runs import makers
@@ -88,6 +89,7 @@ def robot(request: Request, progress: Progress) -> Answer:
         "torque_side": problem.torque_side,
         "own_gravity": list(problem.robot.gravity),
         "known": _known(problem),
+        "bounds": _bounds(problem),
     }
 
 
@@ -101,14 +103,24 @@ def _known(problem: Problem) -> str:
     )
     return (
         f"Bounds on {bounds.sum()} of {10 * len(bounds)} link parameters; filters of states and torque: "
-        f"{', '.join(cutoffs)}. A folder with a problem.toml sets others."
+        f"{', '.join(cutoffs)}. The step Model, or a folder with a problem.toml, sets others."
     )
+
+
+def _bounds(problem: Problem) -> list[list[str]]:
+    """Name, ends as text ("" for none) and unit of everything of a link that a bound may be on."""
+    units = ("kg", *["m"] * 3, *["kg m^2"] * 6)
+    return [
+        [name, *(f"{x:.4g}" if np.isfinite(x) else "" for x in problem.box[place]), units[place[1]]]
+        for name, place in entries(problem.robot.links).items()
+    ]
 
 
 def fit(request: Request, progress: Progress) -> Answer:
     """Identify a model and look where it fails."""
     runs, options = runs_of(request), request["options"]
-    problem = with_filters(problem_of(request), options.get("filters"))
+    bounded = with_bounds(problem_of(request), options.get("bounds"))
+    problem = with_filters(bounded, options.get("filters"))
     begin = time.perf_counter()
     estimate = identify(
         problem,

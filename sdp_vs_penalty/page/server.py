@@ -238,6 +238,8 @@ def make_app(page: Page) -> FastAPI:
         dark=None,
         tailwind=False,
         language="en-US",
+        # A tab that draws, sleeps or waits for a busy computer for so many seconds goes on where it was.
+        reconnect_timeout=20.0,
         show_welcome_message=False,
     )
     return app

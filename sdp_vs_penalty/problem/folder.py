@@ -118,7 +118,7 @@ def _fill_box(box: Array, path: Path) -> None:
         except (ValueError, KeyError, TypeError):
             raise InputError(
                 f"row {number}: {name!r} has no bounds, or is no parameter of a link of this robot",
-                "write m1, c1x or I1xx with numbers as lower and upper",
+                "write m1, c1x or I1xx under parameter, and numbers under lower and upper",
                 path,
             ) from None
         if not lower <= upper:

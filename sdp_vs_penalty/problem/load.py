@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.data.texts import numbers
+from sdp_vs_penalty.data.texts import numbers, pairs
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.folder import load_folder
+from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import DEFAULT_LINK_MASS, Problem, default_mass
 from sdp_vs_penalty.robot.geometry import link_geometry
@@ -73,6 +74,36 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
     state, torque = numbers("--filters", cutoffs, 2)
     settings = replace(problem.preprocessing, state_cutoff=state, torque_cutoff=torque)
     return replace(problem, preprocessing=settings)
+
+
+def with_bounds(problem: Problem, text: str | None) -> Problem:
+    """The same with other bounds, "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2]; as it is for None.
+
+    The names are those of a ``bounds.csv``, and ``total``; an end that is left out is none (a mass has
+    zero). A nominal link outside of its new mass is scaled to the nearer end. Raises InputError for
+    another text, a name of no link, or ends that are swapped.
+    """
+    if text is None:
+        return problem
+    places, box, links = entries(problem.robot.links), problem.box.copy(), problem.nominal_links.copy()
+    total = problem.total_mass
+    for name, ends in (pairs("--bounds", text) or {}).items():
+        low, _, high = ends.partition(":")
+        mass = name.startswith(("m", "total"))
+        try:
+            new = float(low or (0.0 if mass else -np.inf)), float(high or np.inf)
+            if name == "total":
+                total = new
+            else:
+                box[places[name]] = new
+        except (ValueError, KeyError):
+            raise InputError(
+                f"--bounds {name}={ends}",
+                "write NAME=LOWER:UPPER, of m1, c1x, I1xx, total",
+            ) from None
+    now = links[:, 0]
+    links *= (np.clip(now, *box[:, 0].T) / np.where(now > 0.0, now, 1.0))[:, None]
+    return replace(problem, box=box, total_mass=total, nominal_links=links)
 
 
 def _from_urdf(path: Path) -> Problem:

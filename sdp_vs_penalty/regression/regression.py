@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -25,7 +26,6 @@ from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.phases import PhaseFolds
 from sdp_vs_penalty.signals.preprocessing import (
     Preprocessing,
     Rows,
@@ -293,10 +293,20 @@ def _compress_run(
     return found, rows_in_all / rows_per_sample(run, settings)
 
 
+class Cells(Protocol):
+    """places : run, start and stop [s] of each block; cell : the blocks (M,) of a run's instants t (M,),
+    or (M, n) of each joint's."""
+
+    @property
+    def places(self) -> Sequence[tuple[int, float, float]]: ...
+
+    def cell(self, run: int, t: Array) -> NDArray[np.intp]: ...
+
+
 def compress_cells(
-    measurements: Measurements, model: Model, settings: Preprocessing, folds: PhaseFolds
+    measurements: Measurements, model: Model, settings: Preprocessing, folds: Cells
 ) -> Regression:
-    """The same with one block for each cell of folds by phase, whichever runs and periods show it."""
+    """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
     growing, samples = _Growing(), 0.0
     for index, run in enumerate(measurements.runs()):
         repeated = rows_per_sample(run, settings)
@@ -315,10 +325,11 @@ class _Growing:
         self._factors: dict[tuple[int, int], Factor] = {}
 
     def take(self, rows: Rows, owner: NDArray[np.intp]) -> None:
-        """Add rows, each to the block that ``owner`` (M,) says."""
-        for b in np.unique(owner):
-            mine = owner == b
-            for joint, columns in enumerate(rows.columns):
+        """Add rows, each to the block that ``owner`` (M,) says, or (M, n) for each joint."""
+        owners = np.broadcast_to(owner.reshape(len(owner), -1), rows.torque.shape)
+        for joint, columns in enumerate(rows.columns):
+            for b in np.unique(owners[:, joint]):
+                mine = owners[:, joint] == b
                 piece = np.column_stack([columns.columns[mine], rows.torque[mine, joint]])
                 old = self._factors.get((int(b), joint))
                 parts = [piece] if old is None else [old.triangle, piece]

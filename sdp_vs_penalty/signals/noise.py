@@ -39,7 +39,7 @@ REPETITION, RESIDUAL = "repetition", "residual"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
 #: Rows of which a joint stood still for more than this show friction, not noise.
-_STILL = 0.01
+STILL = 0.01
 #: Share of a guessed noise that is left a row later, at most.
 _FADES = 0.95
 #: Independent values that a median of squares is worth, a value: its efficiency.
@@ -138,7 +138,7 @@ def _forgetting(a: Array) -> Array:
 
 def _moving(pieces: Pieces, still: Array) -> Pieces:
     """Without the rows during which the joint stood still, unless too few would be left."""
-    moving = Pieces(p[still[p] < _STILL] for p in pieces)
+    moving = Pieces(p[still[p] < STILL] for p in pieces)
     return moving if len(moving.predicted) >= _FEWEST else pieces
 
 

@@ -6,6 +6,7 @@ With unit variance the energy of m rows of whitened noise is chi-square with m d
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,14 @@ _MODULATION = (0.1, 10.0)
 _LENGTHS = (1, 2, 4, 8, 16, 32)
 #: From this length on the logarithm of a window's energy is nearly normal; and how far out an event is.
 _LOGARITHMIC, _FAR = 4, 5.0
+#: Seconds of the stretches of which the largest window is compared, the share of them that events may
+#: fill, how many others their tail is known from at least, and the family-wise probability of a false
+#: event beside a model's error.
+_STRETCH, _RARE, _FEWEST_BESIDE, FALSE_LONE = 0.5, 0.15, 10, 1e-2
+#: Lengths of the windows that are compared [rows].
+_LONE = (2, 8, 32)
+#: How many stretches have to come near the jerk of one, and how near, for it to be comparable.
+_ALIKE, _LIKE = 3, 0.7
 #: The median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 2.0 * float(special.gammaincinv(0.5, 0.5))
 
@@ -55,6 +64,64 @@ def _largest_variance(p: float, length: int, degrees: float) -> float:
     """The variance of ``length`` rows that noise exceeds with probability p: F's upper quantile."""
     w = float(special.betaincinv(0.5 * degrees, 0.5 * length, p))  # d / (d + length F)
     return degrees * (1.0 - w) / (length * w)
+
+
+def lone_windows(
+    white: Array, pieces: Sequence[NDArray[np.intp]], slow: Mask, jerk: Array, rate: float, tests: int
+) -> Mask:
+    """(M,) rows of windows whose energy no other window in the same state of motion comes near.
+
+    For a residual that holds a model's error, of which neither scale nor tails are known: of every
+    stretch of _STRETCH seconds the largest logarithm of a window's energy, of windows in which the
+    joint is ``slow`` (M,) and of the others by themselves; without stretches of which the ``jerk`` (M,)
+    has no like. pieces, tests : as in :func:`local_excess`; rate : rows a second.
+    """
+    mask = np.zeros(len(white), bool)
+    stretches = _cut(pieces, max(2, round(_STRETCH * rate)))
+    sharp = np.array([np.abs(jerk[rows]).max() for rows in stretches])
+    unlike = np.zeros(len(white), bool)
+    for k in np.flatnonzero(sharp > np.sort(sharp)[-_ALIKE:].min(initial=np.inf) / _LIKE):
+        unlike[stretches[k]] = True
+    for length in _LONE:
+        around = partial(np.convolve, np.ones(length), mode="same")
+        energy, slowly = np.full(len(white), -np.inf), np.zeros(len(white), bool)
+        for piece in pieces:  # of the window around each row
+            if len(piece) >= length:
+                own = np.log(np.maximum(around(white[piece] ** 2), 1e-300))
+                energy[piece] = np.where(around(unlike[piece]) > 0.5, -np.inf, own)
+                slowly[piece] = around(slow[piece]) > 0.5
+        for kind in (slowly, ~slowly):
+            own = np.where(kind, energy, -np.inf)
+            largest = np.array([own[rows].max() for rows in stretches])
+            known = np.sort(largest[np.isfinite(largest)])[::-1]
+            limit = _tail_limit(known, 2 * len(_LONE) * tests)
+            for row in np.flatnonzero(own > limit) - length // 2:
+                mask[max(row, 0) : row + length] = True
+    return mask
+
+
+def _cut(pieces: Sequence[NDArray[np.intp]], size: int) -> list[NDArray[np.intp]]:
+    """Pieces cut into stretches of about ``size`` rows."""
+    return [part for p in pieces for part in np.array_split(p, max(1, round(len(p) / size)))]
+
+
+def _tail_limit(values: Array, tests: int) -> float:
+    """Above what a few of descending ``values`` stand out of the tail of the others; infinite where none
+    does.
+
+    Logarithms of energies decay exponentially, as heavy tails do, with a mean excess h over a threshold
+    that k values show (Hill 1975); a new one exceeds it by x with probability (1 + x / (k h))^-k.
+    """
+    k = len(values) // 2
+    if k < _FEWEST_BESIDE:
+        return np.inf
+    far = k * ((k * tests / FALSE_LONE) ** (1.0 / k) - 1.0)
+    for out in range(min(int(_RARE * len(values)), len(values) - k - 1), 0, -1):
+        threshold = float(values[out + k])
+        limit = threshold + far * (float(np.mean(values[out : out + k])) - threshold)
+        if values[out - 1] > limit:
+            return limit
+    return np.inf
 
 
 def _outlying(windows: Array) -> float:

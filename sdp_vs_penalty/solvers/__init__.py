@@ -2,8 +2,8 @@
 
 NAME : on the command line; EXTRA : what installs it (None: the core installation); REQUIRES : the
 ("package", module) or ("program", command) without which it is absent; CONES : what it takes, after
-rewriting where it lacks quadratic objectives, equalities or second-order cones. Where they are needed:
-options(accuracy), what the solver is told; warm_up(), what a first call pays for; licence(), why it
+rewriting where it lacks quadratic objectives, equalities or second-order cones; options(accuracy), what
+the solver is told. Where they are needed: warm_up(), what a first call pays for; licence(), why it
 must not run; SYSTEM_PACKAGE, Debian's name of a program's package; DEFAULT_ACCURACY, what it asks of
 itself if solve() is given None; FINEST, what a loop around it may ask; SAME_AS, another file's solver.
 """

@@ -131,6 +131,7 @@ def test_no_verb_shows_the_help(run: Run) -> None:
 
 def test_a_wrong_choice_is_said_in_our_words(run: Run) -> None:
     for words, said in (
+        (("list",), "Choose from: problems, effects"),
         (("list", "nothing"), "'nothing' is not one of 'problems', 'effects'"),
         (("identify", "panda", "--data", "a", "--out", "b", "--seed", "x"), "a whole number is needed"),
         (("identify", "panda", "--data", "a", "--out", "b", "--seed", -1), "it must be greater than"),

@@ -13,6 +13,7 @@ from small_runs import small_run, write_bag, write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.data.formats import formats
 from sdp_vs_penalty.problem.problem import Problem
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
@@ -29,7 +30,7 @@ NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "pag
 
 def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixture[str]) -> None:
     files = {path.stem.replace("_", "-") for path in (ROOT / "cli" / "verbs").glob("[!_]*.py")}
-    assert set(EXAMPLES) == files
+    assert set(EXAMPLES) == files, "VERBS of cli/group.py names each file of cli/verbs, and no other"
     with pytest.raises(SystemExit):
         main(["--help"])
     lines = capsys.readouterr().out.splitlines()
@@ -47,6 +48,21 @@ def test_every_option_is_described_by_a_noun_phrase() -> None:
             assert text[0].isupper() or text.startswith("."), f"{verb} {parameter.name}: {text}"
             assert text.split()[0] not in {"Of", "At", "For", "Whose", "Which", "See"}, (verb, text)
             assert text.endswith("."), f"{verb} {parameter.name}: {text}"
+
+
+def test_every_format_is_named_where_a_file_is_asked_for() -> None:
+    """By its first suffix: the help is by hand, so that showing it imports no reader."""
+
+    def told(verb: str, name: str) -> str:
+        (option,) = (p for p in COMMANDS[verb].params if p.name == name)
+        return f"{option.metavar} {option.help}"
+
+    for home in formats():
+        for suffix in home.SUFFIXES[:1]:
+            assert suffix in told("identify", "data"), f"{suffix}: name it in Data of cli/options.py"
+            assert suffix in told("convert", "source"), f"{suffix}: name it in cli/verbs/convert.py"
+            if hasattr(home, "write"):
+                assert suffix in told("convert", "out"), f"{suffix}: name it in cli/verbs/convert.py"
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))

@@ -13,10 +13,13 @@ from hypothesis import strategies as st
 from small_runs import small_run, write_bag
 
 from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.formats import formats
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
 
+#: One of each format that we write, and the bags that a test can.
+SUFFIXES = [*(home.SUFFIXES[0] for home in formats() if hasattr(home, "write")), ".mcap", ".db3"]
 #: A mutation: where (a share of the file), what is put there, how many bytes it replaces.
 MUTATION = st.tuples(
     st.floats(0.0, 1.0),
@@ -41,7 +44,7 @@ def sound(suffix: str) -> bytes:
         return path.read_bytes()
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".npz", ".mat", ".parquet", ".mcap", ".db3"])
+@pytest.mark.parametrize("suffix", SUFFIXES)
 @settings(
     max_examples=60,
     deadline=None,

@@ -257,18 +257,35 @@ def test_held_out_errors_without_a_test_run(slope: HiddenRuns) -> None:
 def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None:
     from types import SimpleNamespace
 
-    from sdp_vs_penalty.diagnosis.held_out import _falls
+    from sdp_vs_penalty.diagnosis.held_out import _told
 
     def pick(joints: tuple[int, ...], whole: bool = False) -> Any:
         return SimpleNamespace(
             candidate=SimpleNamespace(effect=SimpleNamespace(joints=joints, whole_robot=whole))
         )
 
-    before, after = np.array([1.0, 1.0, 1.0]), np.array([1.0, 0.9, 1.1])
-    assert _falls(pick((1,)), before, after)
-    assert _falls(pick((), whole=True), before, after)
-    assert not _falls(pick((0,)), before, after)
-    assert not _falls(pick((2,)), before, after)
+    ladder = np.array([[1.0, 1.0, 1.0], [1.0, 0.9, 1.1]])
+    told = {(1,): (True, False), (0,): (False, False), (2,): (False, True), (0, 2): (False, True)}
+    for joints, expected in told.items():
+        ((falls,), (rises,)) = _told([pick(joints)], ladder, lambda chosen: ladder[len(chosen)] ** 2)
+        assert (falls, rises) == expected
+    # Of several joints the errors count together, each by its own size.
+    ladder = np.array([[1.0, 1.0, 9.0], [1.0, 0.8, 9.9]])
+    assert _told([pick((), whole=True)], ladder, np.zeros) == ((True,), (False,))
+
+
+def test_a_finding_that_needs_a_later_one_is_judged_beside_it() -> None:
+    from types import SimpleNamespace
+
+    from sdp_vs_penalty.diagnosis.held_out import _told
+
+    effect = SimpleNamespace(joints=(0,), whole_robot=False)
+    picks: Any = [SimpleNamespace(candidate=SimpleNamespace(effect=effect))] * 3
+    # The second helps beside the third only, the first never does.
+    error = {(): 1.0, (0,): 1.1, (0, 1): 1.2, (0, 1, 2): 0.5, (1, 2): 0.4, (2,): 0.6}
+    ladder = np.array([[error[tuple(range(k))]] for k in range(4)])
+    holds, rises = _told(picks, ladder, lambda chosen: np.array([error[tuple(chosen)] ** 2]))
+    assert (holds, rises) == ((False, True, True), (True, False, False))
 
 
 def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:

@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis.scoring import cross_validate, evidence, solve_gro
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.autoregression import autoregression, beside
-from sdp_vs_penalty.signals.outliers import local_excess, noise_profile
+from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile
 from sdp_vs_penalty.simulation.challenge.judge import wilson
 
 Array = NDArray[np.float64]
@@ -287,3 +287,26 @@ def test_groups_of_any_size_are_partialled(columns: list[list[int]]) -> None:
     every = np.ravel(columns)
     found = grams(Z[:, every], len(columns)) - grams(Q.T @ Z[:, every], len(columns))
     np.testing.assert_allclose(found, wanted)
+
+
+def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near() -> None:
+    rng, M = np.random.default_rng(5), 1800
+    pieces, even = [np.arange(900), np.arange(900, M)], np.ones(M)
+    slow = np.arange(M) % 120 < 30
+
+    def found(white: Array, jerk: Array = even) -> Array:
+        return lone_windows(white, pieces, slow, jerk, 30.0, 7)
+
+    # Error that swells at reversals, with tails.
+    error = rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))
+    assert not found(error).any()
+    knock = error.copy()
+    knock[700:704] += 60.0
+    where = np.flatnonzero(found(knock))
+    assert where.min() > 660
+    assert where.max() < 740
+    assert np.isin([700, 701, 702, 703], where).all()
+    assert not found(rng.standard_t(2, size=M)).any()
+    sharp = even.copy()
+    sharp[690:710] = 3.0  # a motion like no other
+    assert not found(knock, sharp).any()

@@ -19,7 +19,10 @@ def state_of(*picks: tuple[int | None, float]) -> Any:
         degrees=np.array([100.0, 100.0]), weighting=weighting, joint_chi2=np.full(2, 100.0)
     )
     made = [
-        SimpleNamespace(candidate=SimpleNamespace(key=(f"effect {k}", joint)), gain=gain)
+        SimpleNamespace(
+            candidate=SimpleNamespace(key=(f"effect {k}", joint), effect=SimpleNamespace(refines=())),
+            gain=gain,
+        )
         for k, (joint, gain) in enumerate(picks)
     ]
     return SimpleNamespace(picks=tuple(made), fit=fit)
@@ -57,6 +60,17 @@ def test_what_stands_beside_a_pick(taken: set[frozenset[int]]) -> None:
     state.fit.joint_chi2[0] = 100.0 * (parsimony.MISFIT + 1.0)
     assert parsimony.company(state, 1).drowned
     assert not parsimony.company(state, 2).drowned
+
+
+def test_a_finer_law_is_held_to_more_beside_one_that_refines_the_same() -> None:
+    def pick(gain: float, *refines: str) -> Any:
+        return SimpleNamespace(
+            gain=gain, candidate=SimpleNamespace(effect=SimpleNamespace(refines=refines))
+        )
+
+    law = pick(100.0, "coulomb_friction")
+    finer = pick(2.0, "presliding_hysteresis", "coulomb_friction")
+    assert parsimony._own_error(finer, law) > parsimony._own_error(pick(2.0), law)
 
 
 def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:

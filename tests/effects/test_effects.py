@@ -385,6 +385,7 @@ def test_a_search_couples_neighbours() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("torque_offset:1,2", "the joints of an effect by +"),
         ("friction", "is unknown: "),
         ("base_tilt:2", "whole robot"),
         ("joint_coupling:3@i=3", "coupled to itself"),

@@ -63,7 +63,7 @@ def test_published_cells_are_as_printed(name: str) -> None:
 def test_the_readme_names_every_table() -> None:
     readme = (RESULTS / "README.md").read_text()
     for path in RESULTS.rglob("table_*.csv"):
-        assert path.stem in readme, path
+        assert path.stem in readme, f"{path.stem} has no row in results/README.md"
 
 
 def test_cheap_columns_come_out_as_committed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

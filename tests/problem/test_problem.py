@@ -12,15 +12,17 @@ from hypothesis import strategies as st
 from random_robots import bare, link_parameters, sines, task_of, tree
 
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.load import load_problem, with_bounds
 from sdp_vs_penalty.problem.nominal import plausible_links
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -175,3 +177,33 @@ def test_what_lies_on_a_default_bound_is_said(tmp_path: Path) -> None:
     run = Measurements(t, 0.3 * x.q, 310.0 * (0.3 * x.ddq + 9.81) + 6.0 * x.dq)
     estimate = identify(load_problem(file), run, effects="rigid_body,viscous_friction")
     assert estimate.details["on_bounds"] == ["mass of link 1"]
+
+
+def test_bounds_by_a_word() -> None:
+    """In place of the problem's; the rest stays, and a nominal link outside comes to the nearer end."""
+    problem = load_problem("two_link")
+    mass = problem.nominal_links[1, 0]
+    made = with_bounds(problem, f"m2={2 * mass}:{3 * mass},c1x=-0.2:,total=:9")
+    assert made.box[1, 0].tolist() == [2 * mass, 3 * mass]
+    assert made.box[0, 1].tolist() == [-0.2, np.inf]
+    assert made.total_mass == (0.0, 9.0)
+    assert made.nominal_links[1] == pytest.approx(2.0 * problem.nominal_links[1])
+    assert np.array_equal(made.nominal_links[0], problem.nominal_links[0])
+    untouched = np.ones(problem.box.shape, dtype=bool)
+    untouched[1, 0] = untouched[0, 1] = False
+    assert np.array_equal(made.box[untouched], problem.box[untouched])
+    assert with_bounds(problem, None) is problem
+    for wrong in ("m9=1:2", "m1=5:1", "m1=a:b", "m1", "m1=nan:2", "mass=1:2"):
+        with pytest.raises(InputError):
+            with_bounds(problem, wrong)
+
+
+def test_a_bound_by_a_word_holds_in_the_model() -> None:
+    """What the data alone would make heavier stays under the bound, and is said to lie on it."""
+    problem = load_problem("two_link")
+    runs = hidden_runs(problem, [], "strong", 3).runs[:1]
+    free = identify(problem, runs[0])
+    most = 0.8 * float(free.links[:, 0].sum())
+    bound = identify(with_bounds(problem, f"total=:{most}"), runs[0])
+    assert float(bound.links[:, 0].sum()) <= most * (1.0 + 1e-9)
+    assert bound.certificate.worst == 0.0

@@ -20,6 +20,7 @@ from sdp_vs_penalty.regression.regression import (
     LeastSquares,
     Regression,
     compress,
+    compress_cells,
     nearest_least_squares,
     triangular,
 )
@@ -117,6 +118,22 @@ def test_files_merge_like_one_measurement(seed: int) -> None:
     assert together.blocks == apart.blocks
     assert_same_loss(together.least_squares(), apart.least_squares(), rng)
     assert {b.run for b in together.blocks} == {0, 1}
+
+
+def test_cells_of_each_joint_hold_every_row_once() -> None:
+    model, _, run = case(3)
+
+    class Cells:
+        places = ((0, 0.0, 0.0), (0, 0.0, 0.0))
+
+        def cell(self, run: int, t: np.ndarray) -> np.ndarray:
+            return np.array([t > 3.0 + joint for joint in range(3)], np.intp).T
+
+    whole, apart = compress(run, model, FILTERS), compress_cells(run, model, FILTERS, Cells())
+    assert_same_loss(whole.least_squares(), apart.least_squares(), np.random.default_rng(3))
+    first, later = (apart.select([k]).joint_rows() for k in (0, 1))
+    assert np.all(np.diff(first) > 0)
+    assert (first + later).tolist() == whole.joint_rows().tolist()
 
 
 def test_blocks_come_in_the_order_of_time_and_own_their_rows() -> None:

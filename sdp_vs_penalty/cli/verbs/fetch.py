@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -34,5 +35,7 @@ def verb(
             print(f"sdp-vs-penalty: {remark}", file=sys.stderr)
         for path in paths:
             print(path)
+        words = ["sdp-vs-penalty", "check", str(paths[0]), "--problem", dataset(name).problem]
+        print(f"Next: {shlex.join(words)}", file=sys.stderr)
     kept = folder or cache_folder()
     print(f"sdp-vs-penalty: for the tables, set SDP_VS_PENALTY_DATA={kept}", file=sys.stderr)

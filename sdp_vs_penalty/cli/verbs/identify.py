@@ -25,6 +25,13 @@ def verb(
         str | None,
         typer.Option(metavar="5,8", help="Filters of states and torque [Hz]; default: chosen."),
     ] = None,
+    bounds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="m2=1:5,c2x=-0.1:0.1",
+            help="Bounds of links [kg, m, kg m^2], in place of the problem's; total=:20: of all.",
+        ),
+    ] = None,
     solver: Annotated[
         str | None,
         typer.Option(help="Solver of the SDP methods, of `sdp-vs-penalty list solvers`."),
@@ -62,12 +69,12 @@ def verb(
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.problem.load import load_problem, with_filters
+    from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
     from sdp_vs_penalty.regression.black_box import load_answers
 
     estimator = with_solver(method, solver)
     mounted = load_problem(problem, numbers("--gravity", gravity, 3) if gravity is not None else None)
-    robot = with_filters(mounted, filters)
+    robot = with_filters(with_bounds(mounted, bounds), filters)
     windows = time_windows(window)
     with console.progress("reading the measurements") as progress:
         answers = load_answers(data, joints=robot.robot.n)

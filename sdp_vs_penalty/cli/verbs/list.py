@@ -15,6 +15,7 @@ class Kind(StrEnum):
     effects = "effects"
     methods = "methods"
     solvers = "solvers"
+    tables = "tables"
     datasets = "datasets"
     engines = "engines"
 

@@ -10,7 +10,7 @@ import typer
 from sdp_vs_penalty.cli.options import Budget
 from sdp_vs_penalty.errors import InputError
 
-_TABLES_HELP = "Tables; default: these four; also VII (--problem two_link), errata, methods, data."
+_TABLES_HELP = "Tables, of `sdp-vs-penalty list tables`; default: these four."
 
 
 def verb(

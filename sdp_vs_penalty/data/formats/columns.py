@@ -81,7 +81,7 @@ def from_columns(
             )
     named = {**columns, **{ours: columns[theirs] for ours, theirs in names.items()}}
 
-    given = {"t": named.get("t"), **{group: _block(named, group) for group in _GROUPS}}
+    given = {"t": named.get("t"), **{group: _block(named, group, what) for group in _GROUPS}}
     missing = [g for g, block in given.items() if block is None and g not in _OPTIONAL]
     if missing:
         known = ", ".join(sorted(columns)) or "none"
@@ -121,14 +121,19 @@ def run_of(path: str | Path, t: Array, blocks: Mapping[str, Array]) -> Measureme
     return Measurements(t, blocks["q"], blocks["tau"], dq, None, names, warm)
 
 
-def _block(named: Mapping[str, Array], group: str) -> Array | None:
+def _block(named: Mapping[str, Array], group: str, what: str) -> Array | None:
     if group in named:
         block = np.asarray(named[group], float)
         return block[:, None] if block.ndim == 1 else block
     numbers = sorted(
         int(m[1]) for name in named if (m := re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name))
     )
-    if not numbers or numbers != list(range(1, len(numbers) + 1)):
+    gap = next((k for k, number in enumerate(numbers, 1) if k != number), None)
+    if gap is not None and group != "temp":  # temperatures of some joints are none of the others
+        raise InputError(
+            f"no column {group}{gap}, but {group}{numbers[-1]}", "give each joint a column", what
+        )
+    if not numbers or gap is not None:
         return None
     columns = [np.ravel(named[f"{group}{k}"]) for k in numbers]
     if len({len(c) for c in columns}) != 1:

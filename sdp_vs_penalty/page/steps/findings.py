@@ -1,4 +1,4 @@
-"""Step 6: which effects are missing, ranked, each to be added with a click."""
+"""Which effects are missing, ranked, each to be added with a click."""
 
 from __future__ import annotations
 

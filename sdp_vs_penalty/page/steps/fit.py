@@ -1,4 +1,4 @@
-"""Step 4: measured against modelled, joint by joint, and where the model fails."""
+"""Measured against modelled, joint by joint, and where the model fails."""
 
 from __future__ import annotations
 
@@ -96,7 +96,8 @@ def _draw(view: View) -> None:
     if model.on_bounds:
         tag(
             "p",
-            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}.",
+            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}. "
+            "The step Model changes bounds.",
             "soft",
         )
 

@@ -1,4 +1,4 @@
-"""Step 7: the error of every joint from model to model, and one step back."""
+"""The error of every joint from model to model, and one step back."""
 
 from __future__ import annotations
 

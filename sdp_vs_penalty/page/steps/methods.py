@@ -1,4 +1,4 @@
-"""Step 8: the same effects by other methods."""
+"""The same effects by other methods."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Step 3: what makes torque to begin with, and by which method."""
+"""What makes torque to begin with, and by which method."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.page.controls import (
@@ -12,6 +13,7 @@ from sdp_vs_penalty.page.controls import (
     draw_form,
     drop,
     number,
+    table,
     tag,
     text_field,
 )
@@ -28,7 +30,8 @@ _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset",
 
 def _depends(session: Session) -> Any:
     chosen = session.method, session.seed, session.effects, session.anyway
-    return (session.robot or {}).get("source"), *chosen, session.meaningless
+    bounds = session.options.get("bounds")
+    return (session.robot or {}).get("source"), *chosen, session.meaningless, bounds
 
 
 def _draw(view: View) -> None:
@@ -74,6 +77,7 @@ def _draw(view: View) -> None:
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
         choice("Method", options, session.method, lambda v: put("method", v), "method")
         number("Seed", session.seed, lambda v: put("seed", v), "seed")
+    _bounds(view)
     _options(view)
     if session.meaningless:
         check(
@@ -91,6 +95,60 @@ def _draw(view: View) -> None:
             "soft",
         )
         drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
+
+
+def _bounds(view: View) -> None:
+    """What is known of the links before anything is measured: seen, and changed one by one."""
+    session = view.session
+    assert session.robot is not None
+    known = {name: (low, high, unit) for name, low, high, unit in session.robot["bounds"]}
+    words = session.options.get("bounds", "").split(",")
+    own = {name: ends for name, equals, ends in (word.partition("=") for word in words) if equals}
+    asked = {"name": next(iter(known)), "low": "", "high": ""}
+
+    def put() -> None:
+        if asked["low"] or asked["high"]:
+            own[asked["name"]] = f"{asked['low']}:{asked['high']}"
+        else:
+            own.pop(asked["name"], None)
+        session.options.pop("bounds", None)
+        if own:
+            session.options["bounds"] = ",".join(f"{name}={ends}" for name, ends in own.items())
+        session.changed()
+
+    title = f"Bounds of links ({len(own)} changed)" if own else "Bounds of links"
+    with details(title, "bounds") as shown:
+        if own:
+            shown.props["open"] = True
+        with tag("div", style="fields"):
+            names = [(name, f"{name} [{unit}]") for name, (_, _, unit) in known.items()]
+            names.append(("total", "total [kg]"))
+            choice("Bound on", names, asked["name"], lambda v: asked.update(name=v), "bound-name")
+            text_field("From", "", lambda v: asked.update(low=v.strip()), "bound-low", "none")
+            text_field("To", "", lambda v: asked.update(high=v.strip()), "bound-high", "none")
+        button("Set the bound", put, "bound-set")
+        said = "Both ends empty: as before. c is the centre of mass, I the inertia about it; * is yours."
+        tag("p", said, "soft")
+        _bounds_table(session.robot["bounds"], own)
+
+
+def _bounds_table(known: Sequence[Sequence[str]], own: Mapping[str, str]) -> None:
+    """A row a link, a column a parameter; what is changed has a star."""
+
+    def cell(name: str, low: str, high: str) -> str:
+        if name in own:
+            low, _, high = own[name].partition(":")
+        if not (low or high):
+            return "-"
+        span = f"{low} to {high}" if low and high else f"from {low}" if low else f"to {high}"
+        return span + " *" * (name in own)
+
+    links = [known[k : k + 10] for k in range(0, len(known), 10)]
+    rows = [(f"{k}", *(cell(*x[:3]) for x in link)) for k, link in enumerate(links, start=1)]
+    heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
+    table(("link", *heads), rows, "Bounds of the links")
+    if "total" in own:
+        tag("p", f"Total mass: {cell('total', '', '')} kg", "soft")
 
 
 def _options(view: View) -> None:

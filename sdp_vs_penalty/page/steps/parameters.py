@@ -1,4 +1,4 @@
-"""Step 5: what was identified: links, parameters with intervals, friction."""
+"""What was identified: links, parameters with intervals, friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step 1: which robot."""
+"""Which robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step 2: which measurements."""
+"""Which measurements."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _draw(view: View) -> None:
             tag("h3", "Your runs")
             drop(
                 "Drop measurements here",
-                "or choose files: CSV, NPZ, MATLAB, Parquet, ROS bags, MCAP",
+                f"or choose files: {', '.join(sorted(RUN_SUFFIXES))}",
                 "runs",
                 RUN_SUFFIXES,
                 True,

@@ -1,4 +1,4 @@
-"""Step 9: the model, for a simulator, a controller or a colleague."""
+"""The model, for a simulator, a controller or a colleague."""
 
 from __future__ import annotations
 
