@@ -53,6 +53,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         f"{seconds:.1f} s",
         style="bold",
     )
+    if fit is not None:
+        say(f"On these runs it {fit.verdict.removeprefix(fit.name).strip()}")
     certificate(result)
     if gains := result.details.get("gains"):
         told = (f"{g:.3f} ± {s:.2g}" for g, s in zip(gains["gain"], gains["std"], strict=True))
