@@ -53,6 +53,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         f"{seconds:.1f} s",
         style="bold",
     )
+    if fit is not None:
+        say(f"On these runs it {fit.verdict.removeprefix(fit.name).strip()}")
     certificate(result)
     if gains := result.details.get("gains"):
         told = (f"{g:.3f} ± {s:.2g}" for g, s in zip(gains["gain"], gains["std"], strict=True))
@@ -119,8 +121,8 @@ def links(result: Estimate) -> None:
     ]
     heads = ("link", "mass", "nominal", "from", "gyration", "nominal", "body from")
     table("Links: mass [kg] and radius of gyration [m], identified and nominal", heads, rows)
-    if any(row[3] != "data" for row in rows):
-        explain("A mass from prior or bounds is no weighing: the runs tell it only in sums with others.")
+    if result.unweighed:
+        explain(result.unweighed)
 
 
 def comparison(results: Sequence[Comparison], units: Sequence[str], title: str = "RMSE") -> None:
