@@ -229,11 +229,13 @@ def diagnosis(
 
 
 def undecided(result: Diagnosis, model: Path) -> None:
-    """The commands that design the runs which would tell a finding from what fits as well."""
+    """The runs that would tell a finding from what fits as well, or a weak one from nothing."""
     for k, finding in enumerate(worth_showing(result.effects), start=1):
         if finding.undecided is not None:
             words = ["excite", str(model), "--separate", finding.undecided, "--out", f"tell{k}.csv"]
             say(f"Finding {k}, the run that would tell: {shlex.join(['sdp-vs-penalty', *words])}")
+        elif finding.cooled:
+            say(f"Finding {k}, the run that would tell: {finding.cooled}.")
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
