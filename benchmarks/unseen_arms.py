@@ -28,9 +28,10 @@ Array = NDArray[np.float64]
 DEVELOPED = (
     "scara4", "seven", "ur10e b", "tx40 b", "gantry5", "desk6", "polar3", "ur10e c", "tx40 c", "drawn1",
     "drawn2", "drawn31", "drawn32", "drawn33", "panda b", "ur10e d", "geared1", "geared2", "geared3",
-    "drawn51", "drawn52", "panda c", "ur10e e", "geared41", "geared42",
+    "drawn51", "drawn52", "panda c", "ur10e e", "geared41", "geared42", "drawn71", "drawn72", "panda d",
+    "ur10e f", "geared71", "geared72",
 )  # fmt: skip
-JUDGES = ("drawn71", "drawn72", "panda d", "ur10e f", "geared71", "geared72")
+JUDGES = ("drawn91", "drawn92", "panda e", "ur10e g", "geared91", "geared92")
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,8 @@ def unseen(data: Path, names: tuple[str, ...]) -> list[Arm]:
         "panda c": lambda: panda_window(data, "panda c", (6.0, 21.0), (0.0, 6.0)),
         "ur10e f": lambda: ur10e_window(data, "ur10e f", (20.0, 45.0), (0.0, 20.0), ("19_15", "19_14")),
         "panda d": lambda: panda_window(data, "panda d", (4.5, 19.5), (0.0, 4.5)),
+        "ur10e g": lambda: ur10e_window(data, "ur10e g", (10.0, 35.0), (5.0, 25.0), ("12-50", "19_15")),
+        "panda e": lambda: panda_window(data, "panda e", (9.0, 24.0), (0.0, 9.0)),
         "panda b": lambda: panda_window(data, "panda b", (15.0, 30.0), (0.0, 14.0)),
     }
     return [real[name]() if name in real else _machine(name) for name in names]

@@ -25,6 +25,7 @@ from sdp_vs_penalty.check import (
     samples,
     scale,
     signals,
+    visible,
 )
 from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
@@ -52,6 +53,8 @@ _EVENT_ROWS = 2000
 _MOST, _WINDOW = 1 << 18, 1 << 16
 #: Issues with what all runs of an arm share.
 _OF_THE_ARM = ("encoder offset", "gravity direction")
+#: Kind and place of an issue.
+Key = tuple[str, str]
 #: Band in which one-off events are looked for, in cut-offs of the states.
 _WIDER = 3.0
 
@@ -148,20 +151,31 @@ def check(
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting and the zeros of its joints: what is only likely to be wrong
     with these is a warning where at least as many runs, checked to their end, do not show it."""
-    shown = [{(f.kind, f.where) for f in r.problems} for r in reports]
-    whole = [s for s, r in zip(shown, reports, strict=True) if r.unexplained is not None]
+    found = [{(f.kind, f.where) for f in r.problems} for r in reports]
+    without = contradicted(found, [r.unexplained is not None for r in reports])
 
     def weighed(issue: Issue) -> Issue:
-        if issue.severity != "error" or issue.kind not in _OF_THE_ARM or issue.mends:
-            return issue
         key = issue.kind, issue.where
-        without = sum(key not in s for s in whole)
-        if without < sum(key in s for s in shown):
+        if issue.severity != "error" or key not in without or issue.mends:
             return issue
-        sure = f"{issue.certainty.rstrip('.')}; {without} of {len(reports)} runs do not show it"
+        sure = f"{issue.certainty.rstrip('.')}; {without[key]} of {len(reports)} runs do not show it"
         return replace(issue, severity="warning", certainty=sure)
 
     return [replace(r, issues=gravest_first(map(weighed, r.issues))) for r in reports]
+
+
+def contradicted(found: Sequence[set[Key]], whole: Sequence[bool]) -> dict[Key, int]:
+    """Issues of the arm that at least as many runs lack as show, and how many lack them.
+
+    found : kind and place of each run's issues; whole : whether it was checked to its end, since only
+    then a run can lack one.
+    """
+    out = {}
+    for key in {key for one in found for key in one if key[0] in _OF_THE_ARM}:
+        without = sum(key not in one for one, end in zip(found, whole, strict=True) if end)
+        if without >= sum(key in one for one in found):
+            out[key] = without
+    return out
 
 
 def gravest_first(issues: Iterable[Issue]) -> tuple[Issue, ...]:
@@ -283,7 +297,6 @@ class _Work:
             self.mend(signals.implausible(self.run, self.problem.robot))
         # Each on the data as the one before it has mended them.
         self.mend(scale.find(self.run, self.physics(settings), self.problem))
-        self.mend(events.delay(self.run, self.physics(settings)))
         physics = self.physics(settings)
         regression = compress(self.run, physics.model, settings)
         evidence = Evidence.of_regression(regression)
@@ -298,5 +311,6 @@ class _Work:
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
         every, _ = physics.parent or (physics, None)  # those at rest, too, as in an identification
         self.mend(excitation.find(self.problem, every))
+        self.mend(visible.find(physics, moving))
         self.mend(events.knock(self.physics(wider, _EVENT_ROWS).narrow))
         return residual.overall(evidence)

@@ -22,47 +22,60 @@ from sdp_vs_penalty.robot.arrays import Array
 _WIDTHS = (0.002, 0.03, 0.1)
 #: Travels over which it may bend before it slides [rad, m] (Dahl 1968).
 _TRAVELS = (0.0002, 0.001, 0.004, 0.02)
-#: Friction laws that a joint may have beside the model's.
-_TAKEN = 2
+#: Velocities over which it falls from stiction (Stribeck) [rad/s, m/s], and that travel of its bristles.
+_FALLS, _BRISTLE = (0.03, 0.1), 0.001
+#: Of these laws the first of the list above are offered to every joint, which takes so many of them.
+_TAKEN, _PLAIN = 2, 1 + len(_WIDTHS) + len(_TRAVELS)
+#: ... and so many of all, where a number could be friction's.
+_RIVALS = 4
 #: Rows for each parameter, below which anything can be explained.
 _SPARE = 2.0
 
 
 def columns(motion: Motion) -> list[Array]:
-    """(N, n) on a dense stretch of motion: the rotor's, then each friction law's."""
+    """(N, n) on a dense stretch of motion: the rotor's, then each friction law's.
+
+    Behind these what only a rival is offered: Stribeck's dip, and the pulses at reversals by which
+    friction that leads or lags differs, d/dt of the laws.
+    """
     joints = range(motion.q.shape[1])
-    bent = [np.column_stack([dahl(motion.q[:, j], d) for j in joints]) for d in _TRAVELS]
-    return [motion.ddq, *(np.tanh(motion.dq / width) for width in _WIDTHS), *bent]
+    slide = [np.tanh(motion.dq / width) for width in _WIDTHS]
+    bent = {d: np.column_stack([dahl(motion.q[:, j], d) for j in joints]) for d in _TRAVELS}
+    dips = [np.exp(-((motion.dq / v) ** 2)) * bent[_BRISTLE] for v in _FALLS]
+    pulses = [np.gradient(x, motion.t, axis=0) for x in (*slide[1:], *list(bent.values())[1:3])]
+    return [motion.ddq, *slide, *bent.values(), *dips, *pulses]
 
 
-def widened(physics: Physics, offered: Array) -> Physics:
-    """The same with a rotor and two friction laws more on each joint, where the rows suffice.
+def rival(physics: Physics) -> Physics:
+    """The same with four laws of all on each joint, instead of the two usual ones."""
+    return widened(physics.narrow, _RIVALS, None)
 
-    offered : (n, M, l) the columns of :func:`columns`, low-passed as the torque is.
+
+def widened(physics: Physics, taken: int = _TAKEN, offered: int | None = _PLAIN) -> Physics:
+    """The same with a rotor and friction laws more on each joint, where the rows suffice.
+
+    taken : laws a joint, of the first so many ``offered`` (:func:`columns`).
     """
     own, n = physics.own, physics.n
-    if own is None or len(physics.channels) < _SPARE * (physics.p + n * (1 + _TAKEN)):
+    if own is None or len(physics.channels) < _SPARE * (physics.p + n * (1 + taken)):
         return physics
     chosen = [
-        [0, *_chosen(known, y, x)]
-        for known, y, x in zip(physics.columns, physics.channels.T, offered, strict=True)
+        [0, *_chosen(known, y, x[:, :offered], taken)]
+        for known, y, x in zip(physics.columns, physics.channels.T, own.offered, strict=True)
     ]
-    taken = np.stack([x[:, k] for x, k in zip(offered, chosen, strict=True)])
-    indices = physics.p + n * np.arange(1 + _TAKEN) + np.arange(n)[:, None]
-    columns = np.concatenate([own.columns, taken], axis=2)
-    return replace(
-        physics,
-        own=replace(own, columns=columns, indices=np.hstack([own.indices, indices])),
-    )
+    more = np.stack([x[:, k] for x, k in zip(own.offered, chosen, strict=True)])
+    indices = physics.p + n * np.arange(1 + taken) + np.arange(n)[:, None]
+    wide = np.concatenate([own.columns, more], axis=2)
+    return replace(physics, own=replace(own, columns=wide, indices=np.hstack([own.indices, indices])))
 
 
-def _chosen(known: Array, y: Array, offered: Array) -> list[int]:
+def _chosen(known: Array, y: Array, offered: Array, taken: int) -> list[int]:
     """Greedily, which laws explain most of y (M,) beside the known columns (M, p) and the rotor."""
     both = np.column_stack([offered, y])
     least = 1e-8 * np.einsum("ij,ij->j", offered, offered)
     both = both - known @ solve(known.T @ known, known.T @ both)
     out = [0]
-    for _ in range(_TAKEN):
+    for _ in range(taken):
         last = both[:, out[-1]]
         both = both - np.outer(last, last @ both) / max(float(last @ last), 1e-300)
         size = np.einsum("ij,ij->j", both, both)[:-1]

@@ -1,4 +1,4 @@
-"""One torque channel unlike the others: its gain or unit, a delay, a filter, gravity taken out."""
+"""Torque channels unlike the others: gain or unit, a delay, a filter, gravity taken out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check import events
 from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import joints_text
 from sdp_vs_penalty.check.physics import Physics
@@ -26,8 +25,10 @@ _MEANINGLESS = 0.5
 #: Known ratios of units, and what a channel is in when its torque has to be multiplied by one.
 _UNITS = {1e-2: "N cm", 1e-3: "mN m", 9.80665: "kgf m", 1.355818: "lbf ft", 0.1129848: "lbf in"}
 #: Delays and time constants [s] that are tried.
-_LATE = (-0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12)
+_LATE = (-0.2, -0.12, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12, 0.2)
 _SLOW = (0.0, 0.05, 0.12, 0.25)
+#: ... and less is none: drives and their drivers take as long.
+_SMALLEST_DELAY = 0.005
 #: Shares of the weight that may be left in a channel.
 _WEIGHTS = (-0.05, 0.0, 0.1, 0.3, 1.0)
 _MOSTLY_GONE = 0.5
@@ -40,14 +41,10 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     if np.sum(moving & alive) < 2:
         return  # a joint that moves alone has none to be compared with
     for j in np.flatnonzero(moving & alive):
+        number = gain_number(int(j), n)
 
-        def scaled(log: float, j: int = int(j)) -> Array:
-            scale = np.ones(n)
-            scale[j] = np.exp(log)
-            return scale
-
-        def score(log: float, scaled: Callable[[float], Array] = scaled) -> float:
-            return physics.with_channels(scaled(log), same).evidence.misfit
+        def score(log: float, number: Number = number) -> float:
+            return number.at(log)(physics).evidence.misfit
 
         found = best_number(score, np.log(_GAINS).tolist())
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
@@ -59,81 +56,83 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         texts = ("torque gain", joints_text([j]), what + ".", f"multiply tau{j + 1} by {factor:.3g}")
         if unit is not None and (unit < 0.05 or unit > 5.0):
             texts = ("torque unit", joints_text([j]), f"{what}: it is in {_UNITS[unit]}.", texts[3])
-        scale = scaled(float(np.log(factor)))
+        scale = np.where(same == j, factor, 1.0)
         yield propose(
-            partial(Physics.with_channels, scale=scale, order=same), 2, texts,
+            number.at(float(np.log(factor))), 2, texts,
             partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
             gross=abs(found) > np.log1p(_GROSS_GAIN),
             severity="error" if abs(found) > np.log1p(_MEANINGLESS) else "warning",
-            number=Number(found, partial(_gained, scaled), _USUAL_GAIN),
+            number=replace(number, value=found),
         )  # fmt: skip
 
 
-def _gained(scaled: Callable[[float], Array], log: float) -> Callable[[Physics], Physics]:
-    scale = scaled(log)
-    return partial(Physics.with_channels, scale=scale, order=np.arange(len(scale)))
+def gain_number(j: int, n: int) -> Number:
+    """The gain of a channel as the logarithm of what it has to be multiplied by, 0."""
+
+    def at(x: float) -> Callable[[Physics], Physics]:
+        scale = np.where(np.arange(n) == j, np.exp(x), 1.0)
+        return partial(Physics.with_channels, scale=scale, order=np.arange(n))
+
+    return Number(0.0, at, _USUAL_GAIN)
 
 
 def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """One torque channel later than the others, or passed through a causal filter."""
-    for j in np.flatnonzero(moving):
-        one = np.eye(physics.n)[j]
-
-        def score(seconds: float, order: int, one: Array = one) -> float:
-            return physics.with_lead(seconds * one, order).evidence.misfit
-
-        delay = best_number(partial(score, order=2), _LATE)
-        slow = best_number(partial(score, order=1), _SLOW)
-        if abs(delay) > 0.005:
-            word = "later" if delay > 0.0 else "earlier"
-            yield propose(
-                partial(Physics.with_lead, seconds=delay * one), 2,
-                (
-                    "channel delay", joints_text([j]),
-                    f"the torque of joint {j + 1} comes {1e3 * abs(delay):.0f} ms {word} than the "
-                    "motion; the other torques do not.",
-                    f"shift tau{j + 1} in time (and log all channels from one source)",
-                ),
-                partial(shifted_channel, j=int(j), seconds=delay),
-                severity="warning", joints=[int(j) + 1], seconds=delay, number=leads(delay, one),
-            )  # fmt: skip
-        if slow > 0.01:
-            yield propose(
-                partial(Physics.with_lead, seconds=slow * one, order=1), 3,
-                (
-                    "channel filter", joints_text([j]),
-                    f"the torque of joint {j + 1} has passed a causal low-pass of "
-                    f"{_hertz(slow)}; the other torques have not.",
-                    f"log tau{j + 1} unfiltered, or filter every channel alike and without lag",
-                ),
-                None, severity="warning", joints=[int(j) + 1], seconds=slow,
-                number=leads(slow, one, 1),
-            )  # fmt: skip
+    """One torque channel later than the others, or all than the motion; or through a causal filter."""
+    for joints in ([int(j)] for j in np.flatnonzero(moving)):
+        yield from _late(physics, joints)
+    yield from _late(physics, list(range(physics.n)))
 
 
-def filtered(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """All torques passed through the same causal filter."""
-    one = np.ones(physics.n)
-    slow = best_number(lambda s: physics.with_lead(s * one, 1).evidence.misfit, _SLOW)
-    if slow > 0.005:
+def _late(physics: Physics, joints: list[int]) -> Iterator[Hypothesis]:
+    every = len(joints) == physics.n
+    one = np.isin(np.arange(physics.n), joints).astype(float)
+
+    def score(seconds: float, order: int) -> float:
+        return physics.with_lead(seconds * one, order).evidence.misfit
+
+    where = "all torque channels" if every else joints_text(joints)
+    of = "the torques" if every else f"the torque of {where}"
+    numbers = [j + 1 for j in joints]
+    delay = best_number(partial(score, order=2), _LATE)
+    if abs(delay) > _SMALLEST_DELAY:
+        word = "later" if delay > 0.0 else "earlier"
+        beside = "the positions." if every else "the motion; the other torques do not."
         yield propose(
-            partial(Physics.with_lead, seconds=slow * one, order=1), 2,
+            partial(Physics.with_lead, seconds=delay * one), 1 if every else 2,
             (
-                "torque filter", "all torque channels",
-                f"the torques have passed a causal low-pass of {_hertz(slow)}, the positions have not.",
-                "log the torques unfiltered, or filter positions and torques alike",
+                "delay" if every else "channel delay", where,
+                f"{of} {'come' if every else 'comes'} {1e3 * abs(delay):.0f} ms {word} than {beside}",
+                f"shift {'the torques' if every else f'tau{joints[0] + 1}'} in time (and log all "
+                "channels from one source)",
             ),
-            None, severity="warning", seconds=slow, number=leads(slow, one, 1),
+            partial(shifted, channels=one, seconds=delay),
+            severity="warning", seconds=delay, number=_lead(delay, one), joints=numbers,
+        )  # fmt: skip
+    slow = best_number(partial(score, order=1), _SLOW)
+    if slow > (1 if every else 2) * _SMALLEST_DELAY:
+        others = "the positions have not." if every else "the other torques have not."
+        yield propose(
+            partial(Physics.with_lead, seconds=slow * one, order=1), 2 if every else 3,
+            (
+                "torque filter" if every else "channel filter", where,
+                f"{of} {'have' if every else 'has'} passed a causal low-pass of {_hertz(slow)}; "
+                + others,
+                f"log {'the torques' if every else f'tau{joints[0] + 1}'} unfiltered, or filter every "
+                "channel alike and without lag",
+            ),
+            None, severity="warning", seconds=slow, number=_lead(slow, one, 1), joints=numbers,
         )  # fmt: skip
 
 
-def leads(seconds: float, channels: Array, order: int = 2) -> Number:
+def _lead(seconds: float, channels: Array, order: int = 2) -> Number:
     """A delay (order 2) or a lag (order 1) of the channels (n,) that are 1.
 
     That of one channel alone is what its joint's friction may look like: only a large one tells.
     """
     least = LEAST if channels.all() else ENOUGH
-    return Number(seconds, lambda x: lambda p: p.with_lead(x * channels, order), least=least)
+    return Number(
+        seconds, lambda x: lambda p: p.with_lead(x * channels, order), least=least, like_friction=True
+    )
 
 
 def _scaled(run: Measurements, scale: Array) -> Measurements:
@@ -152,13 +151,12 @@ def _hertz(seconds: float) -> str:
     return f"{1.0 / (2.0 * np.pi * seconds):.2g} Hz ({1e3 * seconds:.0f} ms)"
 
 
-def shifted_channel(run: Measurements, j: int, seconds: float) -> Measurements:
-    """One torque ``seconds`` earlier; the rows at the end that lose theirs are left out."""
-    moved = events.shifted(run, seconds)
-    keep = np.isin(run.t, moved.t)
-    tau = run.tau[keep].copy()
-    tau[:, j] = moved.tau[:, j]
-    return replace(moved, tau=tau)
+def shifted(run: Measurements, channels: Array, seconds: float) -> Measurements:
+    """Torques that are 1 in channels (n,) ``seconds`` earlier; rows at the end that lose theirs go."""
+    t = run.t
+    keep = (t + seconds >= t[0]) & (t + seconds <= t[-1])
+    earlier = np.column_stack([np.interp(t[keep] + seconds, t, x) for x in run.tau.T])
+    return replace(run.rows(keep), tau=np.where(channels == 1.0, earlier, run.tau[keep]))
 
 
 def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

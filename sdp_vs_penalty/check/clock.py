@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import stamps
-from sdp_vs_penalty.check.issue import Issue
+from sdp_vs_penalty.check.issue import Issue, rows_text
 from sdp_vs_penalty.check.stamps import LONG
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.robot.arrays import Array
@@ -50,16 +50,11 @@ def _missing(run: Measurements) -> Issue | None:
     if not len(bad):
         return None
     return Issue(
-        "missing numbers",
-        "error",
-        f"row {_row(bad[0])}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        "missing numbers", "error", rows_text(_row(bad[0]), len(bad)),
         f"{show.count(len(bad), 'row')} with values that are not finite numbers, or that no "
-        "robot measures.",
-        "certain: read from the file",
-        "delete those rows",
-        lambda r: r.rows(_finite(r)),
-        {"rows": [_row(k) for k in bad[:100]]},
-    )
+        "robot measures.", "certain: read from the file", "delete those rows",
+        lambda r: r.rows(_finite(r)), {"rows": [_row(k) for k in bad[:100]]},
+    )  # fmt: skip
 
 
 #: Units of time that loggers write, in seconds.
@@ -91,15 +86,11 @@ def _time_unit(run: Measurements) -> Issue | None:
         return None
     unit = _TIME_UNITS[name]
     return Issue(
-        "time unit",
-        "error",
-        "column t",
-        f"time is in {name}, not in seconds (it advances by {step:.4g} from row to row).",
-        sure,
-        f"multiply t by {unit:g}",
-        lambda r: replace(r, t=r.t * unit),
+        "time unit", "error", "column t",
+        f"time is in {name}, not in seconds (it advances by {step:.4g} from row to row).", sure,
+        f"multiply t by {unit:g}", lambda r: replace(r, t=r.t * unit),
         {"unit": name, "median_step": step},
-    )
+    )  # fmt: skip
 
 
 def _unit_by_velocity(ratio: float) -> str | None:
@@ -169,15 +160,10 @@ def _backwards(run: Measurements) -> Issue | None:
         )
         remedy = "delete the rows whose time lies before that of an earlier row"
     return Issue(
-        "time runs backwards",
-        "error",
-        f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
-        what,
-        "certain: read from the file",
-        remedy,
-        _run_on if continuous else _only_forward,
+        "time runs backwards", "error", rows_text(_row(bad[0] + 1), len(bad)), what,
+        "certain: read from the file", remedy, _run_on if continuous else _only_forward,
         {"rows": [_row(k + 1) for k in bad[:100]], "largest_s": float(-steps[bad].min())},
-    )
+    )  # fmt: skip
 
 
 def _only_forward(run: Measurements) -> Measurements:
@@ -189,8 +175,7 @@ def _only_forward(run: Measurements) -> Measurements:
 def _run_on(run: Measurements) -> Measurements:
     """Steps back replaced by the median step."""
     steps = np.diff(run.t)
-    steps = np.where(steps < 0.0, np.median(steps[steps > 0.0]), steps)
-    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
+    return stamps.with_steps(run, np.where(steps < 0.0, np.median(steps[steps > 0.0]), steps))
 
 
 def _repeats(run: Measurements) -> Issue | None:
@@ -200,15 +185,12 @@ def _repeats(run: Measurements) -> Issue | None:
     same = all(np.array_equal(run.q[k], run.q[k + 1]) for k in bad)
     kind = "are copies of the row before" if same else "differ from the row before with the same time"
     return Issue(
-        "repeated time",
-        "error",
-        f"row {_row(bad[0] + 1)}" + (f" and {len(bad) - 1} more" if len(bad) > 1 else ""),
+        "repeated time", "error", rows_text(_row(bad[0] + 1), len(bad)),
         f"{show.count(len(bad), 'row')} with a repeated time; the values {kind}.",
-        "certain: read from the file",
-        "keep the first of each",
+        "certain: read from the file", "keep the first of each",
         lambda r: r.rows(np.concatenate([[True], np.diff(r.t) != 0.0])),
         {"rows": [_row(k + 1) for k in bad[:100]]},
-    )
+    )  # fmt: skip
 
 
 def _continues(run: Measurements, k: int) -> bool:
@@ -260,13 +242,12 @@ def _clock_step(run: Measurements) -> Issue | None:
     def repair(given: Measurements) -> Measurements:
         new = np.diff(given.t)
         new[jumps] = typical
-        return replace(given, t=given.t[0] + np.concatenate([[0.0], np.cumsum(new)]))
+        return stamps.with_steps(given, new)
 
     return Issue(
         "clock step",
         "warning",
-        f"row {_row(jumps[0] + 1)} (t = {run.t[jumps[0]]:.4g} s)"
-        + (f" and {len(jumps) - 1} more" if len(jumps) > 1 else ""),
+        f"t = {run.t[jumps[0]]:.4g} s, {rows_text(_row(jumps[0] + 1), len(jumps))}",
         f"the clock jumps ahead by up to {steps.max():.3g} s while the moving arm does not: the "
         "clock was set, and no sample is missing.",
         "likely: the distance travelled is that of one usual step",
@@ -282,14 +263,10 @@ def _gap(run: Measurements) -> Issue | None:
         return None
     steps = np.diff(run.t)[long]
     return Issue(
-        "gap in time",
-        "warning",
-        f"row {_row(long[0] + 1)} (t = {run.t[long[0]]:.4g} s)"
-        + (f" and {len(long) - 1} more" if len(long) > 1 else ""),
+        "gap in time", "warning",
+        f"t = {run.t[long[0]]:.4g} s, {rows_text(_row(long[0] + 1), len(long))}",
         f"{show.count(len(long), 'gap')} of up to {steps.max():.3g} s (the usual step is "
-        f"{typical:.3g} s); in all {steps.sum():.3g} s are missing.",
-        "certain: read from the file",
+        f"{typical:.3g} s); in all {steps.sum():.3g} s are missing.", "certain: read from the file",
         "no action needed: the run is split there, and the filters lose a second on either side",
-        None,
-        {"rows": [_row(k + 1) for k in long[:100]], "seconds": steps[:100].tolist()},
-    )
+        None, {"rows": [_row(k + 1) for k in long[:100]], "seconds": steps[:100].tolist()},
+    )  # fmt: skip

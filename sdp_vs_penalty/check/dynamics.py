@@ -24,8 +24,8 @@ _UNRELATED = 0.25
 _ROUNDS = 4
 #: Those that leave the motion as it is cost little; the others need new columns each.
 _FAMILIES = (
-    motion.degrees, motion.delay, signs.signs, gravity.direction, order.exchanged, channels.gain,
-    channels.late, channels.filtered, channels.weight, steps.drift, motion.clock, motion.turned,
+    motion.degrees, signs.signs, gravity.direction, order.exchanged, channels.gain,
+    channels.late, channels.weight, steps.drift, motion.clock, motion.turned,
     motion.exchanged, motion.offsets,
 )  # fmt: skip
 #: Families with many members, for data that nothing else explains.
@@ -51,16 +51,13 @@ def find(physics: Physics, moving: NDArray[np.bool_], cutoff: float) -> Iterator
         yield from steps.two_parts(physics, cutoff)
         return
     yield Issue(
-        "torque not explained",
-        "error",
-        "all torque channels",
+        "torque not explained", "error", "all torque channels",
         f"No inertia and friction of this arm explain {100.0 * first:.0f} % of the torque energy.",
         "certain: none of the tried signs, orders, units, zeros, delays and directions of gravity helps",
         "check that this is the right robot, that the columns are joint torques, and that positions "
-        "and torques come from the same recording",
-        None,
+        "and torques come from the same recording", None,
         {"unexplained_percent": 100.0 * first, "at_best_percent": 100.0 * left},
-    )
+    )  # fmt: skip
 
 
 def unexplained(physics: Physics, joints: NDArray[np.bool_]) -> float:

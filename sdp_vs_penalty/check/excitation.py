@@ -30,16 +30,12 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
     figures = {"base_parameters": total, **count, "names": dark}
     if not dark:
         yield Issue(
-            "excitation",
-            "note",
-            "the motion",
+            "excitation", "note", "the motion",
             f"all {total} base parameters are visible: {count['identifiable']} identifiable, "
             f"{count['weakly']} weakly identifiable.",
-            "likely: by least squares, were its error white noise",
-            "no action needed",
-            None,
+            "likely: by least squares, were its error white noise", "no action needed", None,
             figures,
-        )
+        )  # fmt: skip
         return
     by_joint: dict[int, list[str]] = {}
     joint_of = {p.name: p.joint for p in physics.model.parameters}
@@ -55,16 +51,13 @@ def find(problem: Problem, physics: Physics) -> Iterator[Issue]:
         texts.append(f"of joint {joint}{moves}: {what}" if joint else f"of the robot: {what}")
     joints = sorted(j - 1 for j in by_joint if j)
     yield Issue(
-        "poor excitation",
-        "warning" if len(dark) > _FEW * total else "note",
+        "poor excitation", "warning" if len(dark) > _FEW * total else "note",
         joints_text(joints) if joints else "the robot",
         f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
-        f"{'; '.join(texts)}.",
-        "likely: by least squares, were its error white noise",
+        f"{'; '.join(texts)}.", "likely: by least squares, were its error white noise",
         "move these joints farther, faster and independently of each other, or add runs that do",
-        None,
-        figures,
-    )
+        None, figures,
+    )  # fmt: skip
 
 
 def regression_of(physics: Physics) -> Regression:

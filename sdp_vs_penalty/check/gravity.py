@@ -74,16 +74,11 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
         return lambda p: p.with_gravity(vector.tolist())
 
     yield propose(
-        apply,
-        2,
-        (kind, "the base", what, mend),
-        None,
-        gravity=(x, y, z),
+        apply, 2, (kind, "the base", what, mend), None, gravity=(x, y, z),
         number=Number(float(np.radians(angle)), tilted) if earthly and angle < 170.0 else None,
-        severity="warning" if earthly and angle < _MEANINGLESS else "error",
-        angle_degrees=angle,
+        severity="warning" if earthly and angle < _MEANINGLESS else "error", angle_degrees=angle,
         vector=[x, y, z],
-    )
+    )  # fmt: skip
 
 
 def hanging(physics: Physics) -> Hypothesis | None:

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import PARTS, in_parts, solve, without_each
+from sdp_vs_penalty.check import beyond
+from sdp_vs_penalty.check.evidence import PARTS, Evidence, in_parts, solve, without_each
 from sdp_vs_penalty.check.issue import Issue, Repair
 from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
+from sdp_vs_penalty.robot.arrays import Array
 
 #: A hypothesis has to raise the score (see evidence.py) by so much: the residual of one joint, or of
 #: several together, to an e-th of its energy. On clean logs, where each only trades one small error of
@@ -49,13 +51,15 @@ class Number:
     """An estimated number, zero where the file is right; ``at(x)`` applies another one.
 
     tolerance : what arms and loggers differ by themselves, of the number's own unit; least : gain of the
-    score from which on it is worth a warning.
+    score from which on it is worth a warning; like_friction : whether other laws of friction may do the
+    same.
     """
 
     value: float
     at: Callable[[float], Callable[[Physics], Physics]]
     tolerance: float = np.inf
     least: float = LEAST
+    like_friction: bool = False
 
     def determined(self, physics: Physics) -> bool:
         """Whether it is certainly not zero, or certainly more than is usual."""
@@ -71,10 +75,37 @@ class Number:
         it scales a channel C, its column is made of Y theta, whose noise would else tell of a gain
         (errors in variables). Leaving out parts in turn (a delete-a-group jackknife) moves its size.
         """
-        h = min(_STEP * abs(self.value), _LARGEST_STEP)
+        here, wide, weights = self._tangent(physics)
+        parts = in_parts(wide, here.channels)
+        found = np.array([e.weighted(weights)[-1] for e in without_each(parts)])
+        left_out = (PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)
+        # Where nothing tells of the number, each part says zero alike: the noise's share speaks then.
+        gram = np.tensordot(weights, sum(e.gram for e in parts), 1)
+        noise = solve(gram, np.eye(len(gram))[:, -1:])[-1, 0] * OVERSAMPLING / len(here.channels)
+        return float(np.sqrt(left_out + max(noise, 0.0)))
+
+    def smallest(self, physics: Physics) -> float:
+        """The size from which on it would be named in such a motion, inf where nothing tells of it.
+
+        To first order: an x raises the residual of joint j from r_j to r_j + x^2 d_j, d_j what the arm's
+        columns leave of the number's own.
+        """
+        here, wide, weights = self._tangent(physics)
+        evidence = Evidence.of(np.array([c.T @ c for c in wide]), wide, here.channels)
+        gram = np.tensordot(weights, evidence.gram, 1)
+        left = np.append(-solve(gram[:-1, :-1], gram[:-1, -1:])[:, 0], 1.0)
+        ratio = np.maximum(evidence.gram @ left @ left, 0.0) * weights
+        sizes = np.geomspace(1e-3, 10.0, 200)
+        enough = np.log1p(np.outer(sizes**2, ratio)).sum(axis=1) > self.least
+        deviation = self.deviation(physics)
+        known = min(SIGMAS * deviation, self.tolerance + BEYOND * deviation)
+        return max(float(sizes[np.argmax(enough)]), known) if enough.any() else np.inf
+
+    def _tangent(self, physics: Physics) -> tuple[Physics, list[Array], Array]:
+        """The data with the number as it is; each joint's columns, the number's last; weights."""
+        h = min(_STEP * abs(self.value) or np.inf, _LARGEST_STEP)
         low, here, high = (self.at(self.value + x)(physics) for x in (-h, 0.0, h))
         theta = here.evidence.theta
-        weights = 1.0 / (here.evidence.shares * here.evidence.energy)
         change = high.channels - low.channels
         scaled = np.sum(change * here.channels, axis=0) / np.sum(here.channels**2 + 1e-300, axis=0)
         change = change - scaled * here.channels
@@ -84,13 +115,7 @@ class Number:
                 here.columns, high.columns, low.columns, scaled, change.T, strict=True
             )
         ]
-        parts = in_parts(wide, here.channels)
-        found = np.array([e.weighted(weights)[-1] for e in without_each(parts)])
-        left_out = (PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)
-        # Where nothing tells of the number, each part says zero alike: the noise's share speaks then.
-        gram = np.tensordot(weights, sum(e.gram for e in parts), 1)
-        noise = solve(gram, np.eye(len(gram))[:, -1:])[-1, 0] * OVERSAMPLING / len(here.channels)
-        return float(np.sqrt(left_out + max(noise, 0.0)))
+        return here, wide, 1.0 / (here.evidence.shares * here.evidence.energy)
 
 
 @dataclass(frozen=True)
@@ -124,8 +149,15 @@ class Hypothesis:
         return GROSS if left < _SETTLED * physics.evidence.contradiction else self.needed
 
     def determined(self, physics: Physics) -> bool:
-        """Whether its number is certainly not what the file says; True where it has none."""
-        return self.number is None or self.number.determined(physics)
+        """Whether its number is certainly not what the file says; True where it has none.
+
+        What laws of friction explain as well is the model's matter, and no fault of the file.
+        """
+        if self.number is None or not self.number.determined(physics):
+            return self.number is None
+        if not self.number.like_friction:
+            return True
+        return self.gain(beyond.rival(physics)) > HALF * self.gain(physics)
 
     def pays(self, physics: Physics, gain: float) -> bool:
         """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.

@@ -57,3 +57,8 @@ def joints_text(joints: Any) -> str:
     if len(numbers) == 1:
         return f"joint {numbers[0]}"
     return f"joints {', '.join(numbers[:-1])} and {numbers[-1]}"
+
+
+def rows_text(first: int, count: int) -> str:
+    """ "row 12", "row 12 and 3 more": the first of so many rows, counted as the file counts them."""
+    return f"row {first}" + (f" and {count - 1} more" if count > 1 else "")

@@ -10,8 +10,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check import events
-from sdp_vs_penalty.check.channels import leads
 from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_number, propose
 from sdp_vs_penalty.check.issue import Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics
@@ -22,6 +20,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: What makes hypotheses of one kind: from the test's data and which joints move.
 Family = Callable[[Physics, NDArray[np.bool_]], Iterator[Hypothesis]]
+#: Kind, place, sentence and remedy of an issue.
+Texts = tuple[str, str, str, str]
 #: Offsets of an encoder that are tried [degrees], the best one then refined.
 _OFFSETS = (-90.0, -25.0, -6.0, 6.0, 25.0, 90.0, 180.0)
 #: ... of a prismatic joint, as shares of the arm's length; and from which share of these on, or from how
@@ -56,18 +56,12 @@ def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
         named = ("q1" if robot.n == 1 else f"q1 to q{robot.n}") if every else f"q{joints[0] + 1}"
         what = "the positions are" if every else f"the position of {joints_text(joints)} is"
         yield propose(
-            partial(Physics.with_motion, scale=factor, order=same),
-            0 if every else 1,
-            (
-                "positions in degrees" if every else "position unit",
-                named,
-                f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
-                f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180",
-            ),
-            motion_repair(factor, same),
-            largest=largest,
-            joints=[j + 1 for j in joints],
-        )
+            partial(Physics.with_motion, scale=factor, order=same), 0 if every else 1, (
+            "positions in degrees" if every else "position unit", named,
+            f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
+            f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180", ),
+            motion_repair(factor, same), largest=largest, joints=[j + 1 for j in joints],
+        )  # fmt: skip
 
 
 def motion_repair(scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Repair:
@@ -78,83 +72,54 @@ def motion_repair(scale: Array, order: NDArray[np.intp], offset: Array | float =
     return repair
 
 
-def delay(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """A delay so long that it spoils the test of everything else."""
-    seconds = events.long_delay(physics)
-    if seconds == 0.0:
-        return
-    yield propose(
-        lambda p: p.with_delay(seconds),
-        1,
-        events.delay_texts(seconds),
-        lambda run: events.shifted(run, seconds),
-        severity="warning",
-        seconds=seconds,
-        number=leads(seconds, np.ones(physics.n)),
-    )
-
-
 def _both(physics: Physics, scale: Array, order: NDArray[np.intp]) -> Physics:
     """Positions and torques turned or exchanged alike."""
     return physics.with_motion(scale, order).with_channels(scale, order)
 
 
+def _changed(
+    scale: Array, order: NDArray[np.intp], joints: list[int], alone: Texts, both: Texts
+) -> Iterator[Hypothesis]:
+    """The positions of joints turned or exchanged alone, or together with their torques."""
+    motion, numbers = motion_repair(scale, order), [j + 1 for j in joints]
+
+    def every(run: Measurements) -> Measurements:
+        return replace(motion(run), tau=scale * run.tau[:, order])
+
+    yield propose(
+        partial(Physics.with_motion, scale=scale, order=order), 3, alone, motion, joints=numbers
+    )
+    yield propose(partial(_both, scale=scale, order=order), 2, both, every, joints=numbers)
+
+
 def turned(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """A joint that counts the other way: its position alone, or position and torque together."""
-    same = np.arange(physics.n)
-    for j in np.flatnonzero(moving):
-        sign = np.ones(physics.n)
-        sign[j] = -1.0
-        name = joints_text([j])
-        yield propose(
-            partial(Physics.with_motion, scale=sign, order=same), 3,
-            (
-                "position sign", name, f"the position of {name} has the wrong sign.",
-                f"flip the sign of q{j + 1} (and dq{j + 1})",
-            ),
-            motion_repair(sign, same), joints=[int(j) + 1],
+    for j in np.flatnonzero(moving).tolist():
+        name, k = joints_text([j]), j + 1
+        alone = (
+            "position sign", name, f"the position of {name} has the wrong sign.",
+            f"flip the sign of q{k} (and dq{k})",
         )  # fmt: skip
-
-        def both(run: Measurements, s: Array = sign) -> Measurements:
-            return replace(motion_repair(s, same)(run), tau=run.tau * s)
-
-        yield propose(
-            partial(_both, scale=sign, order=same), 2,
-            (
-                "joint sign", name, f"{name} counts the other way, position and torque alike.",
-                f"flip the signs of q{j + 1}, dq{j + 1} and tau{j + 1}",
-            ),
-            both, joints=[int(j) + 1],
+        both = (
+            "joint sign", name, f"{name} counts the other way, position and torque alike.",
+            f"flip the signs of q{k}, dq{k} and tau{k}",
         )  # fmt: skip
+        same = np.arange(physics.n)
+        yield from _changed(np.where(same == j, -1.0, 1.0), same, [j], alone, both)
 
 
 def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """The positions of two joints exchanged, or all channels of two joints."""
-    one = np.ones(physics.n)
-    for a, b in combinations(np.flatnonzero(moving), 2):
+    for a, b in combinations(np.flatnonzero(moving).tolist(), 2):
         order: NDArray[np.intp] = np.arange(physics.n, dtype=np.intp)
         order[[a, b]] = order[[b, a]]
-        name, joints = joints_text([a, b]), [int(a) + 1, int(b) + 1]
-        yield propose(
-            partial(Physics.with_motion, scale=one, order=order), 3,
-            (
-                "position order", name, f"the positions of {name} are swapped.",
-                f"swap q{a + 1} and q{b + 1} (and dq)",
-            ),
-            motion_repair(one, order), joints=joints,
+        name, swap = joints_text([a, b]), f"swap q{a + 1} and q{b + 1}"
+        alone = ("position order", name, f"the positions of {name} are swapped.", f"{swap} (and dq)")
+        both = (
+            "joint order", name, f"{name} are swapped, positions and torques alike.",
+            f"{swap}, dq and tau",
         )  # fmt: skip
-
-        def both(run: Measurements, o: NDArray[np.intp] = order) -> Measurements:
-            return replace(motion_repair(one, o)(run), tau=run.tau[:, o])
-
-        yield propose(
-            partial(_both, scale=one, order=order), 2,
-            (
-                "joint order", name, f"{name} are swapped, positions and torques alike.",
-                f"swap q{a + 1} and q{b + 1}, dq and tau",
-            ),
-            both, joints=joints,
-        )  # fmt: skip
+        yield from _changed(np.ones(physics.n), order, [a, b], alone, both)
 
 
 def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

@@ -58,11 +58,7 @@ def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
             return replace(run, tau=run.tau[:, order] * signs)
 
         yield propose(
-            apply,
-            len(changed) + len(turned),
-            ("torque order", joints_text(changed), what, f"rename the torque columns{also}"),
-            repair,
-            order=(order + 1).tolist(),
-            joints=[int(j) + 1 for j in changed],
-            signs=signs.tolist(),
-        )
+            apply, len(changed) + len(turned),
+            ("torque order", joints_text(changed), what, f"rename the torque columns{also}"), repair,
+            order=(order + 1).tolist(), joints=[int(j) + 1 for j in changed], signs=signs.tolist(),
+        )  # fmt: skip

@@ -36,18 +36,26 @@ class Own:
     """Columns that each joint's own motion makes (friction, offset, rotor), low-passed as the torque is.
 
     Friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
-    their parameters sit in theta, those of what the model may lack (see beyond.py) behind the model's.
+    their parameters sit in theta, those of what the model may lack (see beyond.py) behind the model's;
+    offered (n, M, l) all columns of what it may lack.
     To exchange joints or turn them round exchanges or turns columns.
     """
 
     columns: Array
     indices: NDArray[np.intp]
+    offered: Array
 
     def part(self, rows: slice | NDArray[np.intp]) -> Own:
-        return replace(self, columns=self.columns[:, rows])
+        return replace(self, columns=self.columns[:, rows], offered=self.offered[:, rows])
 
     def moved(self, scale: Array, order: NDArray[np.intp]) -> Own:
-        return replace(self, columns=np.sign(scale)[:, None, None] * self.columns[order])
+        sign = np.sign(scale)[:, None, None]
+        return replace(self, columns=sign * self.columns[order], offered=sign * self.offered[order])
+
+    def first(self, parameters: int) -> Own:
+        """Those of so many parameters."""
+        k = int(np.sum(self.indices[0] < parameters))
+        return replace(self, columns=self.columns[:, :, :k], indices=self.indices[:, :k])
 
 
 @dataclass(frozen=True)
@@ -81,11 +89,8 @@ class Physics:
     @property
     def narrow(self) -> Physics:
         """Without what the model may lack."""
-        if self.own is None:
-            return self
-        k = int(np.sum(self.own.indices[0] < len(self.model.parameters)))
-        own = Own(self.own.columns[:, :, :k], self.own.indices[:, :k])
-        return replace(self, own=own, parent=None)
+        own = self.own
+        return self if own is None else replace(self, own=own.first(len(self.model.parameters)))
 
     @cached_property
     def energy(self) -> Array:
@@ -206,20 +211,6 @@ class Physics:
         weight = np.column_stack([columns @ self.nominal for columns in still])
         size = float(np.linalg.norm(weight) * np.linalg.norm(self.channels))
         return float(np.sum(weight * self.channels)) / size if size > 0.0 else 0.0
-
-    def with_delay(self, seconds: float) -> Physics:
-        """The hypothesis that the torques were logged so much later than the positions."""
-        whole, _ = self.parent or (self, None)
-        t, every = self.motion.t, whole.motion.t
-        rows = np.flatnonzero((t + seconds >= t[0]) & (t + seconds <= t[-1]))
-        at = t[rows] + seconds
-        channels = [
-            hermite(at, every, x, slope) for x, slope in zip(whole.channels.T, whole.rate.T, strict=True)
-        ]
-        rate = [np.interp(at, every, x) for x in whole.rate.T]
-        return replace(
-            self.part(rows), channels=np.column_stack(channels), rate=np.column_stack(rate), parent=None
-        )
 
     @cached_property
     def alone(self) -> Array:

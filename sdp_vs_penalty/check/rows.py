@@ -62,10 +62,9 @@ def physics_of(
     def known(motion: Motion) -> list[Array]:
         return [np.column_stack([e.column(motion, j) for j in range(model.robot.n)]) for e in effects]
 
-    kept = Own(_stacked(own, known), indices)
+    kept = Own(_stacked(own, known), indices, _stacked(own, beyond.columns))
     given = Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
-    slide = _sliding(dq[:, moving_joints(run)])
-    return beyond.widened(given.part(slide), _stacked(own, beyond.columns)[:, slide])
+    return beyond.widened(given.part(_sliding(dq[:, moving_joints(run)])))
 
 
 def _sliding(dq: Array) -> NDArray[np.intp]:

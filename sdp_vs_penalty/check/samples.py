@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import zeros
-from sdp_vs_penalty.check.issue import Issue, joints_text
+from sdp_vs_penalty.check.issue import Issue, joints_text, rows_text
+from sdp_vs_penalty.check.stamps import with_steps
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -129,8 +130,7 @@ def _doubled(run: Measurements, robot: Robot, standstill: float) -> Iterator[Iss
         return
 
     def repair(r: Measurements) -> Measurements:
-        steps = np.where(same[1:], 0.0, np.diff(r.t))
-        return replace(r, t=r.t[0] + np.concatenate([[0.0], np.cumsum(steps)])).rows(~same)
+        return with_steps(r, np.where(same[1:], 0.0, np.diff(r.t))).rows(~same)
 
     count = int(same.sum())
     yield Issue(
@@ -200,7 +200,7 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
     joints = sorted({int(name.lstrip("qtau")) for name in found})
     yield Issue(
         "spikes", "error",
-        f"{', '.join(found)}, row {first + 2}" + (f" and {count - 1} more" if count > 1 else ""),
+        f"{', '.join(found)}, {rows_text(first + 2, count)}",
         f"{show.count(count, 'sample')} of {', '.join(found)} lie far from the samples on both sides.",
         "certain: no joint moves like that", "replace them by interpolation",
         lambda r: zeros.interpolated(r, found),
@@ -237,11 +237,11 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
     added[torn] = missing * np.median(steps)
 
     def repair(r: Measurements) -> Measurements:
-        return replace(r, t=r.t + np.concatenate([[0.0], np.cumsum(added)]))
+        return with_steps(r, np.diff(r.t) + added)
 
     yield Issue(
         "lost rows", "error",
-        f"row {torn[0] + 3}" + (f" and {len(torn) - 1} more" if len(torn) > 1 else ""),
+        rows_text(torn[0] + 3, len(torn)),
         f"at {show.count(len(torn), 'place')} every joint skips ahead within one time step: about "
         f"{missing.sum():.0f} rows are missing and the clock was made again.",
         "certain: all joints skip by the same time", "put the missing time back", repair,

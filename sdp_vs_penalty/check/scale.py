@@ -11,6 +11,7 @@ from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 
 #: How far torques may be from those of a nominal arm, beside what its masses allow: friction, another
 #: place of the masses.
@@ -57,17 +58,14 @@ def find(run: Measurements, physics: Physics, problem: Problem) -> Iterator[Issu
         yield _too_large(ratio, over, _unit(ratio, scale), _masses(problem))
     elif small:
         yield Issue(
-            "torque channel kind",
-            "error",
-            "all torque channels",
+            "torque channel kind", "error", "all torque channels",
             f"the torques are {1.0 / ratio:.3g} times too small for an arm of {_masses(problem)}: "
             "they are motor currents, or torques on the motor side of the gear.",
             "likely: judged by size alone",
             "multiply each channel by its drive gain (N m per A, gear ratio included); if the torques "
-            "are right, correct the problem's masses",
-            None,
+            "are right, correct the problem's masses", None,
             {"times_nominal": ratio, "times_effort_limit": over},
-        )
+        )  # fmt: skip
 
 
 #: Torques above so many times the effort limits are no torques of these joints.
@@ -85,9 +83,7 @@ def _single_channels(run: Measurements, physics: Physics) -> Iterator[Issue]:
     """Channels in another unit than the others, where no other joint's torque tells their gain."""
     effort = np.array([joint.effort for joint in physics.model.robot.joints])
     over = np.abs(run.tau).max(axis=0) / np.where(effort > 0.0, effort, np.inf)
-    modelled = np.column_stack(
-        [columns[:, : len(physics.nominal)] @ physics.nominal for columns in physics.columns]
-    )
+    modelled = _modelled(physics)
     ratio = np.linalg.norm(physics.channels, axis=0) / np.maximum(
         np.linalg.norm(modelled, axis=0), 1e-3 * np.linalg.norm(modelled) + 1e-300
     )
@@ -150,16 +146,13 @@ def _too_large(
 def _wrong_masses(ratio: float, over: float, problem: Problem) -> Issue:
     size = f"{ratio:.3g} times what" if ratio > 1.0 else f"{1.0 / ratio:.3g} times less than"
     return Issue(
-        "masses of the problem",
-        "error",
-        "the problem",
+        "masses of the problem", "error", "the problem",
         f"the torques are {size} an arm of {_masses(problem)} needs, yet they reach {100.0 * over:.0f} "
         "% of the joints' effort limits, as torques do: the problem's masses are wrong.",
         "likely: judged by size alone",
-        "correct total_mass in problem.toml (the inertials of a URDF)",
-        None,
+        "correct total_mass in problem.toml (the inertials of a URDF)", None,
         {"times_effort_limit": over, "times_nominal": ratio},
-    )
+    )  # fmt: skip
 
 
 def _unit(size: float, possible: tuple[float, float]) -> tuple[float, str] | None:
@@ -172,7 +165,11 @@ def _unit(size: float, possible: tuple[float, float]) -> tuple[float, str] | Non
 
 def _ratio_to_nominal(physics: Physics) -> float:
     """Size of the measured torque over that of the nominal arm's on the same motion."""
-    modelled = np.column_stack(
-        [columns[:, : len(physics.nominal)] @ physics.nominal for columns in physics.columns]
-    )
-    return float(np.linalg.norm(physics.channels) / max(float(np.linalg.norm(modelled)), 1e-300))
+    modelled = float(np.linalg.norm(_modelled(physics)))
+    return float(np.linalg.norm(physics.channels) / max(modelled, 1e-300))
+
+
+def _modelled(physics: Physics) -> Array:
+    """(M, n) torque of the nominal arm on the same motion."""
+    known = len(physics.nominal)
+    return np.column_stack([columns[:, :known] @ physics.nominal for columns in physics.columns])

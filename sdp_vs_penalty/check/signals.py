@@ -46,16 +46,13 @@ def frozen(run: Measurements, physics: Physics) -> Iterator[Issue]:
         if left < _HELD:
             continue
         yield Issue(
-            "frozen position",
-            "error",
-            f"q{j + 1}",
+            "frozen position", "error", f"q{j + 1}",
             f"q{j + 1} is {run.q[0, j]:g} in every row, yet {100.0 * left:.0f} % of that joint's torque "
             "is not that of a joint at rest: the position channel is frozen.",
             "likely: the torque of a joint that is held follows from the motion of the others",
-            "record again with that channel; leave the run out until then",
-            None,
+            "record again with that channel; leave the run out until then", None,
             {"joints": [int(j) + 1], "unexplained": left},
-        )
+        )  # fmt: skip
 
 
 #: A joint at rest leaves less than this share of its torque unexplained by the others' motion.
@@ -94,44 +91,34 @@ def implausible(run: Measurements, robot: Robot) -> Iterator[Issue]:
 def no_motion() -> Iterator[Issue]:
     """For a run in which no joint moves."""
     yield Issue(
-        "no motion",
-        "error",
-        "all joints",
+        "no motion", "error", "all joints",
         "no joint moves: these data contain only static friction and the weight in one pose.",
-        "certain: the positions change by noise only",
-        "record a motion of all joints",
-    )
+        "certain: the positions change by noise only", "record a motion of all joints",
+    )  # fmt: skip
 
 
 def _stand_still(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
     idle = ~moving_joints(run)
     if idle.any():
         yield Issue(
-            "idle joints",
-            "warning",
-            joints_text(np.flatnonzero(idle)),
+            "idle joints", "warning", joints_text(np.flatnonzero(idle)),
             f"{joints_text(np.flatnonzero(idle))} never {'moves' if idle.sum() == 1 else 'move'}: "
             "friction and inertia about that axis are not identifiable, and the torque there is "
-            "stiction.",
-            "certain: the positions change by noise only",
-            "move every joint, or add a run that does",
-            None,
+            "stiction.", "certain: the positions change by noise only",
+            "move every joint, or add a run that does", None,
             {"joints": (np.flatnonzero(idle) + 1).tolist()},
-        )
+        )  # fmt: skip
     at_rest = 1.0 - float(movement(run, settings.standstill).moves.mean())
     if at_rest > 0.01:
         seconds = at_rest * (run.t[-1] - run.t[0])
         most = at_rest > 0.5
         yield Issue(
-            "stand-still",
-            "warning" if most else "note",
-            f"{100.0 * at_rest:.0f} % of the run",
+            "stand-still", "warning" if most else "note", f"{100.0 * at_rest:.0f} % of the run",
             f"the arm stands still for {seconds:.3g} s in total; these rows are not used.",
             "certain: no joint moves for half a second",
-            "cut these rows off, or record a longer motion" if most else "no action needed",
-            None,
+            "cut these rows off, or record a longer motion" if most else "no action needed", None,
             {"share": at_rest, "seconds": seconds},
-        )
+        )  # fmt: skip
 
 
 def _longest(flags: NDArray[np.bool_]) -> tuple[int, int]:
@@ -148,15 +135,11 @@ def _saturation(run: Measurements, robot: Robot) -> Iterator[Issue]:
     for j, tau in enumerate(run.tau.T):
         if np.ptp(tau) == 0.0:
             yield Issue(
-                "dead channel",
-                "error",
-                f"tau{j + 1}",
+                "dead channel", "error", f"tau{j + 1}",
                 f"tau{j + 1} is {tau[0]:g} {robot.torque_units[j]} in every row.",
-                "certain: read from the file",
-                "find out why the logger wrote a constant",
-                None,
+                "certain: read from the file", "find out why the logger wrote a constant", None,
                 {"joint": j + 1, "value": float(tau[0])},
-            )
+            )  # fmt: skip
             continue
         inner = (tau > tau.min()) & (tau < tau.max())
         elsewhere, _ = _longest((np.diff(tau) == 0.0) & inner[1:])
@@ -167,17 +150,14 @@ def _saturation(run: Measurements, robot: Robot) -> Iterator[Issue]:
                 continue
             count = int(np.sum(tau == limit))
             yield Issue(
-                "saturation",
-                "warning",
-                f"tau{j + 1}, rows {start + 2} to {start + 1 + length}"
+                "saturation", "warning", f"tau{j + 1}, rows {start + 2} to {start + 1 + length}"
                 + (f" and {count - length} more rows" if count > length else ""),
                 f"tau{j + 1} is stuck at its {side} value, {limit:.6g} {robot.torque_units[j]}, for "
                 f"up to {length} consecutive samples ({count} in total): the channel is clipped.",
                 f"likely: elsewhere it is never constant for more than {elsewhere + 1} samples",
-                "record again with a larger range, or slower; delete those rows until then",
-                None,
+                "record again with a larger range, or slower; delete those rows until then", None,
                 {"joint": j + 1, "limit": float(limit), "samples": count},
-            )
+            )  # fmt: skip
 
 
 def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> Iterator[Issue]:
@@ -204,16 +184,13 @@ def _quantisation(run: Measurements, robot: Robot, settings: Preprocessing) -> I
             unit = robot.position_units[j] if name == "q" else robot.torque_units[j]
             seen = "acceleration" if name == "q" else "torque"
             yield Issue(
-                "quantisation",
-                "warning",
-                f"{name}{j + 1}",
+                "quantisation", "warning", f"{name}{j + 1}",
                 f"{name}{j + 1} is quantised in steps of {step:.3g} {unit}, which adds noise of "
                 f"about {100.0 * share:.0f} % of the {seen} below {cutoff:.3g} Hz.",
                 "likely: the steps are read from the file, the noise is estimated",
-                "log more digits, or move faster; a lower cut-off helps a little",
-                None,
+                "log more digits, or move faster; a lower cut-off helps a little", None,
                 {"joint": int(j) + 1, "step": step, "noise_share": share},
-            )
+            )  # fmt: skip
 
 
 def lattice_step(values: Array) -> float:
@@ -232,16 +209,12 @@ def _sample_rate(run: Measurements) -> Iterator[Issue]:
     if rate >= 30.0 * highest:
         return
     yield Issue(
-        "low sample rate",
-        "warning",
-        "column t",
+        "low sample rate", "warning", "column t",
         f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second are too few to "
         f"differentiate it twice: {30.0 * highest:.0f} Hz are needed.",
-        "certain: from the spectrum of the positions",
-        "log faster, or move slower",
-        None,
+        "certain: from the spectrum of the positions", "log faster, or move slower", None,
         {"rate_hz": rate, "highest_hz": highest},
-    )
+    )  # fmt: skip
 
 
 #: Names of constant ratios of a velocity channel to the derivative of its position.
@@ -282,20 +255,14 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
         scale[joints] = factors[joints]
         mendable = bool(np.all(scale[joints] != 1.0))
         yield Issue(
-            "velocity channel",
-            "warning",
-            ", ".join(f"dq{j + 1}" for j in joints),
+            "velocity channel", "warning", ", ".join(f"dq{j + 1}" for j in joints),
             f"the velocity of {joints_text(joints)} is {name}, compared with the derivative of the "
-            "position.",
-            "certain: both were compared over the whole run"
-            if mendable
-            else "likely: they do not agree",
-            "rescale the channel"
-            if mendable
+            "position.", "certain: both were compared over the whole run" if mendable
+            else "likely: they do not agree", "rescale the channel" if mendable
             else "delete the dq columns; identification differentiates q",
             _rescaled_velocity(scale) if mendable else _without_velocity,
             {"joints": [j + 1 for j in joints], "factors": scale[joints].tolist()},
-        )
+        )  # fmt: skip
 
 
 def _rescaled_velocity(scale: Array) -> Repair:

@@ -44,18 +44,12 @@ def time_reversed(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis | N
         return replace(back, t=run.t[0] + run.t[-1] - back.t, dq=None if back.dq is None else -back.dq)
 
     return propose(
-        lambda p: p.reversed(),
-        1,
-        (
-            "time reversed",
-            "all rows",
-            "the rows are in reverse order: friction would drive the motion.",
-            "reverse q and tau in time",
-        ),
-        repair,
+        lambda p: p.reversed(), 1, ( "time reversed", "all rows",
+        "the rows are in reverse order: friction would drive the motion.",
+        "reverse q and tau in time", ), repair,
         certainty=f"likely: friction would drive {joints_text(np.flatnonzero(driven))}, while inertia "
         "and weight have the right sign",
-    )
+    )  # fmt: skip
 
 
 def choose_signs(physics: Physics) -> Array:
@@ -110,15 +104,9 @@ def _flip(physics: Physics, joints: list[int], certainty: str = "") -> Hypothesi
     same = np.arange(physics.n)
     every = len(joints) == physics.n
     return propose(
-        lambda p: p.with_channels(signs, same),
-        len(joints),
-        (
-            "torque sign",
-            joints_text(joints),
-            f"the torque of {'every joint' if every else joints_text(joints)} has the wrong sign.",
-            "flip the sign of " + ", ".join(f"tau{j + 1}" for j in joints),
-        ),
-        lambda run: replace(run, tau=run.tau * signs),
-        certainty=certainty,
+        lambda p: p.with_channels(signs, same), len(joints), ( "torque sign", joints_text(joints),
+        f"the torque of {'every joint' if every else joints_text(joints)} has the wrong sign.",
+        "flip the sign of " + ", ".join(f"tau{j + 1}" for j in joints), ),
+        lambda run: replace(run, tau=run.tau * signs), certainty=certainty,
         joints=[j + 1 for j in joints],
-    )
+    )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.arrays import Array
 
 #: A time step above this many medians is no jitter any more.
 LONG = 5.0
@@ -30,25 +31,13 @@ def bursts(run: Measurements) -> Issue | None:
     if typical > _BURST * pause / per or np.mean(steps[pauses] < LONG * pause) < 0.9:
         return None
     even = pause / per
-
-    def repair(given: Measurements) -> Measurements:
-        t = given.t.copy()
-        long = np.flatnonzero(np.diff(t) > LONG * pause) + 1
-        for part in np.split(np.arange(len(t)), long):
-            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
-        return replace(given, t=t)
-
     return Issue(
-        "burst stamps",
-        "error",
-        "column t",
+        "burst stamps", "error", "column t",
         f"rows come in bursts of {per:.0f}, {typical:.2g} s apart, every {pause:.3g} s: these are the "
-        "times of packets, not of samples.",
-        "certain: read from the file",
+        "times of packets, not of samples.", "certain: read from the file",
         f"space the time stamps evenly, {even:.3g} s apart (and log the samples' own time)",
-        repair,
-        {"rows_a_burst": per, "seconds": pause},
-    )
+        lambda given: _evened(given, LONG * pause), {"rows_a_burst": per, "seconds": pause},
+    )  # fmt: skip
 
 
 def jitter(run: Measurements) -> Issue | None:
@@ -76,17 +65,19 @@ def jitter(run: Measurements) -> Issue | None:
         "time stamps are not.",
         "likely: if the sampling itself jittered, the motion would be smoother over the recorded times",
         f"space the time stamps evenly, {typical:.6g} s apart",
-        _even_times,
+        lambda given: _evened(given, LONG * float(np.median(np.diff(given.t)))),
         {"jitter_percent": 100.0 * spread, "roughness_ratio": ratio},
     )
 
 
-def _even_times(run: Measurements) -> Measurements:
-    """Evenly spread stamps between the long steps."""
+def _evened(run: Measurements, pause: float) -> Measurements:
+    """Evenly spread stamps between the steps that are longer than a pause."""
     t = run.t.copy()
-    steps = np.diff(t)
-    ends = np.flatnonzero(steps > LONG * np.median(steps)) + 1
-    for part in np.split(np.arange(len(t)), ends):
-        if len(part) > 1:
-            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
+    for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > pause) + 1):
+        t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
     return replace(run, t=t)
+
+
+def with_steps(run: Measurements, steps: Array) -> Measurements:
+    """The same rows, so far apart (N - 1,)."""
+    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.check.issue import Issue
+from sdp_vs_penalty.check.issue import Issue, rows_text
 from sdp_vs_penalty.check.signals import lattice_step
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
@@ -56,7 +56,7 @@ def find(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]:
     joints = sorted({int(name.lstrip("qtau")) for name in found})
     yield Issue(
         "zeros", "error",
-        f"{named}, row {rows[0] + 2}" + (f" and {len(rows) - 1} more" if len(rows) > 1 else ""),
+        f"{named}, {rows_text(rows[0] + 2, len(rows))}",
         f"{named} {be} exactly zero in {show.count(len(rows), 'row')}, and jumps there or stays while "
         "the joint moves: nothing was measured.",
         "certain: the channel hardly ever takes any other value near zero",

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.estimation.estimate import Estimate
     from sdp_vs_penalty.problem.problem import Problem
+
+
+def consented(estimate: Estimate, measurements: Measurements) -> bool:
+    """Whether a model was identified from the same runs with --no-check."""
+    same = estimate.provenance["data_hash"] == measurements.data_hash
+    return same and estimate.provenance.get("checked") is False
 
 
 def refuse_meaningless(

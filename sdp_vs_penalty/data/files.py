@@ -47,6 +47,11 @@ def load_measurements(
     return windowed(runs[0] if len(runs) == 1 else concatenate(runs), [(start, stop)])
 
 
+def for_testing(name: str | Path) -> bool:
+    """Whether a run's name says that it is kept for testing."""
+    return "test" in Path(name).stem.lower()
+
+
 def run_files(path: str | Path) -> list[Path]:
     """The files that a path stands for: itself, those that match a pattern like runs/*.csv, or for a
     folder that is no run itself those in it whose suffix is a format's, in the order of their names.

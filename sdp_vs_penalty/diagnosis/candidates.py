@@ -62,8 +62,8 @@ class Candidates:
     def __init__(self, rows: SegmentedRuns, noise: Noise, candidacy: Candidacy) -> None:
         self.rows, self.noise, self.candidacy = rows, noise, candidacy
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
-        self._scored: tuple[WhiteFit, Scores] | None = None
-        self._coarsely: tuple[WhiteFit, Array] | None = None
+        self._scored: tuple[WhiteFit, Set[int] | None, Scores] | None = None
+        self._coarsely: tuple[WhiteFit, Set[int] | None, Array] | None = None
         self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
 
     @cached_property
@@ -121,7 +121,7 @@ class Candidates:
         shapes refined, best first. most : so many at most; on : only those on these joints or several;
         only : this one alone.
         """
-        plausible = self._plausible(fit, scaled, picked, known)
+        plausible = self._plausible(fit, scaled, picked, known, on)
         coarse = [
             (v, key, values)
             for key, (v, values) in plausible.items()
@@ -142,12 +142,17 @@ class Candidates:
         return sorted(found, key=lambda h: -h.evidence)
 
     def _plausible(
-        self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
+        self,
+        fit: WhiteFit,
+        scaled: Library,
+        picked: Sequence[Candidate],
+        known: frozenset[Key],
+        on: Set[int] | None = None,
     ) -> dict[Key, tuple[float, Array]]:
         """Evidence on the grids of shapes, averaged and of each member, the most plausible first."""
-        if self._coarsely is None or self._coarsely[0] is not fit:
-            self._coarsely = fit, self._coarse(fit, scaled)
-        evidence, taken = self._coarsely[1], {h.effect.text for h in picked}
+        if self._coarsely is None or self._coarsely[0] is not fit or self._coarsely[1] != on:
+            self._coarsely = fit, on, self._coarse(fit, scaled, on)
+        evidence, taken = self._coarsely[2], {h.effect.text for h in picked}
         out: dict[Key, tuple[float, Array]] = {}
         for key in self.eligible(picked, known):
             members = self.by_key[key]
@@ -178,20 +183,22 @@ class Candidates:
         forms = [m for m in best.values() if values[m] > 0.5 * top][: 2 if refines else 1]
         return [members[m] for m in forms or [int(np.argmax(values))]]
 
-    def scores(self, fit: WhiteFit, scaled: Library) -> Scores:
-        """Of all groups; the last are kept."""
-        if self._scored is None or self._scored[0] is not fit:
-            self._scored = fit, score_library(fit, scaled)
-        return self._scored[1]
+    def scores(self, fit: WhiteFit, scaled: Library, on: Set[int] | None = None) -> Scores:
+        """Of all groups, or of those on these joints or several; the last are kept."""
+        if self._scored is None or self._scored[0] is not fit or self._scored[1] != on:
+            self._scored = fit, on, score_library(fit, scaled, on)
+        return self._scored[2]
 
-    def _coarse(self, fit: WhiteFit, scaled: Library) -> Array:
-        """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
-        only."""
-        scores = self.scores(fit, scaled)
+    def _coarse(self, fit: WhiteFit, scaled: Library, on: Set[int] | None = None) -> Array:
+        """(G,) evidence of all groups, zero of those that were not asked for; one on a single joint is
+        taken to change that joint's error only."""
+        scores = self.scores(fit, scaled, on)
         out = np.zeros(len(scores.chi2))
         for batch, gram in zip(scaled.batches, scaled.grams, strict=True):
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
+                if on is not None and batch.joint not in on:
+                    continue
                 if k > 1:
                     chi2 = self._with_signs(batch, scores)
                 gains = fit.joint_gains(batch.joint, chi2)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Motion
@@ -31,6 +32,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 if TYPE_CHECKING:
     import pandas
 
+#: A mass so many times its nominal value, or less than one part in so many of it, is far from it.
+_FAR = 3.0
 #: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
 #: did not keep the bounds under which a model was identified, and nothing can bring them back.
 FORMAT = 2
@@ -82,6 +85,24 @@ class Estimate(Shown):
         """(p,) who decides each parameter: the "data", else its method's "prior" or the "bounds"."""
         rest = self.details.get("undetermined", {})
         return tuple(rest.get(p.name, "data") for p in self.model.parameters)
+
+    @property
+    def unweighed(self) -> str:
+        """A sentence about links whose mass the data do not determine, "" where they determine all."""
+        first, theta = self.model.rigid_indices[::10], self.links
+        links = [i for i, k in enumerate(first) if self.sources[k] != "data"]
+        if not links:
+            return ""
+        masses, nominal = theta[:, 0], self.nominal[first]
+        known = [i for i in links if nominal[i] > 0.0]
+        far = [i for i in known if not 1.0 / _FAR < masses[i] / nominal[i] < _FAR]
+        numbers = "s" * (len(links) > 1) + " " + show.words([i + 1 for i in links])
+        said = (
+            f"the data do not determine the mass of link{numbers}, only sums with others; the value "
+            f"comes from the {self.sources[first[links[0]]]}"
+        )
+        each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
+        return f"{said}; far from nominal: {show.words(each)}." if far else f"{said}."
 
     @property
     def nominal(self) -> Array:
@@ -137,6 +158,7 @@ class Estimate(Shown):
             ("data", f"{self.provenance['samples']} samples of {', '.join(self.provenance['runs'])}"),
             *self.certificate.summary()[::2][:2],
             ("from the data", f"{self.sources.count('data')} of {len(self.theta)} parameters"),
+            *([("masses", self.unweighed)] if self.unweighed else []),
         ]
 
     def _table(self) -> Table:

@@ -27,7 +27,7 @@ from sdp_vs_penalty.simulation.hide import RUN_FILES
 #: between, so that no filter sees both.
 SPLIT, _PAUSE = 0.7, 0.5
 #: What the page shows of a finding of the check.
-_SHOWN = ("severity", "kind", "what", "remedy", "mends", "gravity")
+_SHOWN = ("severity", "kind", "where", "what", "remedy", "mends", "gravity")
 Request = Mapping[str, Any]
 Answer = dict[str, Any]
 Progress = Callable[[str], None]
@@ -194,6 +194,7 @@ def keep(problem: Problem, part: Measurements, folder: Path, name: str) -> dict[
         "seconds": seconds,
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
+        "whole": found.unexplained is not None,
         "findings": [{word: getattr(f, word) for word in _SHOWN} for f in found.problems],
     }
 

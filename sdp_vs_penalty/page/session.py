@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import show
+from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
@@ -306,7 +307,7 @@ class Session(Doing):
         answer = await self._job(job, **{"runs": before, **details})
         new = answer["runs"]
         for run in new:  # a name says what a run is for
-            if job == "read" and "test" in run["name"].lower():
+            if job == "read" and for_testing(run["name"]):
                 run["use"] = "test"
         self.runs, self.made_by = [*before, *new], None
         self.names |= {str(self.folder / run["file"]): run["name"] for run in new}

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sdp_vs_penalty.check import contradicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.page.options import FormField, words
 from sdp_vs_penalty.page.summary import Rung
@@ -105,13 +106,25 @@ class TabState:
         return self.ladder[-1] if self.ladder else None
 
     @property
+    def checked(self) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
+        """Each run with what the check says of it, beside the other runs of the same arm."""
+        keys = [{(f["kind"], f["where"]) for f in run["findings"]} for run in self.runs]
+        doubtful = contradicted(keys, [run["whole"] for run in self.runs])
+
+        def weighed(f: dict[str, Any]) -> dict[str, Any]:
+            doubt = (f["kind"], f["where"]) in doubtful and not f["mends"]
+            return {**f, "severity": "warning"} if doubt else f
+
+        return [(run, [weighed(f) for f in run["findings"]]) for run in self.runs]
+
+    @property
     def meaningless(self) -> list[str]:
         """What the check holds against identifying from the runs for training, a sentence each."""
         return [
             f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}"
-            for run in self.runs
+            for run, found in self.checked
             if run["use"] in ("train", "split")
-            for f in run["findings"]
+            for f in found
             if f["severity"] == "error"
         ]
 

@@ -18,12 +18,14 @@ from sdp_vs_penalty.check.gravity import FreeGravity
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of as rows_of
 from sdp_vs_penalty.cli import main as cli
+from sdp_vs_penalty.cli.checking import consented
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements, read_run, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.simulation.experiment import experiment
@@ -526,7 +528,38 @@ def test_identify_refuses_meaningless_data_by_itself(
         assert words in said
     assert run_cli("identify", "two_link", "--data", bad, "--no-check", *to) == 0
     assert model.exists()
+    # Whoever wanted that model is not asked again about the same runs; about others they are.
+    consents = [consented(load_estimate(model), load_measurements(path)) for path in (bad, good)]
+    assert consents == [True, False]
     assert run_cli("identify", "two_link", "--data", good, *to) == 0
+    assert not consented(load_estimate(model), load_measurements(good))
+
+
+def test_the_next_command_trains_on_no_test_run(
+    tmp_path: Path, two_link: Problem, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for k, name in enumerate(("run1.csv", "My_Test.csv")):
+        save(experiment(two_link).training_run(k), tmp_path / name)
+    files = tmp_path / "run1.csv", tmp_path / "My_Test.csv"
+    assert run_cli("check", *files, "--problem", "two_link") == 0
+    (said,) = (x for x in " ".join(capsys.readouterr().out.split()).split("Next: ")[1:])
+    assert "run1.csv" in said
+    assert "My_Test.csv" not in said
+    assert run_cli("check", files[1], "--problem", "two_link") == 0
+    assert "identify two_link --data" in " ".join(capsys.readouterr().out.split())
+
+
+def test_what_a_motion_cannot_show_is_said_and_true(two_link: Problem) -> None:
+    """The first joint turns about gravity, or anyhow: only the weight of what lies in between tells."""
+    run = experiment(two_link).training_run(0)
+    (report,) = check(two_link, run)
+    shown = {f.kind: f.figures for f in report.issues}["not visible"]
+    for j, smallest in shown["gains"].items():
+        for times, named in ((0.3, False), (3.0, True)):
+            tau = run.tau.copy()
+            tau[:, j - 1] *= np.exp(times * smallest)
+            (wrong,) = check(two_link, replace(run, tau=tau), thorough=False)
+            assert bool(wrong.problems) == named, (j, times, smallest)
 
 
 @pytest.mark.parametrize("spoil", [still, lambda run: rows(run, np.arange(len(run.t)) < 150)])

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.check import events, rows, zeros
+from sdp_vs_penalty.check import beyond, channels, rows, zeros
 from sdp_vs_penalty.check.evidence import Evidence
-from sdp_vs_penalty.check.hypothesis import Number
+from sdp_vs_penalty.check.hypothesis import Hypothesis, Number
 from sdp_vs_penalty.check.signs import time_reversed
 from sdp_vs_penalty.data.measurements import Measurements
 
@@ -36,23 +36,26 @@ def test_time_runs_backwards_only_where_noise_cannot_say_so(z: float, believed: 
     assert time_reversed(physics(8.0, inertia=-8.0), moving) is None
 
 
-@pytest.mark.parametrize(("sigmas", "believed"), [(2.0, False), (8.0, True)])
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_delay_is_one_only_beyond_its_uncertainty(
-    sigmas: float, believed: bool, sign: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("seconds", [0.04, -0.04])
+def test_a_delay_of_one_channel_moves_that_channel_only(seconds: float) -> None:
+    """Torques of a later row belong to this one's positions."""
+    t = np.arange(0.0, 10.0, 1e-3)
+    ramp = Measurements(t, np.zeros((len(t), N)), np.tile(t[:, None], (1, N)))
+    moved = channels.shifted(ramp, np.eye(N)[1], seconds)
+    np.testing.assert_allclose(moved.tau[:, 1] - moved.t, seconds, atol=1e-9)
+    np.testing.assert_allclose(moved.tau[:, [0, 2]] - moved.t[:, None], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("of_friction_alone", [True, False])
+def test_what_friction_explains_as_well_is_no_delay(
+    of_friction_alone: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fit = events._DelayFit(sign * sigmas * 0.1, 0.1, 1.0, 1e-3)
-    monkeypatch.setattr(events, "_fit_delay", lambda _: fit)
-    t = np.arange(0.0, 100.0, 1e-3)
-    zero = np.zeros((len(t), N))
-    found = list(events.delay(Measurements(t, zero, zero), physics(0.0)))
-    assert bool(found) == believed
-    if found:
-        assert ("later" if sign > 0.0 else "earlier") in found[0].what
-        ramp = Measurements(t, zero, np.tile(t[:, None], (1, N)))
-        assert found[0].repair is not None
-        mended = found[0].repair(ramp)  # torques of a later row belong to this one's positions
-        np.testing.assert_allclose(mended.tau[:, 0] - mended.t, fit.seconds, atol=1e-9)
+    """A number that other laws leave less than half of is the model's matter."""
+    left = 0.4 if of_friction_alone else 0.6
+    monkeypatch.setattr(beyond, "rival", lambda _: "rival")
+    number = SimpleNamespace(determined=lambda _: True, like_friction=True)
+    given = SimpleNamespace(number=number, gain=lambda p: left if p == "rival" else 1.0)
+    assert Hypothesis.determined(given, "physics") != of_friction_alone  # type: ignore[arg-type]
 
 
 def channel(step: float) -> np.ndarray[Any, Any]:

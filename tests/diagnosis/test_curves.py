@@ -149,6 +149,17 @@ def test_the_share_is_what_data_left_out_show() -> None:
     assert CurveErrors(0.5, 0.05, True).share(0.1) == 1.0
 
 
+def test_a_cubic_is_a_curve_with_its_law_and_no_spring_beside_a_ripple() -> None:
+    """Both together explain it as well, with four constants for one."""
+    found = diagnosed(lambda m: 0.5 * m.q[:, JOINT] ** 3).found
+    (curve,) = found.curves
+    assert curve.of == (f"q{JOINT + 1}",)
+    assert curve.formula is not None
+    amplitude, law, *_ = curve.formula.split()
+    assert (float(amplitude), law) == (pytest.approx(0.5 * SIZE, rel=0.05), f"q{JOINT + 1}^3")
+    assert not found.beside_curves
+
+
 def test_an_error_that_falls_in_one_stretch_only_has_not_fallen() -> None:
     before = np.array([9.0, 1.0, 1.0, 1.0, 1.0])
     assert _falls(before, 0.2 * before)

@@ -79,6 +79,14 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(arm: Problem, t
     entry = made.to_dict()["parameters"][0]
     assert (entry["name"], entry["source"]) == ("m1", "prior")
     assert entry["nominal"] == pytest.approx(8.0)
+    # One sentence names the links that are not weighed, and a mass that is far from its nominal value.
+    assert "link" in made.unweighed
+    assert "far from nominal" not in made.unweighed
+    heavy = made.theta.copy()
+    heavy[names.index("m1")] *= 5.0
+    assert "far from nominal: 39.8 kg for 8 (link 1)" in replace(made, theta=heavy).unweighed
+    known = replace(made, details={**made.details, "undetermined": {}})
+    assert not known.unweighed
     export(made, tmp_path / "arm.urdf")
     # A mass of a milligram with the same moments: consistent, and nowhere near the arm.
     theta = made.theta.copy()

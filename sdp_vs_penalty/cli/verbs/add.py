@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
+from sdp_vs_penalty.cli.checking import consented
 from sdp_vs_penalty.cli.runs import runs_for, words
 from sdp_vs_penalty.errors import InputError
 
@@ -63,7 +64,8 @@ def verb(
         )
         models = {"before": estimate, "after": bigger}
         before, after = compare(models, given.judge, noise_from=given.whole)
-        bigger.provenance["data"] = words(data, window)
+        checked = not consented(estimate, given.train)
+        bigger.provenance.update({"data": words(data, window), "checked": checked})
         bigger.save(out)
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)

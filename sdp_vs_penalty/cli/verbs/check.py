@@ -29,6 +29,9 @@ def verb(
             help="Repaired copy to write (and beside it what was changed), a folder for several runs.",
         ),
     ] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Also say which errors this motion could not show.")
+    ] = False,
 ) -> None:
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
@@ -37,7 +40,7 @@ def verb(
     """
     from sdp_vs_penalty.check import check, of_one_arm
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.data.files import read_run, run_files, save
+    from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.problem.load import load_problem
 
@@ -54,13 +57,14 @@ def verb(
             reports += check(robot, read_run(path, robot.robot.n, robot.robot.joint_names))
     reports = of_one_arm(reports)
     for report in reports:
-        _show(report)
+        _show(report, verbose)
     mounting = [] if gravity is None else ["--gravity", gravity]
     if fix is None and any(f.mends for report in reports for f in report.problems):
         to = _beside(data)
         console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", to])
     elif fix is None and not any(report.meaningless for report in reports):
-        console.next_step(["identify", problem, "--data", *data, *mounting, "--out", "model.json"])
+        train = [path for path in data if not for_testing(path)] or data
+        console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
     if fix is not None and len(reports) > len(data):
         raise InputError("--fix: a run is too long to be repaired", "cut it into files of 250 000 rows")
     if fix is not None:
@@ -85,7 +89,7 @@ def _beside(data: Sequence[Path]) -> Path:
     return first.with_name(f"{first.stem}_fixed.csv" if len(data) == 1 else "fixed")
 
 
-def _show(report: Report) -> None:
+def _show(report: Report, verbose: bool) -> None:
     from rich.markup import escape
 
     from sdp_vs_penalty.cli import console
@@ -93,6 +97,8 @@ def _show(report: Report) -> None:
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
     console.say(report.verdict, style="bold")
     for f in report.issues:
+        if f.kind == "not visible" and not verbose:
+            continue
         word = f"[{colours[f.severity]}]{f.severity}[/]"
         console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
         fixed = " (--fix does it)" if f.mends else ""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.checking import refuse_meaningless
+from sdp_vs_penalty.cli.checking import consented, refuse_meaningless
 from sdp_vs_penalty.cli.runs import runs_for
 
 
@@ -37,7 +37,9 @@ def verb(
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
         given = runs_for(estimate, data, window, test, test_window)
-        if not no_check:
+        if consented(estimate, given.train):
+            console.warn("data check skipped: the model comes from these runs with --no-check")
+        elif not no_check:
             progress("checking the measurements")
             refuse_meaningless(estimate.problem, given.train, "diagnose")
         result = run(

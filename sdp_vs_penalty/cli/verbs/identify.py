@@ -103,7 +103,7 @@ def verb(
                 console.written(proof, "it proves that nothing satisfies all constraints")
             raise
         seconds = time.perf_counter() - begin
-        estimate.provenance["data"] = words(data, window)
+        estimate.provenance.update({"data": words(data, window), "checked": not no_check})
         estimate.save(out)
         # A black box's answers are no torque along a motion: the certificate's loss is all there is.
         fit = None

@@ -88,6 +88,8 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.undecided is not None:
             _telling(view, finding.undecided, k)
+        elif finding.cooled:
+            tag("p", f"Which run would tell: {finding.cooled}.", "soft")
         if finding.remarks:
             tag("p", f"Weak: {'; '.join(finding.remarks)}.", "soft")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
@@ -109,7 +111,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
 
 
 def _telling(view: View, effects: str, k: int) -> None:
-    """The run that would tell a finding from its rival, to be designed and downloaded."""
+    """The run that would tell a finding from its rival or from nothing, to be designed."""
     with details("Which run would tell", f"tell-options-{k}"):
         with tag("div", style="fields"):
             draw_form(view.forms.get("separate", ()), view.separating)

@@ -140,8 +140,8 @@ def _list(view: View) -> None:
                             f"use-{k}",
                             hidden_label=True,
                         )
-    for run in session.runs:
-        for found in run["findings"]:
+    for run, findings in session.checked:
+        for found in findings:
             with tag("p", style=f"finding {found['severity']}"):
                 tag("strong", f"{run['name']}: {found['kind']}. ")
                 tag("span", f"{found['what']} What to do: {found['remedy']}.")
