@@ -88,13 +88,15 @@ def measured_curves(
 
 def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
     """Joints (from 0) of which two findings or more follow the position alone, one of them a wave that
-    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps."""
+    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps; or one
+    wave of which less than one was travelled."""
     out = []
     for j in range(state.stage.rows.n):
         own = [p.candidate.effect for p in state.picks if p.candidate.key[1] == j]
         parts = [e for e in own if follows_alone(e, "q")]
         waves = [Variable("phase", j, order=e.waves) for e in parts if e.waves is not None]
-        if len(parts) > 1 and not all(map(variables.turned, waves)):
+        least = {} if len(parts) > 1 else {"turns": 1.0}
+        if not all(variables.turned(w, **least) for w in waves):
             out.append(j)
     return out
 

@@ -55,13 +55,13 @@ def _draw(view: View) -> None:
         return
     tag("p", found.headline, f"verdict {found.verdict}")
     added = session.added
-    open_texts = [f.text for f in found.effects if f.text not in added]
+    sure = [f.text for f in found.effects if f.confidence == "confident" and f.text not in added]
     with tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):
             _card(view, found, k, finding.text in added)
     _curves(view, found)
-    if len(open_texts) > 1:
-        button(f"Add all {len(open_texts)}", lambda: session.add(open_texts), "add-all")
+    if len(sure) > 1:
+        button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
     _rest(found)
     tag("p", f"Found in {session.found_in:.2g} s.", "soft")
 
