@@ -62,7 +62,9 @@ def measured_curves(
         beside, new, judged = search_curves(state, variables, joint, seed, judge)
         found = [_Told.of(f, seed) for f in new]
         named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
-        own = [k for k, h in named.items() if h.key[1] == joint]
+        # What acts on other joints as well is not replaced by a curve of this one.
+        acting = state.stage.candidates.acting
+        own = [k for k, h in named.items() if acting[h.key] == {joint} == set(h.effect.joints)]
         if joint in doubtful:  # a function of the position in parts; what else is named stays
             own = [k for k in own if follows_alone(named[k].effect, "q")] or own
         if own:
