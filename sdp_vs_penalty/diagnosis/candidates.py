@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
+from sdp_vs_penalty.diagnosis.golden_section import highest
 from sdp_vs_penalty.diagnosis.library import Batch, Candidacy, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
     Beside,
@@ -31,8 +32,6 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 _CONTENDERS, _FAR, _CLOSE = 8, 0.3, 0.7
 #: ... and how many if they are close.
 MOST = 3 * _CONTENDERS
-#: Sections of the range of a shape constant, before the parabola through the best three.
-_SECTIONS = 5
 #: How often a shape constant is made as large as the effect is with it.
 _SIZED = 2
 #: Folds for what depends on time: every so many blocks of time.
@@ -336,37 +335,6 @@ class Candidates:
         by_time = candidate.effect.follows_clock
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
         return cross_validate(fit, shapes, candidate.signed, fold, candidate.effect.plausible)
-
-
-def highest(value_at: Callable[[float], float], low: float, high: float) -> None:
-    """Look where a function of one hump is highest: by golden section (Kiefer 1953), whose points are
-    the same whenever the same range is searched, then at the vertex of the parabola through the best.
-
-    ``value_at`` remembers what it has seen.
-    """
-    ratio = 0.5 * (np.sqrt(5.0) - 1.0)
-    seen: list[tuple[float, float]] = []
-
-    def at(x: float) -> float:
-        seen.append((x, value_at(x)))
-        return seen[-1][1]
-
-    inner = [high - ratio * (high - low), low + ratio * (high - low)]
-    values = [at(x) for x in inner]
-    for _ in range(_SECTIONS):
-        if values[0] > values[1]:
-            high = inner[1]
-            inner, values = [high - ratio * (high - low), inner[0]], [0.0, values[0]]
-            values[0] = at(inner[0])
-        else:
-            low = inner[0]
-            inner, values = [inner[1], low + ratio * (high - low)], [values[1], 0.0]
-            values[1] = at(inner[1])
-    x, y = np.array(sorted(seen)).T
-    top = int(np.clip(np.argmax(y), 1, len(x) - 2))
-    bend, slope, _ = np.polyfit(x[top - 1 : top + 2] - x[top], y[top - 1 : top + 2], 2)
-    if bend < 0.0:
-        at(x[top] + float(np.clip(-0.5 * slope / bend, x[top - 1] - x[top], x[top + 1] - x[top])))
 
 
 def _averaged(values: Array) -> float:

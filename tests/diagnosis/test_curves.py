@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,3 +177,23 @@ def test_a_curve_levels_off_where_nothing_was_measured() -> None:
     inside, edge, far = axis.columns(np.array([0.25, 0.5, 0.95])) @ c
     assert inside == pytest.approx(1.0, abs=0.15)
     assert far - edge < 0.8  # straight on: 1.8
+
+
+def test_a_lone_wave_is_doubted_only_where_less_than_one_was_travelled() -> None:
+    from types import SimpleNamespace
+
+    from sdp_vs_penalty.diagnosis.curves.measure import _not_seen_to_repeat
+
+    def doubted(robot: Any, orders: tuple[int, ...], travel: float) -> list[int]:
+        effects = [parse_effects(f"torque_ripple:1@k={k}", robot)[0] for k in orders]
+        picks = [SimpleNamespace(candidate=SimpleNamespace(key=(e.name, 0), effect=e)) for e in effects]
+        stage = SimpleNamespace(rows=SimpleNamespace(n=2))
+        state: Any = SimpleNamespace(stage=stage, picks=picks)
+        variables: Any = SimpleNamespace(turned=lambda v, turns=2.0: v.order * travel > turns)
+        return _not_seen_to_repeat(state, variables)
+
+    robot = load_problem("two_link").robot
+    assert doubted(robot, (4,), 0.2) == [0]
+    assert doubted(robot, (4,), 0.4) == []
+    assert doubted(robot, (4, 8), 0.4) == [0]
+    assert doubted(robot, (4, 8), 0.6) == []

@@ -62,7 +62,9 @@ def measured_curves(
         beside, new, judged = search_curves(state, variables, joint, seed, judge)
         found = [_Told.of(f, seed) for f in new]
         named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
-        own = [k for k, h in named.items() if h.key[1] == joint]
+        # What acts on other joints as well is not replaced by a curve of this one.
+        acting = state.stage.candidates.acting
+        own = [k for k, h in named.items() if acting[h.key] == {joint} == set(h.effect.joints)]
         if joint in doubtful:  # a function of the position in parts; what else is named stays
             own = [k for k in own if follows_alone(named[k].effect, "q")] or own
         if own:
@@ -86,13 +88,15 @@ def measured_curves(
 
 def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
     """Joints (from 0) of which two findings or more follow the position alone, one of them a wave that
-    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps."""
+    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps; or one
+    wave of which less than one was travelled."""
     out = []
     for j in range(state.stage.rows.n):
         own = [p.candidate.effect for p in state.picks if p.candidate.key[1] == j]
         parts = [e for e in own if follows_alone(e, "q")]
         waves = [Variable("phase", j, order=e.waves) for e in parts if e.waves is not None]
-        if len(parts) > 1 and not all(map(variables.turned, waves)):
+        least = {} if len(parts) > 1 else {"turns": 1.0}
+        if not all(variables.turned(w, **least) for w in waves):
             out.append(j)
     return out
 
