@@ -53,6 +53,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         f"{seconds:.1f} s",
         style="bold",
     )
+    if fit is not None:
+        say(f"On these runs it {fit.verdict.removeprefix(fit.name).strip()}")
     certificate(result)
     if gains := result.details.get("gains"):
         told = (f"{g:.3f} ± {s:.2g}" for g, s in zip(gains["gain"], gains["std"], strict=True))
@@ -227,11 +229,13 @@ def diagnosis(
 
 
 def undecided(result: Diagnosis, model: Path) -> None:
-    """The commands that design the runs which would tell a finding from what fits as well."""
+    """The runs that would tell a finding from what fits as well, or a weak one from nothing."""
     for k, finding in enumerate(worth_showing(result.effects), start=1):
         if finding.undecided is not None:
             words = ["excite", str(model), "--separate", finding.undecided, "--out", f"tell{k}.csv"]
             say(f"Finding {k}, the run that would tell: {shlex.join(['sdp-vs-penalty', *words])}")
+        elif finding.cooled:
+            say(f"Finding {k}, the run that would tell: {finding.cooled}.")
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:

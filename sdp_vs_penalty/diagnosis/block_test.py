@@ -166,7 +166,7 @@ def above_chance(
     """
     if exponent >= _HIGHEST:
         return True
-    signs, blocks = _signs(fit, seed), _block_scores(fit, library, scores)
+    signs, blocks = _signs(fit, seed), _block_scores(fit, library)
     place = _SHARE * (len(signs) - 1)
     enough, allowed = len(signs) - int(place), len(signs) - 1 - int(np.ceil(place))
     pending: list[tuple[int, float, int | None, NDArray[np.intp]]] = []
@@ -199,18 +199,18 @@ def _allowed(library: Library, batch: Batch, eligible: Set[Key]) -> NDArray[np.b
     return np.array([few and library.groups[g].key in eligible for g in batch.groups], bool)
 
 
-def _block_scores(fit: WhiteFit, library: Library, scores: Scores) -> dict[int | None, Array]:
+def _block_scores(fit: WhiteFit, library: Library) -> dict[int | None, Array]:
     """(B, C) scores z_b'r_b of the library's partialled columns, by joint (None: on several)."""
-    n, sums = fit.rows.n, fit.rows.products
-    residual = fit.residual.reshape(n, -1)
+    sums, residual = fit.rows.products, fit.residual.reshape(fit.rows.n, -1)
 
     def summed(columns: Array) -> Array:
         return np.sum([sums(z, r) for z, r in zip(columns, residual, strict=True)], axis=0)
 
     model = summed(fit.Q.reshape(*residual.shape, -1))
-    out: dict[int | None, Array] = {None: summed(library.robot) - model @ scores.overlaps[n]}
+    robot = summed(library.robot) - model @ fit.overlaps(library, None).sum(axis=0)
+    out: dict[int | None, Array] = {None: robot}
     for j, (z, r) in enumerate(zip(library.joints, residual, strict=True)):
-        out[j] = sums(z, r) - model @ scores.overlaps[j]
+        out[j] = sums(z, r) - model @ fit.overlaps(library, j)
     return out
 
 

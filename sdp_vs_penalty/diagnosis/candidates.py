@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
+from sdp_vs_penalty.diagnosis.golden_section import highest
 from sdp_vs_penalty.diagnosis.library import Batch, Candidacy, Group, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
     Beside,
@@ -31,8 +32,6 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 _CONTENDERS, _FAR, _CLOSE = 8, 0.3, 0.7
 #: ... and how many if they are close.
 MOST = 3 * _CONTENDERS
-#: Sections of the range of a shape constant, before the parabola through the best three.
-_SECTIONS = 5
 #: How often a shape constant is made as large as the effect is with it.
 _SIZED = 2
 #: Folds for what depends on time: every so many blocks of time.
@@ -63,8 +62,8 @@ class Candidates:
     def __init__(self, rows: SegmentedRuns, noise: Noise, candidacy: Candidacy) -> None:
         self.rows, self.noise, self.candidacy = rows, noise, candidacy
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
-        self._scored: tuple[WhiteFit, Scores] | None = None
-        self._coarsely: tuple[WhiteFit, Array] | None = None
+        self._scored: tuple[WhiteFit, Set[int] | None, Scores] | None = None
+        self._coarsely: tuple[WhiteFit, Set[int] | None, Array] | None = None
         self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
 
     @cached_property
@@ -122,7 +121,7 @@ class Candidates:
         shapes refined, best first. most : so many at most; on : only those on these joints or several;
         only : this one alone.
         """
-        plausible = self._plausible(fit, scaled, picked, known)
+        plausible = self._plausible(fit, scaled, picked, known, on)
         coarse = [
             (v, key, values)
             for key, (v, values) in plausible.items()
@@ -143,12 +142,17 @@ class Candidates:
         return sorted(found, key=lambda h: -h.evidence)
 
     def _plausible(
-        self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
+        self,
+        fit: WhiteFit,
+        scaled: Library,
+        picked: Sequence[Candidate],
+        known: frozenset[Key],
+        on: Set[int] | None = None,
     ) -> dict[Key, tuple[float, Array]]:
         """Evidence on the grids of shapes, averaged and of each member, the most plausible first."""
-        if self._coarsely is None or self._coarsely[0] is not fit:
-            self._coarsely = fit, self._coarse(fit, scaled)
-        evidence, taken = self._coarsely[1], {h.effect.text for h in picked}
+        if self._coarsely is None or self._coarsely[0] is not fit or self._coarsely[1] != on:
+            self._coarsely = fit, on, self._coarse(fit, scaled, on)
+        evidence, taken = self._coarsely[2], {h.effect.text for h in picked}
         out: dict[Key, tuple[float, Array]] = {}
         for key in self.eligible(picked, known):
             members = self.by_key[key]
@@ -179,20 +183,22 @@ class Candidates:
         forms = [m for m in best.values() if values[m] > 0.5 * top][: 2 if refines else 1]
         return [members[m] for m in forms or [int(np.argmax(values))]]
 
-    def scores(self, fit: WhiteFit, scaled: Library) -> Scores:
-        """Of all groups; the last are kept."""
-        if self._scored is None or self._scored[0] is not fit:
-            self._scored = fit, score_library(fit, scaled)
-        return self._scored[1]
+    def scores(self, fit: WhiteFit, scaled: Library, on: Set[int] | None = None) -> Scores:
+        """Of all groups, or of those on these joints or several; the last are kept."""
+        if self._scored is None or self._scored[0] is not fit or self._scored[1] != on:
+            self._scored = fit, on, score_library(fit, scaled, on)
+        return self._scored[2]
 
-    def _coarse(self, fit: WhiteFit, scaled: Library) -> Array:
-        """(G,) evidence of all groups; one on a single joint is taken to change that joint's error
-        only."""
-        scores = self.scores(fit, scaled)
+    def _coarse(self, fit: WhiteFit, scaled: Library, on: Set[int] | None = None) -> Array:
+        """(G,) evidence of all groups, zero of those that were not asked for; one on a single joint is
+        taken to change that joint's error only."""
+        scores = self.scores(fit, scaled, on)
         out = np.zeros(len(scores.chi2))
         for batch, gram in zip(scaled.batches, scaled.grams, strict=True):
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
             if batch.joint is not None:
+                if on is not None and batch.joint not in on:
+                    continue
                 if k > 1:
                     chi2 = self._with_signs(batch, scores)
                 gains = fit.joint_gains(batch.joint, chi2)
@@ -329,37 +335,6 @@ class Candidates:
         by_time = candidate.effect.follows_clock
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
         return cross_validate(fit, shapes, candidate.signed, fold, candidate.effect.plausible)
-
-
-def highest(value_at: Callable[[float], float], low: float, high: float) -> None:
-    """Look where a function of one hump is highest: by golden section (Kiefer 1953), whose points are
-    the same whenever the same range is searched, then at the vertex of the parabola through the best.
-
-    ``value_at`` remembers what it has seen.
-    """
-    ratio = 0.5 * (np.sqrt(5.0) - 1.0)
-    seen: list[tuple[float, float]] = []
-
-    def at(x: float) -> float:
-        seen.append((x, value_at(x)))
-        return seen[-1][1]
-
-    inner = [high - ratio * (high - low), low + ratio * (high - low)]
-    values = [at(x) for x in inner]
-    for _ in range(_SECTIONS):
-        if values[0] > values[1]:
-            high = inner[1]
-            inner, values = [high - ratio * (high - low), inner[0]], [0.0, values[0]]
-            values[0] = at(inner[0])
-        else:
-            low = inner[0]
-            inner, values = [inner[1], low + ratio * (high - low)], [values[1], 0.0]
-            values[1] = at(inner[1])
-    x, y = np.array(sorted(seen)).T
-    top = int(np.clip(np.argmax(y), 1, len(x) - 2))
-    bend, slope, _ = np.polyfit(x[top - 1 : top + 2] - x[top], y[top - 1 : top + 2], 2)
-    if bend < 0.0:
-        at(x[top] + float(np.clip(-0.5 * slope / bend, x[top - 1] - x[top], x[top + 1] - x[top])))
 
 
 def _averaged(values: Array) -> float:

@@ -93,7 +93,7 @@ class Comparison(Shown):
     @property
     def verdict(self) -> str:
         """How well the model explains these measurements, in one sentence."""
-        said = fit_verdict(self.relative_error_percent, self.rmse, self.noise_floor)
+        said = fit_verdict(self.relative_error_percent, self.rmse, self.noise_floor, self.r2)
         return f"{self.name} {said}"
 
     def plot(self, joint: int | None = None, against: str = "time", axes: Any = None) -> Any:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,38 +16,37 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Something for a library's columns on each joint (..., C_j), and for those on several (n, ..., C).
-Products = tuple[Array, ...]
+#: Share of its norm that others leave of a column, from which Cholesky's triangle is exact to 1e-11.
+_APART = 0.01
 
 
 @dataclass(frozen=True)
 class PerLibrary:
-    """Products with libraries, by the library; which is kept, so that its number stays its own."""
+    """Products with a library's columns on one joint (None: on several), by library and joint; the
+    library is kept as well, so that its number stays its own."""
 
-    kept: dict[int, tuple[Library, Products]] = field(default_factory=dict)
+    kept: dict[tuple[int, int | None], tuple[Library, Array]] = field(default_factory=dict)
 
-    def of(self, library: Library, made: Callable[[], Products]) -> Products:
-        if id(library) not in self.kept:
-            self.kept[id(library)] = library, made()
-        return self.kept[id(library)][1]
+    def has(self, library: Library, joint: int | None) -> bool:
+        return (id(library), joint) in self.kept
+
+    def of(self, library: Library, joint: int | None, made: Callable[[], Array] | None = None) -> Array:
+        """Those that are kept, or else ``made``."""
+        key = id(library), joint
+        if made is not None and key not in self.kept:
+            self.kept[key] = library, made()
+        return self.kept[key][1]
 
 
 @dataclass(frozen=True)
 class Added:
     """White columns (n M, k) beside a fit, and what that leaves of them once weighted: rest (n M, k);
-    least (k,) : norm from which a column of it is more than rounding."""
+    least (k,) : norm from which a column of it is more than rounding; overlaps : of the rest."""
 
     white: Array
     rest: Array
     least: Array
-
-    @cached_property
-    def _overlaps(self) -> PerLibrary:
-        return PerLibrary()
-
-    def overlaps(self, library: Library) -> Products:
-        """The rest's products with a weighted library's columns: (k, C_j), and (n, k, C)."""
-        return self._overlaps.of(library, lambda: products(self.rest, library))
+    overlaps: PerLibrary = field(default_factory=PerLibrary, init=False)
 
 
 @dataclass(frozen=True)
@@ -61,14 +59,36 @@ class Extension:
     turn: Array
     taken: Array
 
-    def overlaps(self, library: Library) -> Products:
-        """The orthonormal columns' products with a library's: (m, C_j), and (n, m, C)."""
-        parts = zip(*(a.overlaps(library) for a in self.added), strict=True)
-        return tuple(self.turn.T @ np.concatenate(x, axis=-2)[..., self.kept, :] for x in parts)
+    def overlaps(self, library: Library, joint: int | None) -> Array:
+        """The orthonormal columns' products with a library's."""
+        fresh = [a for a in self.added if not a.overlaps.has(library, joint)]
+        if fresh:
+            found = products(np.hstack([a.rest for a in fresh]), library, joint)
+            ends = np.cumsum([a.rest.shape[1] for a in fresh])[:-1]
+            for a, own in zip(fresh, np.split(found, ends, axis=-2), strict=True):
+                a.overlaps.of(library, joint, own.copy)
+        parts = [a.overlaps.of(library, joint) for a in self.added]
+        return np.asarray(self.turn.T @ np.concatenate(parts, axis=-2)[..., self.kept, :])
 
 
-def products(columns: Array, library: Library) -> Products:
-    """x_j'z_j of columns x (n M, r) with a library's: (r, C_j) on each joint, (n, r, C) on several."""
+def products(columns: Array, library: Library, joint: int | None) -> Array:
+    """x_j'z_j of columns x (n M, r) with those of a library on a joint, (r, C_j), or on several, joint
+    by joint (n, r, C)."""
     parts = np.split(columns, len(library.joints))
-    own = [x.T @ z for x, z in zip(parts, library.joints, strict=True)]
-    return *own, np.stack([x.T @ z for x, z in zip(parts, library.robot, strict=True)])
+    if joint is not None:
+        return np.asarray(parts[joint].T @ library.joints[joint])
+    return np.stack([x.T @ z for x, z in zip(parts, library.robot, strict=True)])
+
+
+def factored(columns: Array) -> tuple[Array, Array]:
+    """columns (N, m) as orthonormal ones times a triangle R (m, m): by Cholesky's of their products
+    where they are far enough from each other, else by Householder's."""
+    gram = columns.T @ columns
+    try:
+        R = np.asarray(np.linalg.cholesky(gram).T)
+        if np.all(np.diagonal(R) >= _APART * np.sqrt(np.diagonal(gram))):
+            return columns @ np.linalg.inv(R), R
+    except np.linalg.LinAlgError:
+        pass
+    q, r = np.linalg.qr(columns)
+    return np.asarray(q), np.asarray(r)

@@ -13,6 +13,7 @@ from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
 from sdp_vs_penalty.diagnosis.show import diagnosis_verdict, plot_ladder
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_json
 from sdp_vs_penalty.robot.arrays import Array
@@ -51,13 +52,27 @@ class Finding:
 
     @property
     def undecided(self) -> str | None:
-        """The two effects, as `excite --separate` takes them, between which a run would tell; None where
-        nothing fits as well."""
-        named = [r for r in self.indistinguishable_from if r != CURVE]
-        if not named or not self.joints:
+        """What a run should decide, as `excite --separate` takes it: between the finding and what fits
+        as well, or whether a weak one is there at all. None for a confident one without rival, beside a
+        curve, and where no motion decides (:attr:`cooled`)."""
+        if CURVE in self.indistinguishable_from or self.cooled:
             return None
-        rival = named[0] if ":" in named[0] else f"{named[0]}:{self.joints[0]}"
-        return f"{self.text},{rival}"
+        named = self.indistinguishable_from if self.joints else ()
+        if not named:
+            return self.text if self.confidence == "weak" else None
+        return f"{self.text},{named[0] if ':' in named[0] else f'{named[0]}:{self.joints[0]}'}"
+
+    @property
+    def cooled(self) -> str:
+        """The run that tells what follows the gears' temperature from what follows the clock, if that is
+        what is open."""
+        kinds = [effect_types()[r.split(":")[0]] for r in self.indistinguishable_from if r != CURVE]
+        if effect_types()[self.effect].follows_clock or not any(k.follows_clock for k in kinds):
+            return ""
+        return (
+            "record one more run after the gears have cooled down; what follows their temperature is "
+            "then as it was at first, what follows the clock is not"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         return {

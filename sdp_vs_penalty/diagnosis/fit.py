@@ -7,6 +7,7 @@ r, z what Q leaves of torque and candidate, the drop is (z'r)^2 / z'z.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -15,7 +16,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, Products, products
+from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, factored, products
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
@@ -43,10 +44,6 @@ class RowLabels:
     @property
     def blocks(self) -> int:
         return int(self.block.max()) + 1
-
-    @property
-    def folds(self) -> int:
-        return int(self.fold.max()) + 1
 
     def block_sums(self, values: Array) -> Array:
         """(B, ...) sums over the rows of each block, of values (n M, ...)."""
@@ -153,58 +150,64 @@ class WhiteFit:
         return self.weighting.apply_all(columns)
 
     def partialled(self, columns: Array) -> Array:
-        """(n M, k) what the model's columns leave of weighted others; twice, against rounding."""
-        for _ in range(2):
-            columns = columns - self.Q @ (self.Q.T @ columns)
-        return columns
+        """(n M, k) what the model leaves of weighted columns; of little twice, against rounding."""
+        left = columns - self.Q @ (self.Q.T @ columns)
+        little = np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(columns, axis=0)
+        if little.any():
+            left[:, little] -= self.Q @ (self.Q.T @ left[:, little])
+        return left
 
     def extended(self, *white: Array) -> WhiteFit:
         """The fit with more columns: groups (n M, k) of white ones, kept for other fits."""
         if not white:
             return self
-        added = tuple(self._beside(columns) for columns in white)
+        added = self._beside(white)
         rest, least = np.hstack([a.rest for a in added]), np.concatenate([a.least for a in added])
         kept = np.arange(len(least))
         while True:
-            new, R = np.linalg.qr(rest[:, kept])
+            new, R = factored(rest[:, kept])
             seen = np.abs(np.diagonal(R)) > least[kept]
             if seen.all():
                 break
             kept = np.delete(kept, np.argmin(seen))
         taken = new.T @ self.residual
-        more = Extension(added, kept, np.linalg.inv(R), taken)
+        more = Extension(added, kept, np.asarray(np.linalg.inv(R)), taken)
         residual, Q = self.residual - new @ taken, np.hstack([self.Q, new])
         return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self, more)
 
-    def _beside(self, white: Array) -> Added:
-        if id(white) not in self._added:
-            scaled = self.scaled(white)
-            least = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(scaled, axis=0)
-            self._added[id(white)] = Added(white, self.partialled(scaled), least)
-        return self._added[id(white)]
+    def _beside(self, white: Sequence[Array]) -> tuple[Added, ...]:
+        """Groups of white columns beside this fit, those that are new all at once."""
+        fresh = [w for w in white if id(w) not in self._added]
+        if fresh:
+            whole = np.hstack([self.scaled(w) for w in fresh])
+            least = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(whole, axis=0, keepdims=True)
+            ends = np.cumsum([w.shape[1] for w in fresh])[:-1]
+            parts = (np.split(x, ends, axis=1) for x in (self.partialled(whole), least))
+            for w, rest, small in zip(fresh, *parts, strict=True):
+                self._added[id(w)] = Added(w, rest, small[0])
+        return tuple(self._added[id(w)] for w in white)
 
-    def overlaps(self, library: Library) -> Products:
-        """Q_j'z_j of a weighted library's columns on each joint j (r, C_j), and of those on several
-        (n, r, C); worked out once."""
+    def overlaps(self, library: Library, joint: int | None) -> Array:
+        """Q_j'z_j of a weighted library's columns on a joint j (r, C_j), on several (n, r, C); kept."""
 
-        def made() -> Products:
+        def made() -> Array:
             if self.base is None or self.more is None:
-                return products(self.Q, library)
-            pairs = zip(self.base.overlaps(library), self.more.overlaps(library), strict=True)
-            return tuple(np.concatenate(x, axis=-2) for x in pairs)
+                return products(self.Q, library, joint)
+            both = self.base.overlaps(library, joint), self.more.overlaps(library, joint)
+            return np.concatenate(both, axis=-2)
 
-        return self._overlaps.of(library, made)
+        return self._overlaps.of(library, joint, made)
 
-    def pulls(self, library: Library) -> Products:
-        """z_j'r_j of the same columns with the residual: (C_j,) of each joint, and (n, C)."""
+    def pulls(self, library: Library, joint: int | None) -> Array:
+        """z_j'r_j of the same columns with the residual: (C_j,), on several (n, C)."""
 
-        def made() -> Products:
+        def made() -> Array:
             if self.base is None or self.more is None:
-                return tuple(x[..., 0, :] for x in products(self.residual[:, None], library))
-            pairs = zip(self.base.pulls(library), self.more.overlaps(library), strict=True)
-            return tuple(before - self.more.taken @ new for before, new in pairs)
+                return products(self.residual[:, None], library, joint)[..., 0, :]
+            taken = self.more.taken @ self.more.overlaps(library, joint)
+            return np.asarray(self.base.pulls(library, joint) - taken)
 
-        return self._pulls.of(library, made)
+        return self._pulls.of(library, joint, made)
 
     def without_folds(self, folds: NDArray[np.intp]) -> list[WithoutFold]:
         """The model fitted without each of the folds (M,) in turn; kept for the next candidate."""

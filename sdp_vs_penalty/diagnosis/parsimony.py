@@ -17,7 +17,7 @@ CORRELATED = 0.8
 #: Share of a larger effect's gain up to which a smaller one on its joints may be that law's own error: a
 #: law of friction holds to about a tenth of its torque.
 LAW = 0.01
-#: ... and up to which two friction laws that refine the same plain one may be one law between them.
+#: ... and of a law that the smaller one refines: what bends it in another way is nearly the same.
 FINER_LAW = 0.03
 
 
@@ -129,8 +129,7 @@ def company(state: SearchState, k: int) -> Company:
 
 def _own_error(pick: Pick, larger: Pick) -> float:
     """Share of a larger pick's gain that its law may leave to the other."""
-    plain = set(pick.candidate.effect.refines) & set(larger.candidate.effect.refines)
-    return FINER_LAW if plain else LAW
+    return FINER_LAW if larger.candidate.effect.name in pick.candidate.effect.refines else LAW
 
 
 def _taken(state: SearchState, k: int, m: int) -> float:

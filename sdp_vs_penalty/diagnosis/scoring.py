@@ -5,7 +5,7 @@ Everything is small linear algebra on sums over the white rows of a :class:`~.fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,14 +20,13 @@ from sdp_vs_penalty.robot.arrays import Array
 @dataclass(frozen=True)
 class Scores:
     """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy, and
-    what they follow from: the partialled gram (k, k) and z'r (k,); overlaps : with the fit, Q'z of the
-    columns on each joint and of those on several; spread : of the latter, joint by joint."""
+    what they follow from: the partialled gram (k, k) and z'r (k,); spread : of those on several joints,
+    joint by joint."""
 
     chi2: Array
     beta: tuple[Array, ...]
     absorbed: Array
     products: tuple[tuple[Array, Array], ...]
-    overlaps: tuple[Array, ...]
     spread: Spread
 
 
@@ -52,25 +51,32 @@ class Spread:
         return fit.joint_chi2[:, None] + fit.weighting.level[:, None] ** 2 * squares
 
 
-def score_library(fit: WhiteFit, library: Library) -> Scores:
-    """Score all groups of a library, white and scaled like the fit's rows.
+def score_library(fit: WhiteFit, library: Library, on: Set[int] | None = None) -> Scores:
+    """Score all groups of a library, white and scaled like the fit's rows; on : only those on these
+    joints or several, nothing is said of the others.
 
     Coefficients that are known beforehand are held by that: as penalised least squares has them.
     """
-    (*overlaps, robot), (*right, pulls) = fit.overlaps(library), fit.pulls(library)
-    overlaps, right = [*overlaps, robot.sum(axis=0)], [*right, pulls.sum(axis=0)]
+    spread = Spread(fit.overlaps(library, None), fit.pulls(library, None))
+    robot = spread.overlaps.sum(axis=0), spread.pulls.sum(axis=0)
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
     beta: list[Array] = [np.zeros(0)] * len(library.groups)
     products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
     for batch, own in zip(library.batches, library.grams, strict=True):
-        place, gram = (-1, own.sum(axis=0)) if batch.joint is None else (batch.joint, own)
-        pull, taken = right[place][batch.columns], overlaps[place][:, batch.columns.ravel()]
-        left, raw = gram - grams(taken, len(gram)), np.diagonal(gram, axis1=1, axis2=2)
+        j = batch.joint
+        if j is None:
+            (overlaps, pulls), gram = robot, own.sum(axis=0)
+        elif on is None or j in on:
+            overlaps, pulls, gram = fit.overlaps(library, j), fit.pulls(library, j), own
+        else:
+            continue
+        pull, raw = pulls[batch.columns], np.diagonal(gram, axis1=1, axis2=2)
+        left = gram - grams(overlaps[:, batch.columns.ravel()], len(gram))
         found = solve_groups(left, raw, pull, batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
         for g, b, one, its in zip(batch.groups, found[1], left, pull, strict=True):
             beta[g], products[g] = b, (one, its)
-    return Scores(chi2, tuple(beta), absorbed, tuple(products), tuple(overlaps), Spread(robot, pulls))
+    return Scores(chi2, tuple(beta), absorbed, tuple(products), spread)
 
 
 def solve_group(

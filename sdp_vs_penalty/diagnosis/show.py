@@ -25,19 +25,32 @@ MOSTLY_NEW = 0.5
 _EVENTS = 3
 
 
-def fit_level(relative_percent: float, rmse: ArrayLike, floor: ArrayLike | None) -> str:
+def no_model_of(rmse: ArrayLike, floor: ArrayLike | None, r2: ArrayLike) -> str:
+    """The joints that the mean of their torque describes better than the model does, or "". An error
+    within the noise is none."""
+    worse = np.asarray(r2, dtype=float) < 0.0
+    if floor is not None:
+        worse &= np.asarray(rmse) > ABOVE_NOISE * np.asarray(floor)
+    return show.joints((np.flatnonzero(worse) + 1).tolist()) if np.any(worse) else ""
+
+
+def fit_level(relative_percent: float, rmse: ArrayLike, floor: ArrayLike | None, r2: ArrayLike) -> str:
     """good, usable or bad (not to be used): by the noise floor where it is known, else by the relative
-    error alone, which cannot say how much of it is noise."""
+    error alone, which cannot say how much of it is noise. At most usable where a joint has no model."""
     if not relative_percent <= NO_MODEL:
         return "bad"
+    if no_model_of(rmse, floor, r2):
+        return "usable"
     if floor is None:
         return "good" if relative_percent <= GOOD else "usable"
     return "usable" if np.any(np.asarray(rmse) > ABOVE_NOISE * np.asarray(floor)) else "good"
 
 
-def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None) -> str:
+def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None, r2: Array) -> str:
     """How well a model explains the torque, and which joints are far above the noise."""
-    level = _LEVELS[fit_level(relative_percent, rmse, floor)]
+    level = _LEVELS[fit_level(relative_percent, rmse, floor, r2)]
+    if without := no_model_of(rmse, floor, r2):
+        level += f", but not for {without} (worse than the mean torque)"
     text = f"explains the torque to {relative_percent:.3g} % (relative error): {level}"
     if floor is None:
         return f"{text}; noise floor unknown: no motion repeats."

@@ -18,12 +18,14 @@ class DriftFriction(Drift):
     explanation = (
         "Friction falls (or rises) with the time since the start: grease warms up and thins. Coulomb "
         "(form 1, 2) or viscous (form 3, 4) friction follows the clock, linearly or settling with T. "
-        "Settling is warming_friction without a thermometer."
+        "Settling is warming_friction without a thermometer: where logged temperatures explain as much, "
+        "that is named."
     )
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
     symbol = "f_df"
     units = ("N*m", "N")
-    refines = ("coulomb_friction", "viscous_friction")
+    # Where temperatures are logged they are the cause, for which the clock can only stand.
+    refines = ("coulomb_friction", "viscous_friction", "warming_friction")
     shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 
     @property

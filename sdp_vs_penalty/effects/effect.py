@@ -285,16 +285,17 @@ class Effect(ABC):
         return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
 
 
-def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
+def follows_alone(effect: Effect, signal: Literal["q", "dq"], joint: int | None = None) -> bool:
     """Whether the torque changes with the joints' position, or velocity, or not at all, and with nothing
-    else."""
+    else; joint : with that of this joint (from 0) alone."""
     if effect.has_memory or effect.needs_torque or effect.needs_links or effect.needs_temperature:
         return False
     own = np.random.default_rng(0).normal(size=(3, effect.robot.n))
 
     def columns(x: float) -> list[Block]:
         still = np.full_like(own, x)
-        q, dq = (own if s == signal else still for s in ("q", "dq"))
+        kept = own if joint is None else np.where(np.arange(own.shape[1]) == joint, own, still)
+        q, dq = (kept if s == signal else still for s in ("q", "dq"))
         return effect.blocks(Motion(still[:, 0], q, dq, still))
 
     first, second = columns(0.0), columns(0.7)

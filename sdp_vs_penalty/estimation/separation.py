@@ -8,7 +8,8 @@ from everything that the model with B can make by
 and the sum of squares that the wrong model leaves exceeds that of the right one by delta^2 +- 2 delta:
 it is taken for the right one with probability Phi(-delta / 2), but for what their parameters cost.
 delta^2 grows with the length of the run. theta has the size that a user names, in the direction of A's
-parameters that B can make best; the smaller of A against B and B against A counts.
+parameters that B can make best; the smaller of A against B and B against A counts. Of one effect alone
+the other hypothesis is that it is not there: B has no columns.
 
 Motions go from point to point: points, how slow each move is, and pauses are free. Random motions are
 drawn, the best is changed at random as long as that helps (a (1 + 1) evolution strategy: Rechenberg
@@ -56,7 +57,7 @@ class Separation:
     """trajectory : the best motion found; delta2, default_delta2 : squared distance of the hypotheses on
     it and on the default excitation of the same length; right, default_right : probability of the right
     decision then; seconds, default_seconds : of each motion, repeated, that are needed for RIGHT;
-    sizes : of the two effects, as they were taken; collisions : whether the arm's shapes are known."""
+    sizes : of the effects, as they were taken; collisions : whether the arm's shapes are known."""
 
     trajectory: PointTrajectory
     delta2: float
@@ -65,30 +66,30 @@ class Separation:
     default_right: float
     seconds: float
     default_seconds: float
-    sizes: tuple[float, float]
+    sizes: tuple[float, ...]
     collisions: bool
 
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """Two effects beside a model, and how large the noise is."""
+    """Two effects beside a model, or one and none, and how large the noise is."""
 
     estimate: Estimate
-    effects: tuple[Effect, Effect]
+    effects: tuple[Effect, ...]
     noise: Array
     row_rate: float
-    scale: tuple[float, float]
+    scale: tuple[float, ...]
 
     @classmethod
     def of(cls, estimate: Estimate, texts: str, level: float) -> Hypotheses:
-        """Of two effects as they are written, each of ``level`` times the noise of its joint (root mean
-        square) on the default excitation. Raises InputError for anything but two effects, or one that
+        """Of effects as they are written, each of ``level`` times the noise of its joint (root mean
+        square) on the default excitation. Raises InputError for more than two effects, or one that
         the model has already."""
         found = parse_effects(texts, estimate.robot)
-        if len(found) != 2:
+        if not 1 <= len(found) <= 2:
             raise InputError(
                 f"--separate {texts!r} names {len(found)} effects",
-                'name two, such as "torque_ripple:4@k=2,joint_spring:4"',
+                'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one',
             )
         own = {p.name for p in estimate.model.parameters}
         for effect in found:
@@ -98,10 +99,10 @@ class Hypotheses:
                     "separate effects that it lacks",
                 )
         noise = np.maximum(estimate.uncertainty.noise, 1e-12)
-        bare = cls(estimate, (found[0], found[1]), noise, independent_rate(estimate), (1.0, 1.0))
+        bare = cls(estimate, tuple(found), noise, independent_rate(estimate), (1.0,) * len(found))
         motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
         sizes = [level / max(bare._root_mean_square(e, motion), 1e-300) for e in found]
-        return replace(bare, scale=(sizes[0], sizes[1]))
+        return replace(bare, scale=tuple(sizes))
 
     def motion(self, states: States, duration: float) -> Motion:
         """A motion with the model's torque and links, sampled."""
@@ -131,17 +132,20 @@ class Hypotheses:
         for j, c in enumerate(e.model.columns(replace(motion, torque=None, current=None))):
             base[j][:, c.indices] = c.columns / self.noise[j]
         X = base.reshape(e.robot.n * N, -1)
-        A, B = (
+        A, *others = (
             self._white(effect, motion).reshape(len(X), -1) * scale
             for effect, scale in zip(self.effects, self.scale, strict=True)
         )
-        found = min(_apart(X, A, B), _apart(X, B, A))
+        B = others[0] if others else X[:, :0]
+        found = _apart(X, A, B)
+        if others:
+            found = min(found, _apart(X, B, A))
         return found * self.row_rate / _RATE
 
     def right(self, delta2: float, seconds: float) -> float:
         """Probability that the sum of squares decides rightly, whichever of the two is true."""
-        extra = abs(len(self.effects[0].parameters) - len(self.effects[1].parameters))
-        price = extra * np.log(max(self.row_rate * seconds, 2.0))
+        counts = [len(e.parameters) for e in self.effects] + [0]
+        price = abs(counts[0] - counts[1]) * np.log(max(self.row_rate * seconds, 2.0))
         return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(max(delta2, 1e-300)))))
 
     def needed(self, delta2: float, seconds: float) -> float:
@@ -196,9 +200,10 @@ def separate(
 ) -> Separation:
     """The motion of ``duration`` [s] on which two effects differ most.
 
-    effects : two, as they are written; level : root mean square of each over the noise of its joint on
-    the default excitation; iterations : changes that are tried; limits : default the robot's own;
-    collision : the arm's shapes. Raises InputError for hypotheses that cannot be separated.
+    effects : two, as they are written, or one, to be told from nothing; level : root mean square of
+    each over the noise of its joint on the default excitation; iterations : changes that are tried;
+    limits : default the robot's own; collision : the arm's shapes. Raises InputError for hypotheses that
+    cannot be separated.
     """
     hypotheses = Hypotheses.of(estimate, effects, level)
     bounds = Limits.of_robot(estimate.robot) if limits is None else limits

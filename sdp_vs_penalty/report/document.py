@@ -49,6 +49,24 @@ _DRAW = """
     const place = waiting.shift();
     const given = JSON.parse(place.nextElementSibling.textContent);
     Plotly.newPlot(place, given.data, given.layout, {displayModeBar: false, responsive: true});
+    const linked = given.layout.meta && given.layout.meta.linked;
+    if (linked) link(place, linked);
+  };
+  // Of every so many traces the first and the last show the same rows, selected together.
+  const link = (place, every) => {
+    const mark = event => {
+      const rows = {};
+      for (const p of (event && event.points) || []) {
+        const k = p.curveNumber;
+        if (k % every !== 1) (rows[Math.floor(k / every)] ||= new Set()).add(p.pointNumber);
+      }
+      const none = Object.keys(rows).length === 0;
+      const marked = place.data.map((_, k) => none ? null : [...(rows[Math.floor(k / every)] || [])]);
+      const shown = marked.map((own, k) => k % every === 1 ? null : own);
+      Plotly.restyle(place, {selectedpoints: shown});
+    };
+    place.on("plotly_selected", mark);
+    place.on("plotly_deselect", () => mark());
   };
   const next = () => {
     if (waiting.length) { draw(); setTimeout(next, 30); }

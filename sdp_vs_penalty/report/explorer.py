@@ -26,13 +26,16 @@ _LAGS = 40
 
 
 def explorer(material: Material) -> Section:
-    """The error of each joint against a signal, and its correlations; joint and signal are chosen."""
+    """Error and signals of each joint against each other and in time, and the error's correlations."""
     n, units = material.last.robot.n, material.last.robot.torque_units
     body = text(
-        "Measured less modelled torque of one joint against a signal of it. Reversals of the joint are "
-        "ringed; the band is 1.96 noise floors wide to either side, where the noise is known."
+        "Measured less modelled torque (error) and the signals of one joint, each model in its colour; "
+        "below, the error in time. Reversals of the joint are ringed; the band is 1.96 noise floors "
+        "wide to either side, where the noise is known. Drag over points: the same instants stand out "
+        "in the other panel; a double click ends that."
     )
-    body += figure(_scatter(material, n, units), "Choose joint and signal above the figure.", 460)
+    said = "Choose the joint and what the two axes show above the figure."
+    body += figure(_scatter(material, n, units), said, 470)
     body += text(
         "Correlation of the error with itself and with the joint's velocity at later instants; grey: "
         "where 95 % of the correlations of unrelated signals lie, 1.96 / sqrt(N)."
@@ -42,9 +45,10 @@ def explorer(material: Material) -> Section:
 
 
 def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> Any:
-    from plotly.graph_objects import Figure, Scatter
+    from plotly.graph_objects import Scatter
+    from plotly.subplots import make_subplots
 
-    plot = Figure()
+    plot = make_subplots(rows=2, cols=1, row_heights=[0.65, 0.35], vertical_spacing=0.14)
     runs = next(iter(material.rows.values()))
     signals = {
         name: np.concatenate(
@@ -57,48 +61,64 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
         )
         for name in SIGNALS
     }
-    xs: dict[str, list[Array]] = {name: [] for name in SIGNALS}
+    errors = {
+        name: np.concatenate([r.torque - predicted(r, estimate.theta) for r in material.rows[name]])
+        for name, estimate in material.models.items()
+    }
+    # Of each trace of the upper panel what it shows when a signal is chosen for an axis.
+    shown: dict[str, list[Array]] = {name: [] for name in ("error", *SIGNALS)}
+    upper: list[int] = []
     for j in range(n):
         keep, turns = scatter_rows(signals["dq"][:, j])
-        for m, (name, estimate) in enumerate(material.models.items()):
-            left = np.concatenate([r.torque - predicted(r, estimate.theta) for r in material.rows[name]])
-            for rows, symbol in ((keep, "circle"), (turns, "circle-open")):
-                marker = {"size": 3 if symbol == "circle" else 8, "symbol": symbol}
-                plot.add_trace(
-                    Scatter(
-                        x=signals["q"][rows, j],
-                        y=left[rows, j],
-                        mode="markers",
-                        name=name if symbol == "circle" else f"{name}, reversals",
-                        marker={**marker, "color": COLOURS[m % len(COLOURS)]},
-                        visible=j == 0,
-                    )
-                )
-                for signal in SIGNALS:
-                    xs[signal].append(signals[signal][rows, j])
-    traces = len(plot.data) // n
-    floor = material.comparisons[-1].noise_floor
-    shows: list[dict[str, Any]] = []
-    for j in range(n):
-        bands = [] if floor is None else noise_band(1.96 * floor[j])
-        visible = [k // traces == j for k in range(len(plot.data))]
-        axis = {"yaxis.title.text": f"error of joint {j + 1} [{units[j]}]", "shapes": bands}
-        shows.append(
-            {"label": f"joint {j + 1}", "method": "update", "args": [{"visible": visible}, axis]}
-        )
-    moves = [
-        {"label": said, "method": "update", "args": [{"x": xs[s]}, {"xaxis.title.text": said}]}
-        for s, said in SIGNALS.items()
+        for m, (name, left) in enumerate(errors.items()):
+            colour, y = COLOURS[m % len(COLOURS)], left[:, j]
+            looks: list[tuple[Any, int, dict[str, Any]]] = [
+                (keep, 1, {"size": 3}),
+                (turns, 1, {"size": 8, "symbol": "circle-open"}),
+                (keep, 2, {"size": 2}),
+            ]
+            for rows, panel, look in looks:
+                x = signals["q" if panel == 1 else "t"][rows, j]
+                called = f"{name}, reversals" if rows is turns else name
+                marker = {**look, "color": colour}
+                trace = Scatter(x=x, y=y[rows], mode="markers", name=called, marker=marker)
+                trace.update(visible=j == 0, showlegend=panel == 1)
+                plot.add_trace(trace, row=panel, col=1)
+                if panel == 1:
+                    upper.append(len(plot.data) - 1)
+                    for signal, values in {**signals, "error": left}.items():
+                        shown[signal].append(values[rows, j])
+    floor, traces = material.comparisons[-1].noise_floor, len(plot.data) // n
+    bands = [[] if floor is None else noise_band(1.96 * floor[j], "y2") for j in range(n)]
+    joints = [
+        {
+            "label": f"joint {j + 1}",
+            "method": "update",
+            "args": [{"visible": [k // traces == j for k in range(len(plot.data))]}, {"shapes": band}],
+        }
+        for j, band in enumerate(bands)
     ]
-    plot.update_layout(
-        shapes=shows[0]["args"][1]["shapes"],
-        updatemenus=[
-            {"buttons": shows, "x": 0.0, "y": 1.18, "xanchor": "left"},
-            {"buttons": moves, "x": 0.2, "y": 1.18, "xanchor": "left"},
-        ],
-    )
-    plot.update_yaxes(title_text=f"error of joint 1 [{units[0]}]")
-    plot.update_xaxes(title_text=SIGNALS["q"])
+    said = {"error": f"error [{', '.join(dict.fromkeys(units))}]", **SIGNALS}
+
+    def axis(which: str) -> list[dict[str, Any]]:
+        return [
+            {
+                "label": word,
+                "method": "update",
+                "args": [{which: shown[s]}, {f"{which}axis.title.text": word}, upper],
+            }
+            for s, word in said.items()
+        ]
+
+    menus: list[dict[str, Any]] = [
+        {"buttons": buttons, "active": active, "x": 0.22 * k, "y": 1.18, "xanchor": "left"}
+        for k, (buttons, active) in enumerate([(joints, 0), (axis("x"), 1), (axis("y"), 0)])
+    ]
+    # The script of the page marks what is selected in one panel in the other as well.
+    plot.update_layout(shapes=bands[0], updatemenus=menus, dragmode="select", meta={"linked": 3})
+    plot.update_yaxes(title_text=said["error"])
+    plot.update_xaxes(title_text=SIGNALS["q"], row=1, col=1)
+    plot.update_xaxes(title_text=SIGNALS["t"], row=2, col=1)
     return plot
 
 

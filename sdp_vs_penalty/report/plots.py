@@ -146,9 +146,9 @@ def scatter_rows(dq: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return keep, turns
 
 
-def noise_band(half: float) -> list[dict[str, Any]]:
-    """A grey band (plotly shapes) from -half to half."""
-    place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": -half, "y1": half}
+def noise_band(half: float, axis: str = "y") -> list[dict[str, Any]]:
+    """A grey band (plotly shapes) from -half to half of an axis."""
+    place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": axis, "y0": -half, "y1": half}
     look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
     return [{**place, **look}]
 

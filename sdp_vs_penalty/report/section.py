@@ -73,7 +73,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
 
     body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
     head = f"<thead><tr>{cells(headings, 'th')}</tr></thead>"
-    return f'<div class="wide"><table>{head}<tbody>{body}</tbody></table></div>'
+    return f'<div class="wide" tabindex="0"><table>{head}<tbody>{body}</tbody></table></div>'
 
 
 #: Height [px] that a figure may have on a sheet of paper beside its caption; higher ones are shrunk.

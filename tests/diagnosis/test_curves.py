@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -149,6 +150,17 @@ def test_the_share_is_what_data_left_out_show() -> None:
     assert CurveErrors(0.5, 0.05, True).share(0.1) == 1.0
 
 
+def test_a_cubic_is_a_curve_with_its_law_and_no_spring_beside_a_ripple() -> None:
+    """Both together explain it as well, with four constants for one."""
+    found = diagnosed(lambda m: 0.5 * m.q[:, JOINT] ** 3).found
+    (curve,) = found.curves
+    assert curve.of == (f"q{JOINT + 1}",)
+    assert curve.formula is not None
+    amplitude, law, *_ = curve.formula.split()
+    assert (float(amplitude), law) == (pytest.approx(0.5 * SIZE, rel=0.05), f"q{JOINT + 1}^3")
+    assert not found.beside_curves
+
+
 def test_an_error_that_falls_in_one_stretch_only_has_not_fallen() -> None:
     before = np.array([9.0, 1.0, 1.0, 1.0, 1.0])
     assert _falls(before, 0.2 * before)
@@ -165,3 +177,23 @@ def test_a_curve_levels_off_where_nothing_was_measured() -> None:
     inside, edge, far = axis.columns(np.array([0.25, 0.5, 0.95])) @ c
     assert inside == pytest.approx(1.0, abs=0.15)
     assert far - edge < 0.8  # straight on: 1.8
+
+
+def test_a_lone_wave_is_doubted_only_where_less_than_one_was_travelled() -> None:
+    from types import SimpleNamespace
+
+    from sdp_vs_penalty.diagnosis.curves.measure import _not_seen_to_repeat
+
+    def doubted(robot: Any, orders: tuple[int, ...], travel: float) -> list[int]:
+        effects = [parse_effects(f"torque_ripple:1@k={k}", robot)[0] for k in orders]
+        picks = [SimpleNamespace(candidate=SimpleNamespace(key=(e.name, 0), effect=e)) for e in effects]
+        stage = SimpleNamespace(rows=SimpleNamespace(n=2))
+        state: Any = SimpleNamespace(stage=stage, picks=picks)
+        variables: Any = SimpleNamespace(turned=lambda v, turns=2.0: v.order * travel > turns)
+        return _not_seen_to_repeat(state, variables)
+
+    robot = load_problem("two_link").robot
+    assert doubted(robot, (4,), 0.2) == [0]
+    assert doubted(robot, (4,), 0.4) == []
+    assert doubted(robot, (4, 8), 0.4) == [0]
+    assert doubted(robot, (4, 8), 0.6) == []

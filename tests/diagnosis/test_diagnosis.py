@@ -11,6 +11,7 @@ import pytest
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
@@ -252,6 +253,19 @@ def test_held_out_errors_without_a_test_run(slope: HiddenRuns) -> None:
     first = result.effects[0]
     assert first.held_out_rmse_after[1] < first.held_out_rmse_before[1]
     assert any("outer folds" in r for r in result.remarks)
+
+
+def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found: Diagnosis) -> None:
+    first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
+    assert first.undecided is None
+    assert replace(first, confidence="weak").undecided == first.text
+    rivals = ("sigmoid_friction",)
+    assert replace(first, indistinguishable_from=rivals).undecided == f"{first.text},sigmoid_friction:3"
+    assert replace(first, confidence="weak", indistinguishable_from=(CURVE,)).undecided is None
+    # No motion tells the clock from the temperature: a cold start does.
+    warm = replace(first, effect="warming_friction", indistinguishable_from=("drift_friction",))
+    assert warm.undecided is None
+    assert "cooled down" in warm.cooled
 
 
 def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None:

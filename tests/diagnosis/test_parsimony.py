@@ -20,7 +20,9 @@ def state_of(*picks: tuple[int | None, float]) -> Any:
     )
     made = [
         SimpleNamespace(
-            candidate=SimpleNamespace(key=(f"effect {k}", joint), effect=SimpleNamespace(refines=())),
+            candidate=SimpleNamespace(
+                key=(f"effect {k}", joint), effect=SimpleNamespace(name="", refines=())
+            ),
             gain=gain,
         )
         for k, (joint, gain) in enumerate(picks)
@@ -62,15 +64,15 @@ def test_what_stands_beside_a_pick(taken: set[frozenset[int]]) -> None:
     assert not parsimony.company(state, 2).drowned
 
 
-def test_a_finer_law_is_held_to_more_beside_one_that_refines_the_same() -> None:
-    def pick(gain: float, *refines: str) -> Any:
-        return SimpleNamespace(
-            gain=gain, candidate=SimpleNamespace(effect=SimpleNamespace(refines=refines))
-        )
+def test_a_finer_law_is_held_to_more_beside_the_law_that_it_refines() -> None:
+    def pick(name: str, *refines: str) -> Any:
+        effect = SimpleNamespace(name=name, refines=refines)
+        return SimpleNamespace(candidate=SimpleNamespace(effect=effect))
 
-    law = pick(100.0, "coulomb_friction")
-    finer = pick(2.0, "presliding_hysteresis", "coulomb_friction")
-    assert parsimony._own_error(finer, law) > parsimony._own_error(pick(2.0), law)
+    law = pick("presliding_hysteresis", "coulomb_friction")
+    finer = pick("load_dependent_hysteresis", "presliding_hysteresis", "coulomb_friction")
+    assert parsimony._own_error(finer, law) > parsimony._own_error(law, finer)
+    assert parsimony._own_error(pick("stribeck_friction", "coulomb_friction"), law) == parsimony.LAW
 
 
 def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:

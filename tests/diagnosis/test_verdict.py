@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from sdp_vs_penalty.diagnosis.events import Event
-from sdp_vs_penalty.diagnosis.show import event_lines
+from sdp_vs_penalty.diagnosis.show import event_lines, fit_level, fit_verdict
 from sdp_vs_penalty.diagnosis.verdict import FALSE_UNKNOWN, remainder
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 
@@ -108,3 +108,13 @@ def test_many_events_are_one_line() -> None:
     assert line == "4 one-off events on joints 1 and 2, 0.00 s to 3.50 s, 4 of them a hum"
     assert len(event_lines(events, every=True)) == 4
     assert event_lines(events[:1]) == ["one-off event on joint 1: 0.00 s to 0.50 s, a hum of 12 Hz"]
+
+
+def test_a_joint_without_a_model_is_named() -> None:
+    """A small error of the whole arm does not hide a joint whose mean torque does better."""
+    rmse, r2 = np.array([1.0, 2.0]), np.array([0.99, -5.7])
+    assert fit_level(3.0, rmse, None, r2) == "usable"
+    assert "usable, but not for joint 2 (worse than the mean torque)" in fit_verdict(3.0, rmse, None, r2)
+    assert fit_level(3.0, rmse, None, [0.99, None]) == "good"
+    # A joint that is held still: its error is noise, and so is its torque.
+    assert fit_level(3.0, rmse, rmse, r2) == "good"

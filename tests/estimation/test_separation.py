@@ -13,7 +13,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimation.separation import RIGHT, Hypotheses, separate
+from sdp_vs_penalty.estimation.separation import RIGHT, Hypotheses, default_excitation, separate
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.point_trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.robot.self_collision import SelfCollision
@@ -97,9 +97,17 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(estimate: Estimate
     assert special.ndtr(delta / 2.0) > RIGHT
 
 
+def test_one_effect_is_told_from_nothing_more_easily_than_from_its_rival(estimate: Estimate) -> None:
+    motion = Hypotheses.of(estimate, PAIR, 0.5).motion(default_excitation(estimate, 10.0, 0), 10.0)
+    both, one = (Hypotheses.of(estimate, text, 0.5) for text in (PAIR, "joint_spring:2"))
+    assert one.distance(motion) > both.distance(motion)
+    # A size of half a noise deviation on every row, less what the model's columns make of it.
+    assert one.distance(motion) < 0.25 * one.row_rate * 10.0 * 1.5
+
+
 def test_what_cannot_be_separated_is_refused(estimate: Estimate) -> None:
-    with pytest.raises(InputError, match="names 1 effects"):
-        separate(estimate, "joint_spring:1")
+    with pytest.raises(InputError, match="names 3 effects"):
+        separate(estimate, f"{PAIR},joint_spring:1")
     with pytest.raises(InputError, match="has viscous_friction already"):
         separate(estimate, "viscous_friction:1,joint_spring:1")
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.errors import InputError
@@ -36,6 +37,7 @@ from sdp_vs_penalty.page.charts import (
     torque_chart,
 )
 from sdp_vs_penalty.page.gate import Gate
+from sdp_vs_penalty.page.options import fields_of
 from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import MOST, Sessions
@@ -145,6 +147,30 @@ def test_the_story_without_a_browser(
     assert s.findings is not None
     s.undo()
     assert len(s.ladder) == 1
+
+
+def test_bounds_of_the_page_hold_and_are_on_the_command_line(
+    sessions: Sessions, hidden: HiddenRuns, tmp_path: Path
+) -> None:
+    save(hidden.runs[0], tmp_path / "a.csv")
+
+    async def story() -> list[Session]:
+        made = []
+        for bounds in ("", "total=:8"):
+            s = sessions.new()
+            await finish(s, lambda s=s: s.choose_robot("two_link"))  # type: ignore[misc]
+            drop(s, tmp_path / "a.csv")
+            await finish(s, s.read_arrived)
+            s.asked = fields_of(identify_verb.verb, "bounds")
+            s.options = {"bounds": bounds} if bounds else {}
+            await finish(s, s.identify)
+            made.append(s)
+        return made
+
+    free, bound = asyncio.run(story())
+    assert "--bounds total=:8" in bound.commands()[0]
+    masses = [float(load_estimate(s.ladder[0].file).links[:, 0].sum()) for s in (free, bound)]
+    assert masses[0] > 8.0 >= masses[1] - 1e-6
 
 
 async def saved_and_opened(s: Session, other: Session) -> Session:

@@ -35,7 +35,8 @@ def verb(
     separate: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B", help="Two effects that the run is to tell apart, as `add` takes them."
+            metavar="A,B",
+            help="Two effects that the run is to tell apart, as `add` takes them; one: from nothing.",
         ),
     ] = None,
     level: Annotated[

@@ -170,10 +170,10 @@ class Variables:
             self._rows[v] = np.concatenate(parts)
         return self._rows[v]
 
-    def turned(self, v: Variable) -> bool:
+    def turned(self, v: Variable, turns: float = _TURNS) -> bool:
         """Whether the motion goes through a phase often enough to show that something repeats in it."""
         travel = np.ptp(self.on_rows(Variable("q", v.joint))[self.keep])
-        return bool(v.order * travel > 2.0 * np.pi * _TURNS)
+        return bool(v.order * travel > 2.0 * np.pi * turns)
 
     def of(self, j: int) -> list[tuple[Variable, ...]]:
         """Everything that a curve of joint j may run over; of phases those of known ripples, as a torque

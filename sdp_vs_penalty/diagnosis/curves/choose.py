@@ -10,7 +10,7 @@ A curve is added only if all of these hold, as for effects that have a name (:mo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,8 +33,8 @@ from sdp_vs_penalty.signals.noise import RESIDUAL
 #: of signs, and curves a joint at most.
 _CLOSE, _TRIED, _SIGNS, _MOST = 8, 3, 400, 3
 #: A curve over fewer variables is preferred to one that contains it up to so many standard deviations
-#: of the difference of their gains.
-_SIMPLER = 2.0
+#: of the difference of their gains, or this share of gain and evidence.
+_SIMPLER, _LITTLE = 2.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,15 @@ class FoundCurve:
     held_out: CurveErrors
 
 
-def _convincing(look: Look, joint: int, taken: Sequence[Fitted], seed: int) -> list[Fitted]:
+def _convincing(
+    look: Look, joint: int, taken: Sequence[Fitted], seed: int, shown: Set[tuple[str, ...]]
+) -> list[Fitted]:
     """The curves of a joint (from 0) that pass, the one to be preferred first."""
     looked, candidates, agreements = _screened(look, joint, taken)
     if not candidates:
         return []
     threshold, stand = _flipped(agreements, seed)
-    order = [k for k in range(len(candidates)) if stand[k] > threshold]
+    order = [k for k, c in enumerate(candidates) if stand[k] > threshold or c.basis.of in shown]
     order.sort(key=lambda k: -candidates[k].smooth.evidence)
     close = [look.fitted(candidates[k].basis, joint, fine=True) for k in _closest(order, candidates)]
     degrees = look.noise.degrees[joint]
@@ -111,7 +113,8 @@ def _accepted(fit: WhiteFit, found: Fitted, tests: int, known: float) -> bool:
 
 
 def _chosen(close: Sequence[Fitted]) -> Fitted:
-    """The largest gain; a curve that it contains instead, where that gains about as much."""
+    """The largest gain; a curve that it contains instead, where that gains about as much or has more
+    evidence, in which what a curve may be is paid for."""
     best = max(close, key=lambda c: c.gain)
     inside = [
         c
@@ -125,9 +128,11 @@ def _chosen(close: Sequence[Fitted]) -> Fitted:
 
 
 def _as_good(simple: Fitted, best: Fitted) -> bool:
+    mine, its = simple.smooth.evidence, best.smooth.evidence
     apart = best.gains - simple.gains
     sigma = float(np.sqrt(len(apart) * apart.var()))
-    return bool(apart.sum() < max(TOLD_APART, min(_SIMPLER * sigma, 0.1 * best.gain)))
+    close = apart.sum() < max(TOLD_APART, min(_SIMPLER * sigma, _LITTLE * best.gain))
+    return bool(mine > its or (close and mine > (1.0 - _LITTLE) * its))
 
 
 def _contains(large: Basis, small: Basis) -> bool:
@@ -148,18 +153,26 @@ def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> Search
 
 
 def search_curves(
-    state: SearchState, variables: Variables, joint: int, seed: int, judge: Judge
+    state: SearchState,
+    variables: Variables,
+    joint: int,
+    seed: int,
+    judge: Judge,
+    shown: Set[tuple[str, ...]] = frozenset(),
 ) -> tuple[SearchState, list[FoundCurve], Judge]:
     """Curves of a joint (from 0) one after the other, each refitted once what it explains no longer
-    counts as error, as long as one lowers the error on data left out."""
+    counts as error, as long as one lowers the error on data left out. shown : what a torque is known to
+    follow, as findings passed the test of signs that follow nothing else: which function of it that is
+    the other tests decide (a closed procedure, Marcus, Peritz, Gabriel 1976)."""
     found: list[FoundCurve] = []
     judge = judge.beside(state)
     while len(found) < _MOST:
         look = Look(state, variables)
-        for best in _convincing(look, joint, [f.fitted for f in found], seed + len(found))[:_TRIED]:
+        close = _convincing(look, joint, [f.fitted for f in found], seed + len(found), shown)
+        for best in close[:_TRIED]:
             later = with_curve(state, effect_of(look, best), best.gain)
             bare = replace(later, picks=later.picks[:-1])
-            again = Look(bare, variables)
+            again = Look(bare, variables, settled=True)
             fitted = again.fitted(best.basis, joint, fine=True)
             effect = effect_of(again, fitted)
             after, held_out = judge.tried(fitted, effect, again)

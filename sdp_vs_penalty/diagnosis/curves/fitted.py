@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -39,9 +40,11 @@ class Fitted:
 
 
 class Look:
-    """What a state leaves, ready to be compared with curves."""
+    """What a state leaves, ready to be compared with curves; settled : with the joints' levels such that
+    what is left beside the curve in question is noise."""
 
-    def __init__(self, state: SearchState, variables: Variables) -> None:
+    def __init__(self, state: SearchState, variables: Variables, settled: bool = False) -> None:
+        self.settled = settled
         self.state, self.variables, self.fit = state, variables, state.fit
         self.noise, self.rows = state.stage.noise, state.stage.rows
         fit = self.fit
@@ -59,7 +62,8 @@ class Look:
             columns = self.variables.exact(basis, joint) if fine else self.variables.coarse(basis)
         Z = self.white(columns, joint)
         factors, C = Factors.of(self.fit, Z, joint)
-        found = splines.smooth(factors, basis.penalties, fine)
+        gain = {} if self.settled else {"gain": partial(self.fit.joint_gains, joint)}
+        found = splines.smooth(factors, basis.penalties, fine, **gain)
         gains = np.zeros(0)
         if fine:
             gains = splines.held_out_gains(self.fit, Z, C, factors, found.P, joint)

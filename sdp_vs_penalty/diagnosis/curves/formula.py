@@ -44,7 +44,7 @@ class Law:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class LawFit:
     """A law with its amplitudes and constants; chi2 : what it explains."""
 
     law: Law
@@ -61,8 +61,8 @@ class _Fit:
         return -self.chi2 + self.size * np.log(max(count, 2.0))
 
 
-def formula_of(f: Fitted, look: Look, points: Array, half: Array, projector: Array) -> str | None:
-    """The law as text with units, or None where none of the dictionary lies within the band.
+def law_of(f: Fitted, look: Look, points: Array, half: Array, projector: Array) -> LawFit | None:
+    """The simplest law, or None where none of the dictionary lies within the band.
 
     points (P, v), half (P,) : where the band is and how wide; projector (k, k) : onto what the model
     cannot make.
@@ -83,7 +83,7 @@ def formula_of(f: Fitted, look: Look, points: Array, half: Array, projector: Arr
     at = f.basis.at(*points.T) @ projector
     torque = at @ f.smooth.c
     wide = np.maximum(half, _NEAR * np.ptp(torque))
-    passed: list[_Fit] = []
+    passed: list[LawFit] = []
     for r in rough[:_EXACT]:
         fit = _fitted(r.law, on_rows, [tuple(r.constants)])
         own = inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
@@ -94,11 +94,10 @@ def formula_of(f: Fitted, look: Look, points: Array, half: Array, projector: Arr
         return None
     most = max(fit.chi2 for fit in passed)
     alike = [fit for fit in passed if fit.chi2 >= (1.0 - _ALIKE) * most]
-    simplest = min(alike, key=lambda fit: (fit.size, -fit.chi2))
-    return _written(simplest, f, look.state.stage.candidacy.model.robot.torque_units)
+    return min(alike, key=lambda fit: (fit.size, -fit.chi2))
 
 
-def _gains(law: _Fit, f: Fitted, look: Look) -> float:
+def _gains(law: LawFit, f: Fitted, look: Look) -> float:
     """What a law with its constants gains on data left out, its amplitudes from the others."""
     Z = look.law(law.law.columns, law.constants, f)
     factors, C = Factors.of(look.fit, Z, f.joint)
@@ -106,7 +105,8 @@ def _gains(law: _Fit, f: Fitted, look: Look) -> float:
     return float(held_out_gains(look.fit, Z, C, factors, P, f.joint).sum())
 
 
-def _written(law: _Fit, f: Fitted, torque_units: Sequence[str]) -> str:
+def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
+    """The law as text with units."""
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
     said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
@@ -118,22 +118,22 @@ def _fitted(
     law: Law,
     normal: Callable[[Law, Array], tuple[Array, Array]],
     starts: Sequence[tuple[float, ...]],
-) -> _Fit:
+) -> LawFit:
     """The constants that explain most, between the ends of the law's own starts; normal : matrix and
     right side of the normal equations of its amplitudes."""
     ends = np.array(law.starts, float)
     low, high = ends.min(axis=0), ends.max(axis=0)
 
-    def solved(constants: Array) -> _Fit:
+    def solved(constants: Array) -> LawFit:
         if np.any(constants < low) or np.any(constants > high):
-            return _Fit(law, np.zeros(0), constants, 0.0)
+            return LawFit(law, np.zeros(0), constants, 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
             gram, pull = normal(law, constants)
         if not np.all(np.isfinite(gram)):
-            return _Fit(law, np.zeros(0), constants, 0.0)
+            return LawFit(law, np.zeros(0), constants, 0.0)
         scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
         a = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale, rcond=1e-9)[0] / scale
-        return _Fit(law, a, constants, float(a @ pull))
+        return LawFit(law, a, constants, float(a @ pull))
 
     best = max((solved(np.array(s, float)) for s in starts), key=lambda r: r.chi2)
     if not len(best.constants):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
-from sdp_vs_penalty.diagnosis.curves.smooth import fold_coefficients
+from sdp_vs_penalty.diagnosis.curves.smooth import fold_coefficients, identifiable
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.stage import model_columns, stretches, white_rows
 from sdp_vs_penalty.diagnosis.state import SearchState
@@ -114,7 +114,8 @@ class Judge:
         points = look.variables.supported(f.basis)
         fit = replace(look.fit, rows=replace(look.fit.rows, fold=self.fold))
         each = fold_coefficients(fit, f.Z, f.C, f.factors, f.smooth.P, f.joint)
-        grid = f.basis.at(*points.T)
+        # What the model's columns make comes out at random in a fold, and as large as rounding lets it.
+        grid = f.basis.at(*points.T) @ identifiable(f.factors, f.smooth.P)
         tables = [effect.valued(grid @ c) for c in each]
 
         def joined(old: Array, rows: SegmentedRuns, new: MeasuredCurve) -> Array:

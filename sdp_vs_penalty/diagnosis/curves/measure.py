@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.curves.bases import Variables
 from sdp_vs_penalty.diagnosis.curves.choose import FoundCurve, search_curves
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.curves.formula import formula_of
+from sdp_vs_penalty.diagnosis.curves.formula import law_of, written
 from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun, known_floor
 from sdp_vs_penalty.diagnosis.curves.smooth import draws, identifiable
 from sdp_vs_penalty.diagnosis.findings import Finding
@@ -19,7 +20,7 @@ from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder
 from sdp_vs_penalty.effects.curve_variable import Variable
-from sdp_vs_penalty.effects.effect import follows_alone
+from sdp_vs_penalty.effects.effect import Effect, follows_alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL
 
@@ -56,41 +57,56 @@ def measured_curves(
     if not joints:
         return Measured()
     places = list(range(len(state.picks)))
-    judge, every, replaced = Judge.of(state, test), list[FoundCurve](), set[int]()
+    judge, every, replaced = Judge.of(state, test), list[Curve](), set[int]()
     for joint in joints:
-        beside, found, judged = search_curves(state, variables, joint, seed, judge)
+        beside, new, judged = search_curves(state, variables, joint, seed, judge)
+        found = [_Told.of(f, seed) for f in new]
         named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
-        own = [k for k, h in named.items() if h.key[1] == joint]
+        # What acts on other joints as well is not replaced by a curve of this one.
+        acting = state.stage.candidates.acting
+        own = [k for k, h in named.items() if acting[h.key] == {joint} == set(h.effect.joints)]
         if joint in doubtful:  # a function of the position in parts; what else is named stays
             own = [k for k in own if follows_alone(named[k].effect, "q")] or own
         if own:
             kept = tuple(p for k, p in zip(places, state.picks, strict=False) if k not in own)
             bare = state.with_picks((*kept, *state.picks[len(places) :]))
-            alone, instead, other = search_curves(bare, variables, joint, seed, judge)
+            shown = _followed([named[k].effect for k in own], joint)
+            alone, new, other = search_curves(bare, variables, joint, seed, judge, shown)
+            instead = [_Told.of(f, seed) for f in new]
             better = _cost(beside, joint, found) - _cost(alone, joint, instead) > TOLD_APART
-            worse = judged.surely_below(other, joint)
+            better = better and not judged.surely_below(other, joint)
             if joint in doubtful and _explains(alone, joint):
-                better, worse = True, other.error(joint) > np.sqrt(MISFIT) * judged.error(joint)
-            if instead and better and not worse:
+                better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
+            if instead and better:
                 beside, found, judged = alone, instead, other
                 replaced |= set(own)
                 places = [k for k in places if k not in own]
         state, judge = beside, judged
-        every += found
-    return Measured(tuple(_curve(f, seed) for f in every), frozenset(replaced))
+        every += [t.curve for t in found]
+    return Measured(tuple(every), frozenset(replaced))
 
 
 def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
     """Joints (from 0) of which two findings or more follow the position alone, one of them a wave that
-    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps."""
+    the motion does not go through often enough to show that it repeats: parts of a sum, perhaps; or one
+    wave of which less than one was travelled."""
     out = []
     for j in range(state.stage.rows.n):
         own = [p.candidate.effect for p in state.picks if p.candidate.key[1] == j]
         parts = [e for e in own if follows_alone(e, "q")]
         waves = [Variable("phase", j, order=e.waves) for e in parts if e.waves is not None]
-        if len(parts) > 1 and not all(map(variables.turned, waves)):
+        least = {} if len(parts) > 1 else {"turns": 1.0}
+        if not all(variables.turned(w, **least) for w in waves):
             out.append(j)
     return out
+
+
+def _followed(effects: Sequence[Effect], joint: int) -> frozenset[tuple[str, ...]]:
+    """What all of these follow alone: the position or the velocity of their joint (from 0)."""
+    words: tuple[Literal["q", "dq"], ...] = ("q", "dq")
+    return frozenset(
+        (Variable(w, joint).name,) for w in words if all(follows_alone(e, w, joint) for e in effects)
+    )
 
 
 def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding, ...]:
@@ -116,39 +132,58 @@ def _explains(state: SearchState, joint: int) -> bool:
     )
 
 
-def _cost(state: SearchState, joint: int, found: Sequence[FoundCurve]) -> float:
-    """The information criterion of a joint's rows: deviance and the price of what explains them."""
+@dataclass(frozen=True)
+class _Told:
+    """A curve as it is told; text : of its effect; freedom : constants of its law, or where it has none
+    its effective degrees of freedom; lost : of the chi-square that it explains, what its law leaves."""
+
+    curve: Curve
+    text: str
+    freedom: float
+    lost: float
+
+    @classmethod
+    def of(cls, found: FoundCurve, seed: int) -> _Told:
+        f, look = found.fitted, found.look
+        points = look.variables.supported(f.basis)
+        grid = f.basis.at(*points.T)
+        projector = identifiable(f.factors, f.smooth.P)
+        errors = draws(look.fit, f.Z, f.C, f.smooth, f.joint, seed, _DRAWS) @ projector.T
+        half = _simultaneous(errors @ grid.T)
+        torque = grid @ f.coefficients
+        law = law_of(f, look, points, half, projector)
+        units = look.state.stage.candidacy.model.robot.torque_units
+        curve = Curve(
+            f.joint + 1,
+            f.basis.of,
+            points[:, 0] if points.shape[1] == 1 else points,
+            torque,
+            torque - half,
+            torque + half,
+            found.held_out.share(known_floor(look.noise, f.joint)),
+            None if law is None else written(law, f, units),
+            found.held_out.before,
+            found.held_out.after,
+        )
+        text = found.effect.text
+        if law is None:
+            return cls(curve, text, f.smooth.edf, 0.0)
+        lost = look.fit.weighting.level[f.joint] ** 2 * (f.smooth.chi2 - law.chi2)
+        return cls(curve, text, float(law.size), lost)
+
+
+def _cost(state: SearchState, joint: int, found: Sequence[_Told]) -> float:
+    """The information criterion of a joint's rows: deviance and the price of what explains them, a curve
+    by its law."""
     fit = state.fit
     degrees, noise = float(fit.degrees[joint]), float(fit.weighting.noise_variance[joint])
-    chi2 = float(fit.joint_chi2[joint])
+    chi2 = float(fit.joint_chi2[joint]) + sum(f.lost for f in found)
     variance = max(chi2 / degrees, noise)
-    curves = {f.effect.text for f in found}
+    curves = {f.text for f in found}
     named = [p.candidate for p in state.picks if p.candidate.effect.text not in curves]
-    freedom = sum(f.fitted.smooth.edf for f in found)
+    freedom = sum(f.freedom for f in found)
     freedom += sum(len(h.beta) + len(h.effect.searched) for h in named if h.key[1] == joint)
     return degrees * np.log(variance) + chi2 / variance + freedom * np.log(degrees)
-
-
-def _curve(found: FoundCurve, seed: int) -> Curve:
-    f, look = found.fitted, found.look
-    points = look.variables.supported(f.basis)
-    grid = f.basis.at(*points.T)
-    projector = identifiable(f.factors, f.smooth.P)
-    errors = draws(look.fit, f.Z, f.C, f.smooth, f.joint, seed, _DRAWS) @ projector.T
-    half = _simultaneous(errors @ grid.T)
-    torque = grid @ f.coefficients
-    return Curve(
-        f.joint + 1,
-        f.basis.of,
-        points[:, 0] if points.shape[1] == 1 else points,
-        torque,
-        torque - half,
-        torque + half,
-        found.held_out.share(known_floor(look.noise, f.joint)),
-        formula_of(f, look, points, half, projector),
-        found.held_out.before,
-        found.held_out.after,
-    )
 
 
 def _simultaneous(errors: Array) -> Array:

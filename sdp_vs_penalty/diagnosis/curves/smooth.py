@@ -6,12 +6,15 @@ block: c = (D + P)^-1 s, P = lambda S + Z'Z / M. S is the roughness of the splin
 the last term a prior worth one row (unit information), which also settles what the model's own columns
 can make: there D is nothing, and c the smallest curve. lambda maximises the marginal likelihood (REML):
 
-    2 log BF = s' (D + P)^-1 s - log |D + P| / |P|.
+    2 log BF = s' (D + P)^-1 s - log |D + P| / |P|
+
+where the residual r'r (N) is noise of variance 1; where it is mostly what the curve takes,
+N log(r'r / (r'r - s' (D + P)^-1 s)) stands in the place of the first term (conjugate prior).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -75,8 +78,14 @@ class Smooth:
         return float(np.trace(np.linalg.solve(self.D + self.P, self.D)))
 
 
-def smooth(f: Factors, penalties: Sequence[Array], fine: bool = False) -> Smooth:
-    """The penalised fit with the most evidence."""
+def smooth(
+    f: Factors,
+    penalties: Sequence[Array],
+    fine: bool = False,
+    gain: Callable[[Array], Array] = lambda x: x,
+) -> Smooth:
+    """The penalised fit with the most evidence; gain : of twice the log likelihood by drops (W,) of the
+    squared residual, which are the gain where its variance is known."""
     if fine and len(penalties) > 1:
         weights = np.array(list(product(_FINE_PAIR, repeat=len(penalties))))
     else:
@@ -89,7 +98,7 @@ def smooth(f: Factors, penalties: Sequence[Array], fine: bool = False) -> Smooth
     after, before = (np.linalg.cholesky(X) for X in (bordered, P))
     half, after = after[:, k, :k], after[:, :k, :k]
     size = [2.0 * np.sum(np.log(np.diagonal(L, axis1=1, axis2=2)), axis=1) for L in (after, before)]
-    values = np.sum(half**2, axis=1) - size[0] + size[1]
+    values = gain(np.sum(half**2, axis=1)) - size[0] + size[1]
     best = int(np.argmax(values))
     P, value = P[best], float(values[best])
     c = np.linalg.solve(f.D + P, f.s)

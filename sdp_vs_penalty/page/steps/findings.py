@@ -55,13 +55,13 @@ def _draw(view: View) -> None:
         return
     tag("p", found.headline, f"verdict {found.verdict}")
     added = session.added
-    open_texts = [f.text for f in found.effects if f.text not in added]
+    sure = [f.text for f in found.effects if f.confidence == "confident" and f.text not in added]
     with tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):
             _card(view, found, k, finding.text in added)
     _curves(view, found)
-    if len(open_texts) > 1:
-        button(f"Add all {len(open_texts)}", lambda: session.add(open_texts), "add-all")
+    if len(sure) > 1:
+        button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
     _rest(found)
     tag("p", f"Found in {session.found_in:.2g} s.", "soft")
 
@@ -88,6 +88,8 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.undecided is not None:
             _telling(view, finding.undecided, k)
+        elif finding.cooled:
+            tag("p", f"Which run would tell: {finding.cooled}.", "soft")
         if finding.remarks:
             tag("p", f"Weak: {'; '.join(finding.remarks)}.", "soft")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
@@ -109,7 +111,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
 
 
 def _telling(view: View, effects: str, k: int) -> None:
-    """The run that would tell a finding from its rival, to be designed and downloaded."""
+    """The run that would tell a finding from its rival or from nothing, to be designed."""
     with details("Which run would tell", f"tell-options-{k}"):
         with tag("div", style="fields"):
             draw_form(view.forms.get("separate", ()), view.separating)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, repeatability_warning
+from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, no_model_of, repeatability_warning
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import asked_span, merged, residual_chart, torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, tag
@@ -211,8 +211,10 @@ def _verdict(session: Session) -> Verdict | None:
     assert model is not None
     c = model.comparison
     floors = None if None in c["noise_floor"] else c["noise_floor"]
-    level: Any = fit_level(c["relative_error_percent"], c["rmse"], floors)
+    level: Any = fit_level(c["relative_error_percent"], c["rmse"], floors, c["r2"])
     said = f"{figure(c['relative_error_percent'])} % relative error on {_names(model.judged_on)}"
+    if without := no_model_of(c["rmse"], floors, c["r2"]):
+        said += f"; {without}: worse than the mean torque, do not use there"
     if model.violation["convex"] > 0.0:
         return Verdict("bad", f"The model breaks its constraints ({held(model.violation)}); {said}.")
     if level == "bad":

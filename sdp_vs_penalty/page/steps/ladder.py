@@ -87,7 +87,11 @@ def _verdict(session: Session) -> Verdict | None:
     )
     level: Any = "good" if last < first else "usable"
     said = f"{figure(first)} % relative error became {figure(last)} % ({change(first, last)})"
-    return Verdict(level, f"{said} on {', '.join(session.ladder[-1].judged_on)}.")
+    said += f" on {', '.join(session.ladder[-1].judged_on)}."
+    before = session.ladder[-2].comparison["relative_error_percent"]
+    if not last < before:
+        said += " The last step did not pay on all joints together: undo it, or look at its joint."
+    return Verdict(level, said)
 
 
 LADDER = after_model("ladder", "The falling error", _draw, _verdict, _depends)

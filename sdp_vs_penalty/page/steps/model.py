@@ -120,7 +120,7 @@ def _bounds(view: View) -> None:
     with details(title, "bounds") as shown:
         if own:
             shown.props["open"] = True
-        with tag("div", style="fields"):
+        with tag("div", style="fields bounds"):
             names = [(name, f"{name} [{unit}]") for name, (_, _, unit) in known.items()]
             names.append(("total", "total [kg]"))
             choice("Bound on", names, asked["name"], lambda v: asked.update(name=v), "bound-name")

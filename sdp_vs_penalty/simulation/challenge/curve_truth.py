@@ -23,7 +23,7 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.simulation.challenge.truth import true_floor
+from sdp_vs_penalty.simulation.challenge.truth import beyond_one_name, true_floor
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
 from sdp_vs_penalty.simulation.worlds.world import Logged
 
@@ -42,11 +42,12 @@ def judged_curve(
     covered : share of the rows at which the band holds the truth, both without what the columns of
     the model and of the findings beside it make; removed : share of the missing energy that adding the
     curves takes away on the test run; after : the joint's error then over the true floor; formula : None
-    where the truth is not in the dictionary."""
+    where the truth is not in the dictionary; beyond : energy that no one effect of the library makes."""
     (joint,) = hidden.joints
     own = [c for c in result.curves if c.joint == joint + 1]
     wanted = {_plain(v) for v in hidden.details["of"]}
     out: dict[str, Any] = {"found": bool(own), "elsewhere": len(result.curves) - len(own)}
+    out["beyond"] = beyond_one_name(logged[:-1], estimate, joint)
     out["variables"] = bool(own) and {_plain(v) for v in own[0].of} == wanted
     words = hidden.details["words"]
     out["formula"] = None if words == "none" else bool(own) and same_formula(own[0], hidden)

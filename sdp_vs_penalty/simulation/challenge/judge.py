@@ -29,8 +29,10 @@ def wilson(hits: float, count: int, z: float = 1.96) -> tuple[float, float]:
 
 
 def counted(record: Record) -> bool:
-    """Each hidden effect by itself is visible in these data, and moves links as machines do."""
-    visible = all(e > IDENTIFIABLE for e in record["energy"])
+    """Each hidden effect by itself is visible in these data, and moves links as machines do; one without
+    a name is visible beside any one effect of the library."""
+    beyond = record.get("curve", {}).get("beyond", np.inf)
+    visible = all(e > IDENTIFIABLE for e in (*record["energy"], beyond))
     return visible and all(d <= FARTHEST for d in record["deviation"])
 
 

@@ -3,37 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.fit import orthonormal
+from sdp_vs_penalty.diagnosis.library import build_library
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import model_columns, white_rows
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import noise_in
+from sdp_vs_penalty.signals.noise import Noise, noise_in
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.simulation.worlds.world import Logged
 
 
 def energies(logged: Sequence[Logged], estimate: Estimate, frozen: bool) -> list[float]:
-    """Energy of each hidden effect's torque, white, the model's columns partialled out.
+    """Energy of each hidden effect's torque, white, the model's columns partialled out."""
+    return [_white(logged, estimate, frozen, k).energy for k in range(len(logged[0].shares))]
+
+
+def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) -> float:
+    """Energy of the first hidden torque beside the model and that effect of the library on its joint
+    (from 0), as a search begins with it, which makes most of it: what shows that it has no name."""
+    hidden = _white(logged, estimate, False, 0)
+    rows, Q, M = hidden.rows, hidden.Q, len(hidden.rows.t)
+    mine = slice(joint * M, (joint + 1) * M)
+    library = build_library(rows, estimate.model, False).whitened(hidden.noise, rows)
+    best = 0.0
+    for group in library.groups:
+        if group.joint == joint:
+            Z = library.columns(group)[joint]
+            overlap = Q[mine].T @ Z
+            gram, pull = Z.T @ Z - overlap.T @ overlap, Z.T @ hidden.left[mine]
+            best = max(best, float(pull @ np.linalg.lstsq(gram, pull, rcond=1e-9)[0]))
+    return hidden.energy - best
+
+
+@dataclass(frozen=True)
+class _White:
+    """rows, noise : of the log; Q (n M, r) : the model's white columns, orthonormal; left (n M,) : what
+    they leave of a hidden torque.
 
     White as the true noise is, which is the log less what perfect torque channels would have shown.
     """
+
+    rows: SegmentedRuns
+    noise: Noise
+    Q: Array
+    left: Array
+
+    @property
+    def energy(self) -> float:
+        return float(np.sum(self.left**2))
+
+
+def _white(logged: Sequence[Logged], estimate: Estimate, frozen: bool, k: int) -> _White:
     silent = _filtered([x.ideal.tau for x in logged], logged, estimate)
     rows = _filtered([x.run.tau for x in logged], logged, estimate)
     noise = noise_in(rows, rows.residual - silent.residual)
+    without = _filtered([x.ideal.tau - x.shares[k] for x in logged], logged, estimate)
     columns = model_columns(rows, estimate, frozen)
-    out = []
-    for k in range(len(logged[0].shares)):
-        without = _filtered([x.ideal.tau - x.shares[k] for x in logged], logged, estimate)
-        white, change = white_rows(rows, noise, columns, silent.residual - without.residual)
-        Q = orthonormal(white)
-        out.append(float(np.sum((change - Q @ (Q.T @ change)) ** 2)))
-    return out
+    white, change = white_rows(rows, noise, columns, silent.residual - without.residual)
+    Q = orthonormal(white)
+    return _White(rows, noise, Q, change - Q @ (Q.T @ change))
 
 
 def _filtered(taus: Sequence[Array], logged: Sequence[Logged], estimate: Estimate) -> SegmentedRuns:

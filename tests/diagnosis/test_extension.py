@@ -1,0 +1,60 @@
+"""Fits with columns more: what is kept of each column makes the same products as all rows do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.diagnosis.extension import factored, products
+from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
+from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.signals.autoregression import ORDER, Pieces
+
+n, M = 2, 300
+
+
+def fitted(rng: np.random.Generator) -> tuple[WhiteFit, Library]:
+    rows = RowLabels(n, np.arange(M) // 10, np.arange(M) // 100, np.full(n, float(M)))
+    weighting = Weighting(np.array([0.5, 2.0]), np.zeros((n, ORDER)), (Pieces(()),) * n)
+    joints = tuple(rng.normal(size=(M, 4)) for _ in range(n))
+    library = Library((), joints, rng.normal(size=(n, M, 3)), ())
+    basis = orthonormal(rng.normal(size=(n * M, 5)))
+    return WhiteFit.of(rows, basis, rng.normal(size=n * M), weighting), library
+
+
+@pytest.mark.parametrize("apart", [1.0, 1e-3, 1e-6])
+def test_products_of_an_extended_fit_need_no_rows(apart: float) -> None:
+    """However close the columns are to each other, and whichever of them are in."""
+    rng = np.random.default_rng(3)
+    fit, library = fitted(rng)
+    one = rng.normal(size=(n * M, 1))
+    columns = [one, one + apart * rng.normal(size=(n * M, 1)), rng.normal(size=(n * M, 2))]
+    for chosen in (columns, columns[1:], [columns[2], columns[0]], columns[:1]):
+        more = fit.extended(*chosen)
+        np.testing.assert_allclose(more.Q.T @ more.Q, np.eye(more.Q.shape[1]), atol=1e-9)
+        np.testing.assert_allclose(more.Q.T @ more.residual, 0.0, atol=1e-8)
+        for joint in (0, 1, None):
+            np.testing.assert_allclose(
+                more.overlaps(library, joint), products(more.Q, library, joint), atol=1e-8
+            )
+            pulls = products(more.residual[:, None], library, joint)[..., 0, :]
+            np.testing.assert_allclose(more.pulls(library, joint), pulls, atol=1e-7)
+        np.testing.assert_allclose(
+            np.trace(more.joint_products[0], axis1=1, axis2=2), fit.rows.count - more.degrees
+        )
+
+
+def test_what_is_there_already_adds_nothing() -> None:
+    rng = np.random.default_rng(4)
+    fit, _ = fitted(rng)
+    one = rng.normal(size=(n * M, 1))
+    known = fit.Q[:, :1] * np.repeat(fit.weighting.level, M)[:, None]
+    assert fit.extended(one, 3.0 * one, known, np.zeros((n * M, 1))).Q.shape[1] == fit.Q.shape[1] + 1
+
+
+def test_a_triangle_makes_its_columns_again() -> None:
+    rng = np.random.default_rng(5)
+    for columns in (rng.normal(size=(50, 4)), np.ones((50, 2)), np.zeros((50, 0))):
+        q, r = factored(columns)
+        np.testing.assert_allclose(q @ r, columns, atol=1e-12)
+        np.testing.assert_allclose(np.tril(r, -1), 0.0)
