@@ -7,7 +7,7 @@ import pytest
 
 from sdp_vs_penalty.diagnosis.extension import factored, products
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
-from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.library import Library, grams
 from sdp_vs_penalty.signals.autoregression import ORDER, Pieces
 
 n, M = 2, 300
@@ -58,3 +58,7 @@ def test_a_triangle_makes_its_columns_again() -> None:
         q, r = factored(columns)
         np.testing.assert_allclose(q @ r, columns, atol=1e-12)
         np.testing.assert_allclose(np.tril(r, -1), 0.0)
+
+
+def test_a_frozen_model_has_no_columns_that_groups_could_share() -> None:
+    np.testing.assert_array_equal(grams(np.zeros((0, 6)), 3), np.zeros((3, 2, 2)))
