@@ -18,14 +18,13 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.check import (
     clock,
     dynamics,
-    events,
     excitation,
-    last_joint,
+    gravity,
     residual,
     samples,
     scale,
     signals,
-    visible,
+    steps,
 )
 from sdp_vs_penalty.check.evidence import Evidence
 from sdp_vs_penalty.check.issue import Issue
@@ -200,8 +199,7 @@ def _unusable(run: Measurements) -> list[Report]:
     try:
         check_usable(run.names[0], run)
     except InputError as error:
-        sure, remedy = "certain: read from the file", error.remedy or "record again"
-        issue = Issue("unusable rows", "error", "the run", f"{error.what}.", sure, remedy)
+        issue = _stopped("unusable rows", error, "certain: read from the file")
         return [Report(run.names[0], (issue,), run, run, None)]
     return []
 
@@ -304,13 +302,13 @@ class _Work:
         if not named and physics.determined(settings.torque_cutoff):
             self.mend(residual.find(evidence, physics, self.problem, moving, tried=True))
             if not any(f.kind == "encoder offset" for f in self.found):
-                self.mend(last_joint.find(physics, self.problem))
+                self.mend(gravity.last_joint(physics, self.problem))
         if not thorough:
             return residual.overall(evidence)
         # A knock is faster than the motion: looked for in a wider band.
         wider = replace(settings, state_cutoff=_WIDER * (settings.state_cutoff or 0.0)).resolve(self.run)
         every, _ = physics.parent or (physics, None)  # those at rest, too, as in an identification
         self.mend(excitation.find(self.problem, every))
-        self.mend(visible.find(physics, moving))
-        self.mend(events.knock(self.physics(wider, _EVENT_ROWS).narrow))
+        self.mend(excitation.hidden_errors(physics, moving))
+        self.mend(steps.knock(self.physics(wider, _EVENT_ROWS).narrow))
         return residual.overall(evidence)

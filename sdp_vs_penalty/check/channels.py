@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, best_number, propose
+from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, propose
 from sdp_vs_penalty.check.issue import joints_text
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
@@ -41,12 +41,8 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     if np.sum(moving & alive) < 2:
         return  # a joint that moves alone has none to be compared with
     for j in np.flatnonzero(moving & alive):
-        number = gain_number(int(j), n)
-
-        def score(log: float, number: Number = number) -> float:
-            return number.at(log)(physics).evidence.misfit
-
-        found = best_number(score, np.log(_GAINS).tolist())
+        number = gain_number(int(j), n).fitted(physics, np.log(_GAINS).tolist())
+        found = number.value
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
         if abs(found) < np.log1p(_SMALLEST_GAIN):
             continue
@@ -58,11 +54,10 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             texts = ("torque unit", joints_text([j]), f"{what}: it is in {_UNITS[unit]}.", texts[3])
         scale = np.where(same == j, factor, 1.0)
         yield propose(
-            number.at(float(np.log(factor))), 2, texts,
-            partial(_scaled, scale=scale), joints=[int(j) + 1], factor=factor,
-            gross=abs(found) > np.log1p(_GROSS_GAIN),
+            replace(number, value=float(np.log(factor))), 2, texts,
+            partial(_scaled, scale=scale), joints=[int(j) + 1],
+            factor=factor, gross=abs(found) > np.log1p(_GROSS_GAIN),
             severity="error" if abs(found) > np.log1p(_MEANINGLESS) else "warning",
-            number=replace(number, value=found),
         )  # fmt: skip
 
 
@@ -87,18 +82,16 @@ def _late(physics: Physics, joints: list[int]) -> Iterator[Hypothesis]:
     every = len(joints) == physics.n
     one = np.isin(np.arange(physics.n), joints).astype(float)
 
-    def score(seconds: float, order: int) -> float:
-        return physics.with_lead(seconds * one, order).evidence.misfit
-
     where = "all torque channels" if every else joints_text(joints)
     of = "the torques" if every else f"the torque of {where}"
     numbers = [j + 1 for j in joints]
-    delay = best_number(partial(score, order=2), _LATE)
+    number = _lead(one, 2).fitted(physics, _LATE)
+    delay = number.value
     if abs(delay) > _SMALLEST_DELAY:
         word = "later" if delay > 0.0 else "earlier"
         beside = "the positions." if every else "the motion; the other torques do not."
         yield propose(
-            partial(Physics.with_lead, seconds=delay * one), 1 if every else 2,
+            number, 1 if every else 2,
             (
                 "delay" if every else "channel delay", where,
                 f"{of} {'come' if every else 'comes'} {1e3 * abs(delay):.0f} ms {word} than {beside}",
@@ -106,13 +99,14 @@ def _late(physics: Physics, joints: list[int]) -> Iterator[Hypothesis]:
                 "channels from one source)",
             ),
             partial(shifted, channels=one, seconds=delay),
-            severity="warning", seconds=delay, number=_lead(delay, one), joints=numbers,
+            severity="warning", seconds=delay, joints=numbers,
         )  # fmt: skip
-    slow = best_number(partial(score, order=1), _SLOW)
+    number = _lead(one, 1).fitted(physics, _SLOW)
+    slow = number.value
     if slow > (1 if every else 2) * _SMALLEST_DELAY:
         others = "the positions have not." if every else "the other torques have not."
         yield propose(
-            partial(Physics.with_lead, seconds=slow * one, order=1), 2 if every else 3,
+            number, 2 if every else 3,
             (
                 "torque filter" if every else "channel filter", where,
                 f"{of} {'have' if every else 'has'} passed a causal low-pass of {_hertz(slow)}; "
@@ -120,31 +114,23 @@ def _late(physics: Physics, joints: list[int]) -> Iterator[Hypothesis]:
                 f"log {'the torques' if every else f'tau{joints[0] + 1}'} unfiltered, or filter every "
                 "channel alike and without lag",
             ),
-            None, severity="warning", seconds=slow, number=_lead(slow, one, 1), joints=numbers,
+            None, severity="warning", seconds=slow, joints=numbers,
         )  # fmt: skip
 
 
-def _lead(seconds: float, channels: Array, order: int = 2) -> Number:
+def _lead(channels: Array, order: int) -> Number:
     """A delay (order 2) or a lag (order 1) of the channels (n,) that are 1.
 
     That of one channel alone is what its joint's friction may look like: only a large one tells.
     """
     least = LEAST if channels.all() else ENOUGH
     return Number(
-        seconds, lambda x: lambda p: p.with_lead(x * channels, order), least=least, like_friction=True
+        0.0, lambda x: lambda p: p.with_lead(x * channels, order), least=least, like_friction=True
     )
 
 
 def _scaled(run: Measurements, scale: Array) -> Measurements:
     return replace(run, tau=run.tau * scale)
-
-
-def _score_of_weight(physics: Physics, shares: Callable[[float], Array], share: float) -> float:
-    return physics.with_weight(shares(share)).evidence.misfit
-
-
-def _weighing(shares: Callable[[float], Array], change: float) -> Callable[[Physics], Physics]:
-    return partial(Physics.with_weight, share=shares(1.0 + change))
 
 
 def _hertz(seconds: float) -> str:
@@ -167,22 +153,14 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     n = physics.n
     groups = [*([j] for j in range(n)), list(range(n))]
     for joints in groups:
-        share = np.ones(n)
-
-        def left(x: float, joints: list[int] = joints) -> Array:
-            share = np.ones(n)
-            share[joints] = x
-            return share
-
-        score = {x: physics.with_weight(left(x)).evidence.score for x in _WEIGHTS[:-1]}
-        best = min(score, key=lambda x: score[x])
-        if score[best] > physics.evidence.score - LEAST:
+        number = _weightless(np.isin(np.arange(n), joints))
+        tried = (number.at(x - 1.0)(physics).evidence.score for x in _WEIGHTS[:-1])
+        if min(tried) > physics.evidence.score - LEAST:
             continue
-        x = best_number(partial(_score_of_weight, physics, left), _WEIGHTS)
+        x = 1.0 + number.fitted(physics, [x - 1.0 for x in _WEIGHTS]).value
         x = 0.0 if abs(x) < 0.03 else x
         if not _WEIGHTS[0] + 0.01 < x < 0.7:
             continue  # at the edge of what is tried there is no minimum
-        share = left(x)
         every = len(joints) == n
         gone = f"{100.0 * (1.0 - x):.0f} % of the weight is"
         of = "the torques" if every else f"the torque of {joints_text(joints)}"
@@ -192,8 +170,12 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
             how += f", or identify with --gravity {gx:g},{gy:g},{gz:g}"
         texts = ("gravity removed", joints_text(joints), f"{gone} missing from {of}.", how)
         yield propose(
-            partial(Physics.with_weight, share=share), 2, texts, None,
+            replace(number, value=x - 1.0), 2, texts, None,
             gravity=(gx, gy, gz) if every else None, joints=[j + 1 for j in joints], share_left=x,
             gross=x < _MOSTLY_GONE,
-            number=Number(x - 1.0, partial(_weighing, left)),
         )  # fmt: skip
+
+
+def _weightless(joints: NDArray[np.bool_]) -> Number:
+    """The change of the share of the weight that these joints' channels hold."""
+    return Number(0.0, lambda x: lambda p: p.with_weight(np.where(joints, 1.0 + x, 1.0)))

@@ -240,21 +240,18 @@ def _clock_step(run: Measurements) -> Issue | None:
     steps = np.diff(run.t)[jumps]
 
     def repair(given: Measurements) -> Measurements:
-        new = np.diff(given.t)
-        new[jumps] = typical
-        return stamps.with_steps(given, new)
+        wrong = np.isin(np.arange(len(given.t) - 1), jumps)
+        return stamps.with_steps(given, np.where(wrong, typical, np.diff(given.t)))
 
     return Issue(
-        "clock step",
-        "warning",
+        "clock step", "warning",
         f"t = {run.t[jumps[0]]:.4g} s, {rows_text(_row(jumps[0] + 1), len(jumps))}",
         f"the clock jumps ahead by up to {steps.max():.3g} s while the moving arm does not: the "
         "clock was set, and no sample is missing.",
         "likely: the distance travelled is that of one usual step",
-        "continue the time at the usual step there",
-        repair,
+        "continue the time at the usual step there", repair,
         {"rows": [_row(k + 1) for k in jumps], "seconds": steps.tolist()},
-    )
+    )  # fmt: skip
 
 
 def _gap(run: Measurements) -> Issue | None:

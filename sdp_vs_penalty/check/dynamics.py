@@ -8,13 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check import channels, gravity, motion, order, signs, steps
-from sdp_vs_penalty.check.hypothesis import (
-    ABOUT_SAME,
-    GROSS,
-    Hypothesis,
-    few_rows,
-)
+from sdp_vs_penalty.check import channels, gravity, motion, signs, steps
+from sdp_vs_penalty.check.hypothesis import ABOUT_SAME, GROSS, Hypothesis, few_rows
 from sdp_vs_penalty.check.issue import Issue
 from sdp_vs_penalty.check.physics import Physics
 
@@ -24,7 +19,7 @@ _UNRELATED = 0.25
 _ROUNDS = 4
 #: Those that leave the motion as it is cost little; the others need new columns each.
 _FAMILIES = (
-    motion.degrees, signs.signs, gravity.direction, order.exchanged, channels.gain,
+    motion.degrees, signs.signs, gravity.direction, signs.exchanged, channels.gain,
     channels.late, channels.weight, steps.drift, motion.clock, motion.turned,
     motion.exchanged, motion.offsets,
 )  # fmt: skip

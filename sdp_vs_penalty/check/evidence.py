@@ -112,15 +112,10 @@ class Evidence:
         return float(np.log(np.maximum(self.left / self.energy, 1e-12)).sum())
 
 
-def parts_of(count: int) -> list[slice]:
-    """Of so many rows, the run's parts one after the other."""
-    cut = np.linspace(0, count, PARTS + 1).astype(int)
-    return [slice(a, b) for a, b in pairwise(cut)]
-
-
 def in_parts(columns: Sequence[Array], channels: Array) -> list[Evidence]:
-    """The evidence of each of the run's parts."""
-    parts = [([c[rows] for c in columns], channels[rows]) for rows in parts_of(len(channels))]
+    """The evidence of each of the run's parts, one after the other."""
+    cut = [slice(a, b) for a, b in pairwise(np.linspace(0, len(channels), PARTS + 1).astype(int))]
+    parts = [([c[rows] for c in columns], channels[rows]) for rows in cut]
     return [Evidence.of(np.array([c.T @ c for c in own]), own, y) for own, y in parts]
 
 

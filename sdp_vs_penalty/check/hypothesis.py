@@ -61,6 +61,11 @@ class Number:
     least: float = LEAST
     like_friction: bool = False
 
+    def fitted(self, physics: Physics, grid: Iterable[float], steps: int = 8) -> Number:
+        """The same with the value that leaves least unexplained, found from a grid."""
+        found = best_number(lambda x: self.at(x)(physics).evidence.misfit, grid, steps)
+        return replace(self, value=found)
+
     def determined(self, physics: Physics) -> bool:
         """Whether it is certainly not zero, or certainly more than is usual."""
         deviation, size = self.deviation(physics), abs(self.value)
@@ -189,7 +194,7 @@ class Hypothesis:
 
 
 def propose(
-    apply: Callable[[Physics], Physics],
+    apply: Callable[[Physics], Physics] | Number,
     simplicity: int,
     texts: tuple[str, str, str, str],
     repair: Repair | None,
@@ -203,6 +208,10 @@ def propose(
     certainty: str = "",
     **figures: object,
 ) -> Hypothesis:
+    """A hypothesis: a transformation of the data, or a number that is one at its value, what is said of
+    it (kind, place, sentence, remedy), and what repairs the file."""
+    if isinstance(apply, Number):
+        number, apply = apply, apply.at(apply.value)
     kind, where, what, remedy = texts
     issue = Issue(kind, severity, where, what, certainty, remedy, repair, figures, gravity)
     return Hypothesis(issue, apply, simplicity, needed, once, gross, number)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
 
 #: Repairs one run; the issue's ``remedy`` says in words what it does.
@@ -53,10 +54,8 @@ class Issue:
 
 def joints_text(joints: Any) -> str:
     """ "joint 4", "joints 2 and 5", "joints 1, 2 and 3" from indices that count from 0."""
-    numbers = [str(int(j) + 1) for j in joints]
-    if len(numbers) == 1:
-        return f"joint {numbers[0]}"
-    return f"joints {', '.join(numbers[:-1])} and {numbers[-1]}"
+    numbers = [int(j) + 1 for j in joints]
+    return f"joint{'s' if len(numbers) > 1 else ''} {show.words(numbers)}"
 
 
 def rows_text(first: int, count: int) -> str:

@@ -59,7 +59,7 @@ def degrees(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
             partial(Physics.with_motion, scale=factor, order=same), 0 if every else 1, (
             "positions in degrees" if every else "position unit", named,
             f"{what} in degrees, not in radians (reaching {reach[joints].max():.4g}).",
-            f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180", ),
+            f"multiply q (and dq) of {'revolute joints' if every else named} by pi / 180"),
             motion_repair(factor, same), largest=largest, joints=[j + 1 for j in joints],
         )  # fmt: skip
 
@@ -183,14 +183,12 @@ def zero_offset(
         f"{x:+.5g} {robot.position_units[j]} to q{j + 1}" for j, x in zip(joints, shifts, strict=True)
     )
 
-    def at(share: float) -> Callable[[Physics], Physics]:
-        return partial(Physics.with_motion, scale=one, order=same, offset=share * offset)
-
+    shift = Number(1.0, lambda x: partial(Physics.with_motion, scale=one, order=same, offset=x * offset))
     # What brings a joint back into its range needs no other reason.
     known = beside_range(robot, physics.motion.q) == joints
     known &= not beside_range(robot, physics.motion.q + offset)
     return propose(
-        at(1.0),
+        shift,
         0 if known else 2 + len(joints),
         (
             "encoder offset", joints_text(joints),
@@ -198,7 +196,7 @@ def zero_offset(
             f"add {change}",
         ),
         motion_repair(one, same, offset), gross=gross, joints=[j + 1 for j in joints],
-        shifts=list(shifts), number=Number(1.0, at),
+        shifts=list(shifts),
     )  # fmt: skip
 
 
@@ -207,15 +205,14 @@ def clock(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     if not any(physics.model.robot.gravity):
         return
 
-    def left(log: float) -> float:
-        return physics.with_clock(float(np.exp(log))).evidence.misfit
-
-    factor = float(np.exp(best_number(left, np.log(_RATES).tolist())))
-    if abs(np.log(factor)) < np.log1p(_SMALLEST_RATE):
+    rate = Number(0.0, lambda x: lambda p: p.with_clock(float(np.exp(x))))
+    rate = rate.fitted(physics, np.log(_RATES).tolist())
+    factor = float(np.exp(rate.value))
+    if abs(rate.value) < np.log1p(_SMALLEST_RATE):
         return
     word = "fast" if factor < 1.0 else "slow"
     yield propose(
-        partial(Physics.with_clock, factor=factor), 3,
+        rate, 3,
         (
             "clock rate", "column t",
             f"time runs {max(factor, 1.0 / factor):.3g} times too {word}: the inertia in the "
@@ -224,6 +221,5 @@ def clock(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         ),
         lambda run: replace(run, t=run.t[0] + factor * (run.t - run.t[0]),
                             dq=None if run.dq is None else run.dq / factor),
-        needed=_RATE_NEEDED, factor=factor, gross=abs(np.log(factor)) > np.log1p(_GROSS_RATE),
-        number=Number(float(np.log(factor)), lambda x: lambda p: p.with_clock(float(np.exp(x)))),
+        needed=_RATE_NEEDED, factor=factor, gross=abs(rate.value) > np.log1p(_GROSS_RATE),
     )  # fmt: skip

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check import zeros
-from sdp_vs_penalty.check.issue import Issue, joints_text, rows_text
+from sdp_vs_penalty.check.issue import Issue, Repair, joints_text, rows_text
 from sdp_vs_penalty.check.stamps import with_steps
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
@@ -91,15 +91,13 @@ def _repeated_run(run: Measurements, robot: Robot, standstill: float) -> Iterato
     if share < 0.05:
         return  # one pose held, by a simulator without noise
 
-    def repair(r: Measurements) -> Measurements:
-        return r.rows(~again)
-
     rows = np.flatnonzero(again)
     yield Issue(
         "repeated run", "error", f"row {rows[0] + 2} and {len(rows) - 1} more",
         f"{len(rows)} rows are copies, bit by bit, of rows {most} earlier: a part of the run is in the "
         "file twice, and would count as a repetition without noise.",
-        "certain: read from the file", "delete the copies", repair, {"rows": len(rows), "lag": most},
+        "certain: read from the file", "delete the copies",
+        lambda r: r.rows(~again), {"rows": len(rows), "lag": most},
     )  # fmt: skip
 
 
@@ -236,15 +234,12 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
     added = np.zeros(len(steps))
     added[torn] = missing * np.median(steps)
 
-    def repair(r: Measurements) -> Measurements:
-        return with_steps(r, np.diff(r.t) + added)
-
     yield Issue(
-        "lost rows", "error",
-        rows_text(torn[0] + 3, len(torn)),
+        "lost rows", "error", rows_text(torn[0] + 3, len(torn)),
         f"at {show.count(len(torn), 'place')} every joint skips ahead within one time step: about "
         f"{missing.sum():.0f} rows are missing and the clock was made again.",
-        "certain: all joints skip by the same time", "put the missing time back", repair,
+        "certain: all joints skip by the same time", "put the missing time back",
+        lambda r: with_steps(r, np.diff(r.t) + added),
         {"rows": (torn + 3).tolist()[:100], "missing": missing.tolist()[:100]},
     )  # fmt: skip
 
@@ -280,15 +275,14 @@ def _stale(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue
                 continue
             word = "position" if name == "q" else "torque"
 
-            def repair(r: Measurements, a: int = int(a), b: int = int(b)) -> Measurements:
-                keep = np.ones(len(r.t), bool)
-                keep[a : b + 1] = False
-                return r.rows(keep)
-
             yield Issue(
                 f"frozen {word}", "error", f"{name}{j + 1}, rows {a + 2} to {b + 2}",
                 f"the {word} of joint {j + 1} repeats one value for {seconds:.3g} s while the arm "
                 "moves: the channel was frozen.",
                 f"certain: elsewhere it never repeats for more than {elsewhere} rows",
-                "delete these rows", repair, {"joints": [j + 1], "seconds": seconds},
+                "delete these rows", _deleted(int(a), int(b)), {"joints": [j + 1], "seconds": seconds},
             )  # fmt: skip
+
+
+def _deleted(first: int, last: int) -> Repair:
+    return lambda run: run.rows(np.r_[0:first, last + 1 : len(run.t)])

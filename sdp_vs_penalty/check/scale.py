@@ -131,16 +131,14 @@ def _too_large(
         "convert them to N m (N for a prismatic joint)" if unit is None else f"multiply by {unit[0]:g}"
     )
     return Issue(
-        "torque unit",
-        "error",
-        "all torque channels",
+        "torque unit", "error", "all torque channels",
         f"the torques are too large, {' and '.join(parts)}: "
         f"{'their unit is not N m' if unit is None else f'they are in {unit[1]}'}.",
         "likely: judged by size alone",
         remedy + ("; if the torques are right, correct the problem's masses" if masses else ""),
         None if factor is None else (lambda r: replace(r, tau=r.tau * factor)),
         {"times_effort_limit": over, "times_nominal": ratio},
-    )
+    )  # fmt: skip
 
 
 def _wrong_masses(ratio: float, over: float, problem: Problem) -> Issue:

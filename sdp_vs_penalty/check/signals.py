@@ -219,10 +219,9 @@ def _sample_rate(run: Measurements) -> Iterator[Issue]:
 
 #: Names of constant ratios of a velocity channel to the derivative of its position.
 _RATIOS = {
-    180.0 / np.pi: "degrees per second",
-    30.0 / np.pi: "revolutions per minute",
+    180.0 / np.pi: "degrees per second", 30.0 / np.pi: "revolutions per minute",
     -1.0: "the other direction",
-}
+}  # fmt: skip
 
 
 def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
@@ -260,17 +259,13 @@ def velocity(run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
             "position.", "certain: both were compared over the whole run" if mendable
             else "likely: they do not agree", "rescale the channel" if mendable
             else "delete the dq columns; identification differentiates q",
-            _rescaled_velocity(scale) if mendable else _without_velocity,
+            _rescaled_velocity(scale) if mendable else (lambda run: replace(run, dq=None)),
             {"joints": [j + 1 for j in joints], "factors": scale[joints].tolist()},
         )  # fmt: skip
 
 
 def _rescaled_velocity(scale: Array) -> Repair:
     return lambda run: replace(run, dq=None if run.dq is None else run.dq * scale)
-
-
-def _without_velocity(run: Measurements) -> Measurements:
-    return replace(run, dq=None)
 
 
 def angle_scale(robot: Robot) -> Array:

@@ -1,13 +1,15 @@
-"""Torque channels with the wrong sign."""
+"""Torque channels with the wrong sign, or of other joints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import product
+from functools import partial
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from sdp_vs_penalty.check.hypothesis import AGREES, NEAR, SIGNIFICANT, Hypothesis, propose
 from sdp_vs_penalty.check.issue import joints_text
@@ -44,9 +46,9 @@ def time_reversed(physics: Physics, moving: NDArray[np.bool_]) -> Hypothesis | N
         return replace(back, t=run.t[0] + run.t[-1] - back.t, dq=None if back.dq is None else -back.dq)
 
     return propose(
-        lambda p: p.reversed(), 1, ( "time reversed", "all rows",
+        lambda p: p.reversed(), 1, ("time reversed", "all rows",
         "the rows are in reverse order: friction would drive the motion.",
-        "reverse q and tau in time", ), repair,
+        "reverse q and tau in time"), repair,
         certainty=f"likely: friction would drive {joints_text(np.flatnonzero(driven))}, while inertia "
         "and weight have the right sign",
     )  # fmt: skip
@@ -104,9 +106,53 @@ def _flip(physics: Physics, joints: list[int], certainty: str = "") -> Hypothesi
     same = np.arange(physics.n)
     every = len(joints) == physics.n
     return propose(
-        lambda p: p.with_channels(signs, same), len(joints), ( "torque sign", joints_text(joints),
+        lambda p: p.with_channels(signs, same), len(joints), ("torque sign", joints_text(joints),
         f"the torque of {'every joint' if every else joints_text(joints)} has the wrong sign.",
-        "flip the sign of " + ", ".join(f"tau{j + 1}" for j in joints), ),
+        "flip the sign of " + ", ".join(f"tau{j + 1}" for j in joints)),
         lambda run: replace(run, tau=run.tau * signs), certainty=certainty,
         joints=[j + 1 for j in joints],
     )  # fmt: skip
+
+
+Order = NDArray[np.intp]
+
+
+def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Torque channels in another order: each pair exchanged, and the order that fits joint by joint."""
+    n = physics.n
+    orders = []
+    for a, b in combinations(np.flatnonzero(moving), 2):
+        order: Order = np.arange(n, dtype=np.intp)
+        order[[a, b]] = order[[b, a]]
+        # Only where both channels suit the other joint at least as well, each joint by itself.
+        own = physics.alone[a, a] * physics.alone[b, b]
+        if physics.alone[a, b] * physics.alone[b, a] < own:
+            orders.append(order)
+    # For each joint the channel that its columns alone explain best, all channels given out.
+    orders.append(np.asarray(linear_sum_assignment(np.log(physics.alone))[1], np.intp))
+    for order in orders:
+        changed = np.flatnonzero(order != np.arange(n))
+        if not len(changed) or not np.all(moving[changed]):
+            continue
+        swapped = physics.with_channels(np.ones(n), order)
+        signs = choose_signs(swapped)
+        turned = np.flatnonzero(signs < 0.0)
+        swap = len(changed) == 2
+        named = ", ".join(f"tau{order[j] + 1} is that of joint {j + 1}" for j in changed)
+        what = (
+            f"the torques of {joints_text(changed)} are swapped."
+            if swap
+            else f"the torque channels are in another order: {named}."
+        )
+        also = (
+            f", and flip the sign of {', '.join(f'tau{j + 1}' for j in turned)}" if len(turned) else ""
+        )
+
+        def repair(run: Measurements, order: Order = order, signs: Array = signs) -> Measurements:
+            return replace(run, tau=run.tau[:, order] * signs)
+
+        yield propose(
+            partial(Physics.with_channels, scale=signs, order=order), len(changed) + len(turned),
+            ("torque order", joints_text(changed), what, f"rename the torque columns{also}"), repair,
+            order=(order + 1).tolist(), joints=[int(j) + 1 for j in changed], signs=signs.tolist(),
+        )  # fmt: skip

@@ -57,9 +57,7 @@ def jitter(run: Measurements) -> Issue | None:
     if ratio < _ROUGHER:
         return None
     return Issue(
-        "jittered time stamps",
-        "warning",
-        "column t",
+        "jittered time stamps", "warning", "column t",
         f"the time steps vary by {100.0 * spread:.0f} %, but the positions are {ratio:.0f} times "
         "smoother over the row number than over these times: the samples are evenly spaced, the "
         "time stamps are not.",
@@ -67,7 +65,7 @@ def jitter(run: Measurements) -> Issue | None:
         f"space the time stamps evenly, {typical:.6g} s apart",
         lambda given: _evened(given, LONG * float(np.median(np.diff(given.t)))),
         {"jitter_percent": 100.0 * spread, "roughness_ratio": ratio},
-    )
+    )  # fmt: skip
 
 
 def _evened(run: Measurements, pause: float) -> Measurements:
