@@ -19,8 +19,8 @@ from sdp_vs_penalty.simulation.challenge.report import (
     curve_lines,
     effect_lines,
     shares,
-    table,
 )
+from sdp_vs_penalty.show import markdown_table
 
 OUT = Path(__file__).parents[1] / "results" / "curves.md"
 #: What stands there from this line on is written by hand, and stays.
@@ -42,7 +42,7 @@ def main() -> None:
         + ", ".join(f"{count} of {kind} (seed {seed})" for (kind, seed), count in sorted(of.items()))
         + ". Wilson's intervals, 95 %. Counted: where these data show what is hidden.",
         "",
-        *table(HEADINGS, shares(every)),
+        *markdown_table(HEADINGS, shares(every)),
         "",
         *curve_lines(every),
         *effect_lines(every),
