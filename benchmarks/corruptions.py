@@ -145,8 +145,9 @@ _ABOUT = (
     f"check were chosen with sight of {', '.join(TUNED_ON)};",
     f"{', '.join(JUDGES)} are kept back and were run once. Harm is the error on",
     "clean held-out data of what is identified all the same, over that of the model from the clean run.",
-    "In brackets Wilson's 95 % interval. The check of the day before (6fb85e4), other samples and other",
-    "kept-back arms: silent and harmful 8.3 % (5 of 60) and 6.1 % (4 of 66), named 88 % and 85 %.",
+    "In brackets Wilson's 95 % interval. The check of the session before (aa61eb4), other samples:",
+    "silent and harmful 4.3 % (5 of 115) on arms looked at, 0 of 70 on those kept back then; named 87 %",
+    "and 94 %; false alarms 2 of 32.",
 )
 
 
