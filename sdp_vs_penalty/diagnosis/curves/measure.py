@@ -45,8 +45,9 @@ def measured_curves(
     at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
     run with the model attached, for the held-out errors; without one they are those of folds. What a
     search without curves has named on such a joint is kept, unless curves without it explain the joint
-    better by the Bayesian information criterion (Schwarz 1978) and, but for chance, no worse on data
-    left out; where what follows the position is doubted, unless curves explain it up to its noise.
+    better by the Bayesian information criterion (Schwarz 1978) and no worse on data left out, but for
+    chance where every curve is a law; where what follows the position is doubted, unless curves explain
+    it up to its noise.
     """
     seed, model = state.stage.seed, state.stage.candidacy.model
     variables = Variables(state.stage.rows, model.robot, [*model.effects, *state.effects])
@@ -74,7 +75,10 @@ def measured_curves(
             alone, new, other = search_curves(bare, variables, joint, seed, judge, shown)
             instead = [_Told.of(f, seed) for f in new]
             better = _cost(beside, joint, found) - _cost(alone, joint, instead) > TOLD_APART
-            better = better and not judged.surely_below(other, joint)
+            if all(t.curve.formula for t in instead):
+                better = better and not judged.surely_below(other, joint)
+            else:  # a shape that nothing recognises has no credit of its own
+                better = better and other.error(joint) <= judged.error(joint)
             if joint in doubtful and _explains(alone, joint):
                 better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
             if instead and better:
