@@ -94,8 +94,10 @@ def climbed(state: SearchState, thorough: bool = True) -> SearchState:
 
 
 def by_gain(state: SearchState) -> SearchState:
-    """The same picks, those that gain most first; a finer form of an effect comes after the plainer. What
-    joints share is no finer form of any small effect on one of them: a wrist's gears come first."""
+    """The same picks, those that gain most first; a finer form of an effect comes after the plainer.
+
+    What joints share is no finer form of any small effect on one of them: a wrist's gears come first.
+    """
     picks = sorted(state.picks, key=lambda p: -p.gain)
     for pick in list(picks):
         plainer = [k for k, p in enumerate(picks) if _says_so(pick.candidate, p.candidate)]
