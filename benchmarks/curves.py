@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.show import markdown_table
 from sdp_vs_penalty.simulation.challenge.report import (
     HEADINGS,
     curve_lines,
     effect_lines,
     shares,
 )
-from sdp_vs_penalty.show import markdown_table
 
 OUT = Path(__file__).parents[1] / "results" / "curves.md"
 #: What stands there from this line on is written by hand, and stays.

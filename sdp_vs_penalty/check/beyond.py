@@ -35,15 +35,26 @@ _SPARE = 2.0
 def columns(motion: Motion) -> list[Array]:
     """(N, n) on a dense stretch of motion: the rotor's, then each friction law's.
 
-    Behind these what only a rival is offered: Stribeck's dip, and the pulses at reversals by which
-    friction that leads or lags differs, d/dt of the laws.
+    Behind these what only a rival is offered: Stribeck's dip, the pulses at reversals by which friction
+    that leads or lags differs, d/dt of the laws, and what a motor that turns with a neighbour as well
+    brings along (coupled wrists): its rotor, viscous and dry friction on the sum or the difference.
     """
     joints = range(motion.q.shape[1])
     slide = [np.tanh(motion.dq / width) for width in _WIDTHS]
     bent = {d: np.column_stack([dahl(motion.q[:, j], d) for j in joints]) for d in _TRAVELS}
     dips = [np.exp(-((motion.dq / v) ** 2)) * bent[_BRISTLE] for v in _FALLS]
     pulses = [np.gradient(x, motion.t, axis=0) for x in (*slide[1:], *list(bent.values())[1:3])]
-    return [motion.ddq, *slide, *bent.values(), *dips, *pulses]
+    near = [_shifted(motion.dq, step) for step in (-1, 1)]
+    wrist = [_shifted(motion.ddq, step) for step in (-1, 1)] + near
+    wrist += [np.tanh((motion.dq + sign * dq) / _WIDTHS[1]) for dq in near for sign in (1.0, -1.0)]
+    return [motion.ddq, *slide, *bent.values(), *dips, *pulses, *wrist]
+
+
+def _shifted(x: Array, step: int) -> Array:
+    """(N, n) of the joint so many further on; 0 where there is none."""
+    out = np.roll(x, -step, axis=1)
+    out[:, -1 if step > 0 else 0] = 0.0
+    return out
 
 
 def rival(physics: Physics) -> Physics:

@@ -72,9 +72,12 @@ def gain_number(j: int, n: int) -> Number:
 
 
 def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """One torque channel later than the others, or all than the motion; or through a causal filter."""
-    for joints in ([int(j)] for j in np.flatnonzero(moving)):
-        yield from _late(physics, joints)
+    """One torque channel later than the others, or all than the motion; or through a causal filter.
+
+    A joint that moves alone has no others.
+    """
+    for joint in np.flatnonzero(moving) if moving.sum() > 1 else ():
+        yield from _late(physics, [int(joint)])
     yield from _late(physics, list(range(physics.n)))
 
 
@@ -124,9 +127,7 @@ def _lead(channels: Array, order: int) -> Number:
     That of one channel alone is what its joint's friction may look like: only a large one tells.
     """
     least = LEAST if channels.all() else ENOUGH
-    return Number(
-        0.0, lambda x: lambda p: p.with_lead(x * channels, order), least=least, like_friction=True
-    )
+    return Number(0.0, lambda x: lambda p: p.with_lead(x * channels, order), least=least)
 
 
 def _scaled(run: Measurements, scale: Array) -> Measurements:

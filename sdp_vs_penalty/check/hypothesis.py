@@ -51,15 +51,13 @@ class Number:
     """An estimated number, zero where the file is right; ``at(x)`` applies another one.
 
     tolerance : what arms and loggers differ by themselves, of the number's own unit; least : gain of the
-    score from which on it is worth a warning; like_friction : whether other laws of friction may do the
-    same.
+    score from which on it is worth a warning.
     """
 
     value: float
     at: Callable[[float], Callable[[Physics], Physics]]
     tolerance: float = np.inf
     least: float = LEAST
-    like_friction: bool = False
 
     def fitted(self, physics: Physics, grid: Iterable[float], steps: int = 8) -> Number:
         """The same with the value that leaves least unexplained, found from a grid."""
@@ -156,12 +154,11 @@ class Hypothesis:
     def determined(self, physics: Physics) -> bool:
         """Whether its number is certainly not what the file says; True where it has none.
 
-        What laws of friction explain as well is the model's matter, and no fault of the file.
+        What laws of friction or a coupled wrist explain as well is the model's matter, and no fault of
+        the file.
         """
         if self.number is None or not self.number.determined(physics):
             return self.number is None
-        if not self.number.like_friction:
-            return True
         return self.gain(beyond.rival(physics)) > HALF * self.gain(physics)
 
     def pays(self, physics: Physics, gain: float) -> bool:

@@ -67,8 +67,9 @@ def add(
     constants that are given (coulomb_friction:7@v_s=0.08). A shape constant that is not given is
     estimated, joint by joint. frozen : keep all other parameters; so it is also done with what a frozen
     model was diagnosed to miss, and wherever a payload is among the effects, new or there already:
-    refitted links would absorb it. seed : of the method; progress : called with a short text of where
-    the work stands.
+    refitted links would absorb it. What is found of a held model's own effects (a Coulomb friction that
+    has grown) is left out: identify it again for that.
+    seed : of the method; progress : called with a short text of where the work stands.
     gain_uncertainty : relative standard deviation of the torque channels' gains; default: the model's.
     Raises InputError for an effect that the model already has, without a new constant for it, or that
     cannot act.
@@ -78,6 +79,7 @@ def add(
         measurements, names=estimate.robot.joint_names, what="add(measurements=...)"
     )
     estimate.require_joints(measurements)
+    diagnosed = isinstance(effects, Diagnosis)
     if isinstance(effects, Diagnosis):
         frozen = frozen or effects.frozen
         effects = (
@@ -90,7 +92,16 @@ def add(
     if not wanted:
         raise InputError("No effect to add", "name one, such as presliding_hysteresis:7")
     added, given, retuned = _retunes(estimate, wanted, _given_shapes(texts), frozen)
-    _refuse_twice(estimate, added)
+    if frozen and diagnosed:
+        # What has changed of a held model's own effects only identifying them again takes in.
+        fresh = [k for k, effect in enumerate(added) if not _twice(estimate, effect)]
+        added, given = [added[k] for k in fresh], [given[k] for k in fresh]
+        if not added:
+            raise InputError(
+                "All these effects are the held model's own", "identify it again on these runs"
+            )
+    for effect in added:
+        _refuse_twice(estimate, effect)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
@@ -181,19 +192,22 @@ def _text(effect: Finding | Retune | str) -> str:
     return effect if isinstance(effect, str) else effect.text
 
 
-def _refuse_twice(estimate: Estimate, wanted: Sequence[Effect]) -> None:
-    for effect in wanted:
-        if effect.several:
-            continue
+def _twice(estimate: Estimate, effect: Effect) -> list[int]:
+    """The joints (from 0) on which the model has the effect already, where it may come only once."""
+    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+    return [] if effect.several else sorted(there & set(effect.joints))
+
+
+def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
+    twice = _twice(estimate, effect)
+    if twice:
         there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
-        twice = sorted(there & set(effect.joints))
-        if twice:
-            free = sorted(set(range(estimate.robot.n)) - there)
-            advice = "name another effect"
-            if free and not effect.whole_robot:
-                advice += f", or the joints without it: {effect.name}:{_joints(free)}"
-            where = "" if effect.whole_robot else f" on joints {_joints(twice)}"
-            raise InputError(f"the model already has {effect.name}{where}", advice)
+        free = sorted(set(range(estimate.robot.n)) - there)
+        advice = "name another effect"
+        if free and not effect.whole_robot:
+            advice += f", or the joints without it: {effect.name}:{_joints(free)}"
+        where = "" if effect.whole_robot else f" on joints {_joints(twice)}"
+        raise InputError(f"the model already has {effect.name}{where}", advice)
 
 
 def _joints(joints: Sequence[int]) -> str:

@@ -88,7 +88,7 @@ class OnTest:
     def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
         """The rows of both runs in the columns of the model and of all effects."""
         frozen, settings = self.found.state.stage.frozen, estimate.preprocessing
-        model = model_beside(estimate, effects)
+        model = model_beside(estimate, effects, changes=frozen)
         if model.needs_reference and not frozen:
             model = with_reference(
                 estimate.problem,

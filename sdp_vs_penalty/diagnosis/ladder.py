@@ -94,10 +94,13 @@ def climbed(state: SearchState, thorough: bool = True) -> SearchState:
 
 
 def by_gain(state: SearchState) -> SearchState:
-    """The same picks, those that gain most first; a finer form of an effect comes after the plainer."""
+    """The same picks, those that gain most first; a finer form of an effect comes after the plainer.
+
+    What joints share is no finer form of any small effect on one of them: a wrist's gears come first.
+    """
     picks = sorted(state.picks, key=lambda p: -p.gain)
     for pick in list(picks):
-        plainer = [k for k, p in enumerate(picks) if refines(pick.candidate, p.candidate)]
+        plainer = [k for k, p in enumerate(picks) if _says_so(pick.candidate, p.candidate)]
         place = picks.index(pick)
         if plainer and max(plainer) > place:
             picks.insert(max(plainer), picks.pop(place))
@@ -110,6 +113,11 @@ def refines(finer: Candidate, plainer: Candidate) -> bool:
     free, is the rotor of one of them)."""
     if finer.effect.joins and not plainer.effect.joins:
         return plainer.key[1] in finer.effect.joints and not plainer.effect.whole_robot
+    return _says_so(finer, plainer)
+
+
+def _says_so(finer: Candidate, plainer: Candidate) -> bool:
+    """Whether an effect declares that it is a finer form of another, on the same joint."""
     return plainer.key[1] == finer.key[1] and plainer.key[0] in finer.effect.refines
 
 

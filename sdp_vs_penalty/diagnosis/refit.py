@@ -31,9 +31,10 @@ def estimator_of(estimate: Estimate) -> Estimator:
     return replace(estimator, **{k: v for k, v in estimate.settings.items() if k in known})  # type: ignore[type-var]
 
 
-def model_beside(estimate: Estimate, new: Sequence[Effect]) -> Model:
-    """The estimate's model, held fixed, with effects more that refer to it."""
-    model = replace(estimate.model, effects=(*estimate.model.effects, *new), reference=None)
+def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = False) -> Model:
+    """The estimate's model, held fixed, with effects more that refer to it; changes : of its own too."""
+    every = (*estimate.model.effects, *new)
+    model = replace(estimate.model, effects=every, reference=None, changes=changes)
     if not model.needs_reference:
         return model
     known = estimate.theta if estimate.model.reference is None else estimate.model.reference

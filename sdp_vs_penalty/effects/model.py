@@ -35,17 +35,19 @@ class Model:
         no effect needs it.
     gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
         are then in true units, and the modelled torque is the channels'. None: they read true.
+    changes : effects may come a second time, as what has changed since their first was identified.
     """
 
     robot: Robot
     effects: tuple[Effect, ...]
     reference: Array | None = None
     gains: tuple[float, ...] | None = None
+    changes: bool = False
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.parameters]
         for name in names:
-            if names.count(name) > 1:
+            if names.count(name) > 1 and not self.changes:
                 effect = next(p.effect for p in self.parameters if p.name == name)
                 raise InputError(
                     f"parameter {name} appears twice", f"list effect {effect} only once per joint"

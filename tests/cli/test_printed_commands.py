@@ -243,8 +243,10 @@ def test_of_weak_findings_the_first_are_offered(
     found = replace(twelve_found, effects=effects)
     monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", lambda *_, **__: found)
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
-    (command,) = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
+    command, *tell = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
     assert "--from findings.json --only 1,2,3,4,5 " in command
+    assert tell
+    assert all(f"{PROGRAM} excite model.json --separate" in c for c in tell)
     assert len(load_estimate(Path("model2.json")).model.effects) == 3 + 7 + 5
     run(f"{PROGRAM} add model.json --from findings.json --confident --data run.csv --out sure.json")
     added = load_estimate(Path("sure.json")).model.effects[3 + 7 :]

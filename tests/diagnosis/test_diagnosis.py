@@ -187,6 +187,25 @@ def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
     assert all(f.effect != "payload" for f in diagnose(refitted, data, loaded.runs[3]).effects)
 
 
+def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda: Problem) -> None:
+    later = hidden_runs(panda, [("payload", []), ("torque_offset", [4])], "strong", seed=18)
+    empty = hidden_runs(panda, [], 0.0, seed=17, true=later.true)
+    estimate = identified(empty, concatenate(empty.runs[:3]))
+    data = concatenate(later.runs[:3])
+    result = diagnose(estimate, data, later.runs[3], frozen=True)
+    named = {(f.effect, f.joints) for f in result.effects}
+    assert {("payload", ()), ("torque_offset", (5,))} <= named
+
+    bigger = add(estimate, result, data)
+    new = bigger.model.effects[len(estimate.model.effects) :]
+    assert "payload" in {e.name for e in new}
+    assert "torque_offset" not in {e.name for e in new}
+    np.testing.assert_array_equal(bigger.theta[: len(estimate.theta)], estimate.theta)
+    own = [f for f in result.effects if f.effect == "torque_offset"]
+    with pytest.raises(InputError, match="the held model's own"):
+        add(estimate, replace(result, effects=tuple(own), curves=()), data)
+
+
 def small(made: HiddenRuns) -> tuple[Estimate, Measurements]:
     data = concatenate(made.runs[:3])
     return identified(made, data), data

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis import held_out, parsimony
+from sdp_vs_penalty.diagnosis import held_out, ladder, parsimony
 from sdp_vs_penalty.diagnosis.explanations import weaknesses
 
 
@@ -93,3 +93,21 @@ def test_what_else_looks_like_a_finding_makes_it_weak() -> None:
     alone = parsimony.Company((), None, False)
     assert weaknesses(True, False, False, False, alone, "") == ()
     assert weaknesses(True, False, False, False, alone, "it may stick") == ("it may stick",)
+
+
+def test_what_joints_share_comes_before_small_effects_on_one_of_them() -> None:
+    def pick(
+        name: str, joint: int, gain: float, refines: tuple[str, ...] = (), joins: bool = False
+    ) -> Any:
+        effect = SimpleNamespace(
+            joins=joins, refines=refines, joints=[joint, joint + 1], whole_robot=False
+        )
+        return SimpleNamespace(candidate=SimpleNamespace(key=(name, joint), effect=effect), gain=gain)
+
+    picks = (
+        pick("sigmoid", 5, 41.0),
+        pick("gears", 4, 3910.0, joins=True),
+        pick("curved", 5, 50.0, refines=("sigmoid",)),
+    )
+    state = SimpleNamespace(picks=picks, with_picks=lambda chosen: [p.candidate.key[0] for p in chosen])
+    assert ladder.by_gain(state) == ["gears", "sigmoid", "curved"]  # type: ignore[arg-type,comparison-overlap]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,7 @@ from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis import Diagnosis
+    from sdp_vs_penalty.effects.effect import Effect
 
 
 def verb(
@@ -69,12 +71,23 @@ def verb(
         bigger.save(out)
     what = printing.TRAINING if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
-    for e in bigger.model.effects[len(estimate.model.effects) :]:
+    added = bigger.model.effects[len(estimate.model.effects) :]
+    for e in added:
         console.say(f"added: {e.brief}")
+    for text in _left_out(effects, added):
+        console.say(f"not added: {text} (the held model has it: identify it again on runs like these)")
     printing.certificate(bigger)
     console.written(out)
     judge = words(data, window) if test is None else words([test], test_window)
     console.next_step(["report", model, out, "--data", *judge, "--out", "report.html"])
+
+
+def _left_out(effects: str | Diagnosis, added: Sequence[Effect]) -> list[str]:
+    """The findings of a held model's own effects, which it keeps."""
+    if isinstance(effects, str) or not effects.frozen:
+        return []
+    there = {(e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added}
+    return [f.text for f in effects.beside_curves if (f.effect, f.joints) not in there]
 
 
 def _effects(
