@@ -40,6 +40,9 @@ from sdp_vs_penalty.page.workshop import Work, Workshop
 PORT = 8137
 _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
+#: Seconds for which a tab may draw, sleep or wait for a busy computer and go on where it was; the work
+#: of one that was closed ends after them.
+WAITS = 8.0
 
 
 class Page:
@@ -238,8 +241,7 @@ def make_app(page: Page) -> FastAPI:
         dark=None,
         tailwind=False,
         language="en-US",
-        # A tab that draws, sleeps or waits for a busy computer for so many seconds goes on where it was.
-        reconnect_timeout=20.0,
+        reconnect_timeout=WAITS,
         show_welcome_message=False,
     )
     return app

@@ -32,6 +32,7 @@ from page_driver import (
     serving,
 )
 
+from sdp_vs_penalty.page.server import WAITS
 from sdp_vs_penalty.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(
     page.wait_for_selector(".working .status:has-text('penalty-paper')")
     working = busy(server)
     page.close()
-    _, alive = psutil.wait_procs(working, 8.0)
+    _, alive = psutil.wait_procs(working, WAITS + 8.0)
     assert not alive
     again = open_page(context, server, "")
     assert again.url == address
