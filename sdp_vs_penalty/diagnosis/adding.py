@@ -192,17 +192,20 @@ def _text(effect: Finding | Retune | str) -> str:
     return effect if isinstance(effect, str) else effect.text
 
 
+def _joints_with(estimate: Estimate, effect: Effect) -> set[int]:
+    """The joints (from 0) on which the model has the effect already."""
+    return {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
+
+
 def _twice(estimate: Estimate, effect: Effect) -> list[int]:
-    """The joints (from 0) on which the model has the effect already, where it may come only once."""
-    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
-    return [] if effect.several else sorted(there & set(effect.joints))
+    """Of these the joints on which it would come a second time, where it may come only once."""
+    return [] if effect.several else sorted(_joints_with(estimate, effect) & set(effect.joints))
 
 
 def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
     twice = _twice(estimate, effect)
     if twice:
-        there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
-        free = sorted(set(range(estimate.robot.n)) - there)
+        free = sorted(set(range(estimate.robot.n)) - _joints_with(estimate, effect))
         advice = "name another effect"
         if free and not effect.whole_robot:
             advice += f", or the joints without it: {effect.name}:{_joints(free)}"
