@@ -33,6 +33,8 @@ from sdp_vs_penalty.signals.noise import RESIDUAL
 #: How many curves of a joint are looked at closely, how many of these are tried on data left out, draws
 #: of signs, and curves a joint at most.
 _CLOSE, _TRIED, _SIGNS, _MOST = 8, 3, 400, 3
+#: Laws of each curve by which its variables are chosen.
+_LAWS = 3
 #: A curve over fewer variables is preferred to one that contains it up to so many standard deviations
 #: of the difference of their gains, or this share of gain and evidence.
 _SIMPLER, _LITTLE = 2.0, 0.1
@@ -41,7 +43,7 @@ _SIMPLER, _LITTLE = 2.0, 0.1
 @dataclass(frozen=True)
 class FoundCurve:
     """A curve as an effect, what it was fitted to, half its band where measurements lie (P,), its law,
-    and what it does to the error on data left out."""
+    and what it does to the error on data left out; whole : whether the effect is the law's."""
 
     fitted: Fitted
     effect: MeasuredCurve
@@ -49,6 +51,7 @@ class FoundCurve:
     half: Array
     law: LawFit | None
     held_out: CurveErrors
+    whole: bool = False
 
 
 def _convincing(
@@ -173,9 +176,7 @@ def search_curves(
     judge = judge.beside(state)
     while len(found) < _MOST:
         look = Look(state, variables)
-        # What a law leaves may follow the same variable.
-        whole = [f.fitted for f in found if f.law is None]
-        close = _convincing(look, joint, whole, seed + len(found), shown)
+        close = _convincing(look, joint, [f.fitted for f in found], seed + len(found), shown)
         for best in _by_law(look, close[:_TRIED]):
             later = with_curve(state, effect_of(look, best), best.gain)
             bare = replace(later, picks=later.picks[:-1])
@@ -207,10 +208,13 @@ def _settled(
         return after, FoundCurve(fitted, effect, look, np.zeros(0), None, held_out)
     half, points = band(look, fitted, seed), variables.supported(fitted.basis)
     law = law_of(recognised(fitted, look), fitted, points, half)
-    if law is not None:
-        effect = effect_of(look, fitted, law.at)
-        after, held_out = judge.tried(fitted, effect, look, law)
-    return after, FoundCurve(fitted, effect, look, half, law, held_out)
+    if law is None:
+        return after, FoundCurve(fitted, effect, look, half, None, held_out)
+    told = effect_of(look, fitted, law.at)
+    by_law, errors = judge.tried(fitted, told, look, law)
+    if after.surely_below(by_law, joint):  # there is more to it than the law
+        return after, FoundCurve(fitted, effect, look, half, law, held_out)
+    return by_law, FoundCurve(fitted, told, look, half, law, errors, whole=True)
 
 
 def _by_law(look: Look, close: list[Fitted]) -> list[Fitted]:
@@ -220,7 +224,7 @@ def _by_law(look: Look, close: list[Fitted]) -> list[Fitted]:
         return close
 
     def cost(f: Fitted) -> float:
-        told = [(r.fit.chi2, float(r.fit.size)) for r in recognised(f, look)]
+        told = [(r.fit.chi2, float(r.fit.size)) for r in recognised(f, look, _LAWS)]
         told = told or [(f.smooth.chi2, f.smooth.edf)]
         gains = look.fit.joint_gains(f.joint, np.array([chi2 for chi2, _ in told]))
         freedom = np.array([size for _, size in told])

@@ -23,8 +23,8 @@ class Curve:
     """The missing torque of a joint (from 1) as a function of what ``of`` names.
 
     x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower, upper (P,) : the
-    curve and its simultaneous 95 % band [N m or N]: its law, or without one what the model's own columns
-    cannot make;
+    curve and its simultaneous 95 % band [N m or N]: its law, or where that is not all
+    what the model's own columns cannot make;
     explained_share : of the joint's squared error beyond the noise's, what the curve takes on data left
     out, its values and the model fitted to the others; formula : the simplest
     law within the band, or None; held_out_rmse_before, _after : of the joint. filled_x, filled_torque :

@@ -63,8 +63,8 @@ class Recognised:
     coefficients: Array
 
 
-def recognised(f: Fitted, look: Look) -> list[Recognised]:
-    """The laws that gain about what a curve gains."""
+def recognised(f: Fitted, look: Look, most: int = _EXACT) -> list[Recognised]:
+    """Of the ``most`` likely laws those that gain about what a curve gains."""
     every, count = f.basis.points, f.factors.count
     inverse = np.asarray(np.linalg.pinv(f.basis.at(*every.T), rcond=1e-10), float)
 
@@ -79,7 +79,7 @@ def recognised(f: Fitted, look: Look) -> list[Recognised]:
     rough = [_fitted(law, in_splines, law.starts) for law in dictionary(f.basis.axes) if law.starts]
     rough.sort(key=lambda r: r.cost(count))
     found = []
-    for r in rough[:_EXACT]:
+    for r in rough[:most]:
         fit = _fitted(r.law, on_rows, [tuple(r.constants)])
         if (gain := _gains(fit, f, look)) >= (1.0 - _LOST) * f.gain:
             coefficients = inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes

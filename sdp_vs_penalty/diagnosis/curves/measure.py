@@ -134,7 +134,7 @@ def _explains(state: SearchState, joint: int) -> bool:
 
 @dataclass(frozen=True)
 class _Told:
-    """A curve as it is told; text : of its effect; freedom : constants of its law, or where it has none
+    """A curve as it is told; text : of its effect; freedom : constants of its law, or where it is none
     its effective degrees of freedom."""
 
     curve: Curve
@@ -145,8 +145,10 @@ class _Told:
     def of(cls, found: FoundCurve) -> _Told:
         f, law = found.fitted, found.law
         points = found.look.variables.supported(f.basis)
-        torque = f.basis.at(*points.T) @ f.coefficients if law is None else law.at(points)
-        filled = points[:0] if law is None else unmeasured(f.basis, points)
+        torque, filled, beyond = f.basis.at(*points.T) @ f.coefficients, points[:0], np.zeros(0)
+        if law is not None and found.whole:
+            filled = unmeasured(f.basis, points)
+            torque, beyond = law.at(points), law.at(filled)
         units = found.look.state.stage.candidacy.model.robot.torque_units
         single = points.shape[1] == 1
         curve = Curve(
@@ -161,9 +163,10 @@ class _Told:
             found.held_out.before,
             found.held_out.after,
             filled[:, 0] if single else filled,
-            np.zeros(0) if law is None else law.at(filled),
+            beyond,
         )
-        return cls(curve, found.effect.text, f.smooth.edf if law is None else float(law.size))
+        freedom = float(law.size) if law is not None and found.whole else f.smooth.edf
+        return cls(curve, found.effect.text, freedom)
 
 
 def _cost(state: SearchState, joint: int, found: Sequence[_Told]) -> float:
