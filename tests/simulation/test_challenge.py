@@ -71,8 +71,8 @@ def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends() -> None:
 
 
 def test_no_law_mends_a_constant_that_went_astray() -> None:
-    """Friction that differs by direction, once reported with a Stribeck friction beside Coulomb's width of
-    0.023 rad/s instead of 0.01: without the one, the other is right."""
+    """Friction that differs by direction, once reported with a Stribeck friction beside a Coulomb
+    width of 0.023 rad/s instead of 0.01: without the one, the other is right."""
     found = run_case(Case("clean", "asymmetric", 88100, 0))[1]["found"]
     assert {f["effect"] for f in found} == {"asymmetric_viscous_friction", "asymmetric_coulomb_friction"}
 
