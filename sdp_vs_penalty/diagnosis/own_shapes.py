@@ -282,7 +282,7 @@ def moved(before: Estimate, after: Estimate) -> frozenset[int]:
 def _constants(estimate: Estimate) -> list[_Own]:
     model, out = estimate.model, []
     for effect, indices in zip(model.effects, model.indices, strict=True):
-        if effect.whole_robot or effect.needs_links or effect.several or effect.joins:
+        if effect.whole_robot or effect.spreads or effect.several or effect.joins:
             continue
         k = len(indices) // len(effect.joints)
         for key in effect.searched:
