@@ -134,31 +134,27 @@ class FreeGravity:
 
     @cached_property
     def _gram(self) -> tuple[Array, Array]:
-        """Gram matrix and cross products of [Y at g = 0, dY/dgx, dY/dgy, dY/dgz], joints weighted."""
+        """(4, 4, p, p) and (4, p) products of Y at g = 0, dY/dgx, dY/dgy, dY/dgz, joints weighted."""
         physics = self.physics
-        robot = physics.model.robot
-        fixed = physics.columns_of(turned_gravity(physics.model, (0.0, 0.0, 0.0)))
-        parts = [fixed]
-        for axis in range(3):
-            unit = np.eye(3)[axis]
-            pulled = physics.columns_of(turned_gravity(physics.model, tuple(unit)))
-            parts.append([a - b for a, b in zip(pulled, fixed, strict=True)])
-        p = fixed[0].shape[1]
-        gram, cross = np.zeros((4 * p, 4 * p)), np.zeros(4 * p)
-        weights = 1.0 / (len(physics.channels) * physics.energy * robot.n)
-        for j in range(robot.n):
-            stack = np.hstack([part[j] for part in parts])
-            gram += weights[j] * stack.T @ stack
-            cross += weights[j] * stack.T @ physics.channels[:, j]
+        made = [physics.columns_of(turned_gravity(physics.model, g)) for g in ((0.0,) * 3, *np.eye(3))]
+        p = physics.p
+        gram, cross = np.zeros((4, 4, p, p)), np.zeros((4, p))
+        weights = 1.0 / (len(physics.channels) * physics.energy * physics.n)
+        for w, y, fixed, *pulled in zip(weights, physics.channels.T, *made, strict=True):
+            k, m = fixed.indices, len(fixed.indices)
+            stack = np.hstack([fixed.columns, *(x.columns - fixed.columns for x in pulled)])
+            square = (w * stack.T @ stack).reshape(4, m, 4, m)
+            gram[:, :, k[:, None], k] += np.moveaxis(square, 2, 1)
+            cross[:, k] += (w * stack.T @ y).reshape(4, m)
         return gram, cross
 
     def unexplained(self, gravity: Array) -> float:
         """E with this gravity vector [m/s^2]."""
         gram, cross = self._gram
-        p = len(cross) // 4
-        mix = np.vstack([np.eye(p), *(g * np.eye(p) for g in gravity)])
-        b = mix.T @ cross
-        return max(1.0 - float(b @ solve(mix.T @ gram @ mix, b[:, None])[:, 0]), 1e-12)
+        mix = np.append(1.0, gravity)
+        b = mix @ cross
+        both = (np.outer(mix, mix).ravel() @ gram.reshape(16, -1)).reshape(gram.shape[2:])
+        return max(1.0 - float(b @ solve(both, b[:, None])[:, 0]), 1e-12)
 
     def best(self, size: float) -> tuple[Array, float]:
         """The direction (unit vector) of gravity of this size that explains the torque best; its E."""

@@ -94,7 +94,7 @@ class Number:
         columns leave of the number's own.
         """
         here, wide, weights = self._tangent(physics)
-        evidence = Evidence.of(np.array([c.T @ c for c in wide]), wide, here.channels)
+        evidence = Evidence.of(wide, here.channels)
         gram = np.tensordot(weights, evidence.gram, 1)
         left = np.append(-solve(gram[:-1, :-1], gram[:-1, -1:])[:, 0], 1.0)
         ratio = np.maximum(evidence.gram @ left @ left, 0.0) * weights
