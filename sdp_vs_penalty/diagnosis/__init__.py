@@ -1,1 +1,1 @@
-"""Which physical effect a model misses: `diagnose.diagnose` is the verb, `adding.add` adds what it finds."""
+"""Which physical effect a model misses: `diagnose.diagnose` finds it, `adding.add` adds it."""
