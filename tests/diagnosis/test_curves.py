@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, _falls
 from sdp_vs_penalty.diagnosis.curves.laws import dictionary
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
