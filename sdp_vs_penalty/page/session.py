@@ -323,5 +323,6 @@ class Session(Doing):
             self.forget_models()
         if answer["refused"]:
             self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
-        elif had_models:
-            self.notice = Notice((_OTHER_RUNS,), error=False)
+        elif had_models or answer.get("remarks"):
+            said = answer.get("remarks", []) + [_OTHER_RUNS] * had_models
+            self.notice = Notice(tuple(map(self.without_paths, said)), error=False)
