@@ -51,17 +51,19 @@ class Number:
     """An estimated number, zero where the file is right; ``at(x)`` applies another one.
 
     tolerance : what arms and loggers differ by themselves, of the number's own unit; least : gain of the
-    score from which on it is worth a warning.
+    score from which on it is worth a warning; where : the data that tell of it.
     """
 
     value: float
     at: Callable[[float], Callable[[Physics], Physics]]
     tolerance: float = np.inf
     least: float = LEAST
+    where: Callable[[Physics], Physics] = lambda physics: physics
 
     def fitted(self, physics: Physics, grid: Iterable[float], steps: int = 8) -> Number:
         """The same with the value that leaves least unexplained, found from a grid."""
-        found = best_number(lambda x: self.at(x)(physics).evidence.misfit, grid, steps)
+        told = self.where(physics)
+        found = best_number(lambda x: self.at(x)(told).evidence.misfit, grid, steps)
         return replace(self, value=found)
 
     def determined(self, physics: Physics) -> bool:
@@ -159,7 +161,8 @@ class Hypothesis:
         """
         if self.number is None or not self.number.determined(physics):
             return self.number is None
-        return self.gain(beyond.rival(physics)) > HALF * self.gain(physics)
+        rival = self.number.where(beyond.rival(physics))
+        return self.gain(rival) > HALF * self.gain(physics)
 
     def pays(self, physics: Physics, gain: float) -> bool:
         """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.

@@ -29,6 +29,8 @@ from sdp_vs_penalty.robot.robot import Robot
 _SPARE = 1.5
 #: Filtered rows that repeat each other count once: rows per independent sample.
 OVERSAMPLING = 4.0
+#: A joint slides above this share of its usual speed.
+_SLIDES = 0.2
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Physics:
 
     rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm;
     weight : (n,) share of the gravity torque that each channel holds; parent : the data of which these
-    are rows, for delays; own : see there.
+    are rows, for delays; own : see there; heard : (M, n) 0 where nothing is asked of a joint's torque.
     """
 
     model: Model
@@ -75,6 +77,7 @@ class Physics:
     weight: tuple[float, ...] | None = None
     parent: tuple[Physics, NDArray[np.intp]] | None = None
     own: Own | None = None
+    heard: Array | None = None
 
     @property
     def n(self) -> int:
@@ -102,6 +105,8 @@ class Physics:
     def columns(self) -> list[Array]:
         """Per joint the columns (M, p) of all parameters, zero where they do not act on it."""
         full = self.columns_of(self.model)
+        if self.heard is not None:
+            full = [c * h[:, None] for c, h in zip(full, self.heard.T, strict=True)]
         if self.weight is None:
             return full
         still = self.columns_of(turned_gravity(self.model, (0.0, 0.0, 0.0)))
@@ -128,7 +133,18 @@ class Physics:
     @cached_property
     def evidence(self) -> Evidence:
         """What one arm explains of the channels."""
-        return Evidence.of(self.grams, self.columns, self.channels)
+        heard = 1.0 if self.heard is None else self.heard
+        return Evidence.of(self.grams, self.columns, heard * self.channels)
+
+    @cached_property
+    def sliding(self) -> Physics:
+        """The same, a joint's torque counted only where it moves at a share of its usual speed.
+
+        Around a reversal dry friction holds any torque between two limits, sooner or later than a law
+        of velocity says; inertia and weight are as late as the file is.
+        """
+        speed = np.abs(self.motion.dq)
+        return replace(self, heard=(speed > _SLIDES * np.sqrt(np.mean(speed**2, axis=0))).astype(float))
 
     @cached_property
     def left_out(self) -> Array:
@@ -151,7 +167,8 @@ class Physics:
         own = None if self.own is None else self.own.part(rows)
         whole, places = self.parent or (self, np.arange(len(self.channels)))
         parent = (whole, places[rows])
-        made = replace(self, motion=motion, channels=channels, rate=rate)
+        heard = None if self.heard is None else self.heard[rows]
+        made = replace(self, motion=motion, channels=channels, rate=rate, heard=heard)
         return replace(made, own=own, parent=parent)
 
     def with_motion(self, scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Physics:
