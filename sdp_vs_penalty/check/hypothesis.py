@@ -157,12 +157,12 @@ class Hypothesis:
         """Whether its number is certainly not what the file says; True where it has none.
 
         What laws of friction or a coupled wrist explain as well is the model's matter, and no fault of
-        the file.
+        the file: beside them half of the gain has to remain, or enough by itself.
         """
         if self.number is None or not self.number.determined(physics):
             return self.number is None
         rival = self.number.where(beyond.rival(physics))
-        return self.gain(rival) > HALF * self.gain(physics)
+        return self.gain(rival) > min(HALF * self.gain(physics), ENOUGH)
 
     def pays(self, physics: Physics, gain: float) -> bool:
         """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.

@@ -65,7 +65,8 @@ def draw_arm(view: View, model: Rung) -> Any:
         read = view.session.recording(model, view.run)
         centre, radius = _around(read["poses"], bodies)
         camera = centre + _AWAY * radius * np.array([0.58, -0.63, 0.52])
-        scene.move_camera(*camera.tolist(), *centre.tolist(), 0.0, 0.0, 1.0, 0.0)
+        (x, y, z), (a, b, c) = camera.tolist(), centre.tolist()
+        scene.move_camera(x, y, z, a, b, c, duration=0.0)
         moves = {
             "scene": scene.id,
             "groups": [g.id for g in groups],
