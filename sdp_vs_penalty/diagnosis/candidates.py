@@ -292,7 +292,7 @@ class Candidates:
 
     def _chi2(self, fit: WhiteFit, effect: Effect) -> float:
         """What an effect takes from the squared residual; one joint's from that joint's rows alone."""
-        if effect.whole_robot or effect.needs_links or len(effect.joints) != 1:
+        if effect.whole_robot or effect.spreads or len(effect.joints) != 1:
             return self.solve(fit, (effect.name, None), effect, self.white_columns(effect)).chi2
         joint = effect.joints[0]
         which = effect.name, joint, tuple(effect.shape.values())

@@ -38,6 +38,7 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
+from sdp_vs_penalty.signals.noise import STILL
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
 
@@ -182,13 +183,16 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
     beside = company(state, k)
-    alike = [*pick.rivals, *(p.candidate for p in beside.correlated)]
+    # What a law is with time is no other law than the steady one that it starts from.
+    rivals_of_its_own = [r for r in pick.rivals if not (r.effect.follows_clock and refines(r, h))]
+    alike = [*rivals_of_its_own, *(p.candidate for p in beside.correlated)]
     rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in alike))
     uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
     # That a finer form fits as well does not speak against the plain one.
     as_plain = any(not refines(r, h) for r in pick.rivals)
     paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
-    looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])))
+    stands = float(np.mean(state.stage.rows.still > STILL))
+    looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])), stands)
     weak = explanations.weaknesses(held_out.holds[k], as_plain, uncertain, small, beside, looks_like)
     return Finding(
         h.effect.name,

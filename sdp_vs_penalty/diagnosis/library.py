@@ -136,7 +136,7 @@ def build_library(
             key = (name, joint)
             if key in taken or (only is not None and key not in only):
                 continue
-            spread = several if joint is None or kind.needs_links or kind.joins else own[joint]
+            spread = several if joint is None or kind.spreads or kind.joins else own[joint]
             spread += [
                 (key, effect)
                 for effect in kind.candidates(robot, joint, start)

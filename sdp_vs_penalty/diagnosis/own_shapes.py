@@ -188,6 +188,23 @@ def widened(first: Estimate, now: Estimate, state: SearchState) -> list[ShapeEst
     return out
 
 
+def doubted(first: Estimate, now: Estimate, state: SearchState) -> SearchState | None:
+    """The search without the picks that may only mend a constant gone astray, if there are any.
+
+    A constant is first profiled beside a joint's other errors, which may carry it away from where it is
+    with all of them explained: a law of the same velocities and the constant then make good each other.
+    """
+    joints, laws = moved(first, now), {(o.effect.name, o.joint) for o in _constants(now)}
+    kept = [
+        p
+        for p in state.picks
+        if (own := _picked(p.candidate.effect)) is None
+        or own.joint not in joints
+        or not any((name, own.joint) in laws for name in own.effect.refines)
+    ]
+    return state.with_picks(kept) if len(kept) < len(state.picks) else None
+
+
 def _compressed(
     now: Estimate,
     state: SearchState,
@@ -265,7 +282,7 @@ def moved(before: Estimate, after: Estimate) -> frozenset[int]:
 def _constants(estimate: Estimate) -> list[_Own]:
     model, out = estimate.model, []
     for effect, indices in zip(model.effects, model.indices, strict=True):
-        if effect.whole_robot or effect.needs_links or effect.several or effect.joins:
+        if effect.whole_robot or effect.spreads or effect.several or effect.joins:
             continue
         k = len(indices) // len(effect.joints)
         for key in effect.searched:

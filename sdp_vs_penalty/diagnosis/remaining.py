@@ -12,17 +12,13 @@ from sdp_vs_penalty.diagnosis.stage import Stage
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import RESIDUAL, rate_features
+from sdp_vs_penalty.signals.noise import FAINT, RESIDUAL, SAME_PHASE, differences, rate_features
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile, robust_scale
-from sdp_vs_penalty.signals.repetition import later_rows
+from sdp_vs_penalty.signals.repetition import consecutive, later_rows
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Mask = NDArray[np.bool_]
 
-#: Seconds within which two windows are at the same phase of the motion.
-_SAME_PHASE = 0.25
-#: By how much smaller than an event its repetition may be.
-_FAINT = 1.5
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
 #: Share of its usual speed below which a joint is slow: friction's own errors are largest there.
@@ -56,7 +52,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
             found &= _lone(white[:, j], rows, j)
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
-            faint[:, j] = found | local_excess(_FAINT * steady, rows.pieces(j), n, degrees)
+            faint[:, j] = found | local_excess(FAINT * steady, rows.pieces(j), n, degrees)
     repeats = _repeating(mask, faint, stage)
     mask &= ~repeats
     if repeats.any():
@@ -92,23 +88,26 @@ def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
 def _hums(state: SearchState) -> list[Event]:
     """One event a run for each joint in whose residual a spectral line stands.
 
-    The residual is not whitened for it: an autoregression takes a sine for its own colour.
+    Where the motion repeats it is looked for in what does not: a model's error is a comb of lines. The
+    residual is not whitened for it: an autoregression takes a sine for its own colour.
     """
-    rows = state.stage.rows
-    left = state.stage.residual_beside(state.effects)
+    rows, repeats = state.stage.rows, state.stage.noise.repeats
+    if repeats:
+        left, found = differences(rows, rows.residual, repeats), consecutive(repeats)
+    else:
+        left = state.stage.residual_beside(state.effects)
     out = []
     for j in range(rows.n):
-        longest = max((len(p) for p in rows.pieces(j)), default=0)
-        pieces = [p for p in rows.pieces(j) if 2 * len(p) > longest]
-        series = [left[p, j] for p in pieces]
+        every = found if repeats else rows.pieces(j)
+        longest = max((len(p) for p in every), default=0)
+        series = [left[p, j] for p in every if 2 * len(p) > longest]
         lines = [
             f
             for f in spectral_lines(series, rows.rate, rows.n, _SLOWEST_HUM)
             if f < _FASTEST_HUM * rows.rate
         ]
-        for piece in pieces if lines else ():
-            first, last = rows.t[piece[0]], rows.t[piece[-1]]
-            out.append(Event(j, float(first), float(last), "hum", lines[0]))
+        for segment in rows.segments if lines else ():
+            out.append(Event(j, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0]))
     return out
 
 
@@ -147,7 +146,7 @@ def _odd_ones(state: SearchState) -> Mask:
 
 def _reach(stage: Stage) -> int:
     """Rows within which two windows are at the same phase."""
-    return max(1, round(_SAME_PHASE * stage.rows.rate))
+    return max(1, round(SAME_PHASE * stage.rows.rate))
 
 
 def _widened(mask: Mask, stage: Stage) -> Mask:

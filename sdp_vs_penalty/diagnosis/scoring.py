@@ -113,8 +113,8 @@ def solve_groups(
         used = alive & (left > ROUNDING * energy) & ~(signed & (pull < 0.0))
         beta = np.where(used, pull / np.where(used, left, 1.0), 0.0)
         return beta * pull, beta[:, None], absorbed
-    if known is not None:
-        gram = gram + np.diag(known**-2.0)
+    if known is not None:  # scales what has no energy, too: a vertical axis feels no height
+        gram, raw = gram + np.diag(known**-2.0), raw + known**-2.0
     scale = 1.0 / np.sqrt(np.maximum(raw, 1e-300))
     values, vectors = np.linalg.eigh(gram * scale[:, :, None] * scale[:, None, :])
     good = (values > ROUNDING) & alive[:, None]

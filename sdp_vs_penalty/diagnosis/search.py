@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sdp_vs_penalty.diagnosis.ladder import by_gain, next_pick, reshaped, search_through
+from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, by_gain, next_pick, reshaped, search_through
 from sdp_vs_penalty.diagnosis.own_shapes import (
     adopted,
     beside_the_best,
+    doubted,
     moved,
     profiled,
     refitted_beside,
@@ -91,6 +92,13 @@ def search(
         if _lost(again, state):
             break
         now, state = other, again
+    rest = None if frozen else doubted(estimate, now, state)
+    other = None if rest is None else adopted(now, rest, profiled(estimate, now, rest))
+    if rest is not None and other is not None:
+        again = search_through(rest.on(staged(other), moved(now, other)))
+        if _plainer(again, state):
+            now, state = other, again
+            shapes = profiled(estimate, now, state)
     wide = [] if frozen else widened(estimate, now, state)
     if wide:
         kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]
@@ -101,6 +109,13 @@ def search(
                 now, state = other, again
                 shapes = profiled(estimate, now, state)
     return Found(estimate, now, tuple(shapes), by_gain(merged(state)))
+
+
+def _plainer(again: SearchState, before: SearchState) -> bool:
+    """Whether fewer findings say as much, or as many say more, of the same rows and noise."""
+    other = again.with_noise(before.stage.noise)
+    better = before.fit.likelihood_gain(other.fit.joint_chi2)
+    return better > -TOLD_APART * (len(before.picks) - len(again.picks))
 
 
 def _lost(again: SearchState, before: SearchState) -> bool:

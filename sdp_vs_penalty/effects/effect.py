@@ -79,6 +79,8 @@ class Effect(ABC):
     needs_torque: bool = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
+    #: True where what it is on one joint changes the torque of others.
+    spreads: ClassVar[bool] = False
     #: True where the columns need Motion.temperature.
     needs_temperature: bool = False
 
@@ -250,9 +252,9 @@ class Effect(ABC):
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
-    def looks_like(self, size: float, travel: float = np.inf) -> str:
+    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
         """What a model may lack that passes for this effect of this size on a joint that went so far
-        [rad, m], if there is such a thing."""
+        [rad, m], if there is such a thing; stands : share of the time that joints stand still."""
         slow = self.shape.get("k", np.inf) * travel < 2.0 * np.pi
         return (
             "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""

@@ -40,7 +40,7 @@ class GlobalDelay(Effect):
         rate = motion.late_torque_rate(self.shape["T"])
         return [Block(j, np.array([0]), -rate[:, [j]]) for j in range(self.robot.n)]
 
-    def looks_like(self, size: float, travel: float = np.inf) -> str:
+    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
         return EARLY if size < 0.0 else ""
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:

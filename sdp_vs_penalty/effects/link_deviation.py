@@ -12,7 +12,7 @@ from sdp_vs_penalty.effects.effect import Array, Block, Motion, OneAJoint
 class LinkDeviation(OneAJoint):
     """One parameter a joint j; its columns act on every joint whose torque depends on that of j."""
 
-    needs_links = True
+    needs_links = spreads = True
 
     @abstractmethod
     def torques(self, motion: Motion, joint: int) -> Array:

@@ -10,24 +10,25 @@ from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 
 class LoadDependentFriction(JointEffect):
     name = "load_dependent_friction"
-    equation = "f_l |tau_hat| sign(dq)"
+    equation = "f_l |tau_l| sign(dq), tau_l the links' torque"
     explanation = (
-        "Gear teeth and bearings are pressed harder by the transmitted torque and rub more: f_l is the "
-        "share of the torque lost, one minus the gear's efficiency."
+        "Gear teeth and bearings are pressed harder by the torque that they transmit and rub more: f_l "
+        "is the share of it that is lost, one minus the gear's efficiency. It is the links' torque: "
+        "motor friction and rotor do not pass through the gear."
     )
     reference = "Hamon, Gautier, Garrec, IROS 2010; Wahrburg et al., ICRA 2018"
     symbol = "f_l"
     units = ("-", "-")
     lower = 0.0
     refines = ("coulomb_friction",)
-    needs_torque = True
+    needs_links = True
 
     def column(self, motion: Motion, joint: int) -> Array:
-        return np.abs(motion.model_torque[:, joint]) * motion.sign(joint)
+        return np.abs(motion.link_torque[:, joint]) * motion.sign(joint)
 
 
 def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
     def law(w: TrueRobot, m: Motion) -> Array:
-        return np.abs(w.torque(m)[:, joint]) * np.sign(m.dq[:, joint])
+        return np.abs(w.rigid(m)[:, joint]) * np.sign(m.dq[:, joint])
 
     return one_joint("load_dependent_friction", joint, law)

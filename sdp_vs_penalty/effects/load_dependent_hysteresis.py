@@ -11,7 +11,7 @@ from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, b
 
 class LoadDependentHysteresis(PreslidingHysteresis):
     name = "load_dependent_hysteresis"
-    equation = "f_lh |tau_hat| z, dz/dq = (1 - z sign(dq)) / d"
+    equation = "f_lh |tau_l| z, tau_l the links' torque, dz/dq = (1 - z sign(dq)) / d"
     explanation = (
         "Teeth that are pressed harder rub more, and at a reversal their friction turns round over a "
         "travel of about d: load-dependent friction with Dahl's memory. f_lh is the share of the "
@@ -23,10 +23,10 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     units = ("-", "-")
     #: Where the load hardly changes, or is mostly friction itself, the two make the same torque.
     refines = ("presliding_hysteresis", "coulomb_friction")
-    needs_torque = True
+    needs_links = True
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        load = np.abs(motion.model_torque)
+        load = np.abs(motion.link_torque)
         return [Block(j, np.array([k]), load[:, [j]] * z[:, [k]]) for k, j in enumerate(self.joints)]
 
 
@@ -34,6 +34,6 @@ def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffec
     d = log_uniform(rng, 0.001, 0.02)
 
     def law(w: TrueRobot, m: Motion) -> Array:
-        return np.abs(w.torque(m)[:, joint]) * bristle(m.t, m.dq[:, joint], d)
+        return np.abs(w.rigid(m)[:, joint]) * bristle(m.t, m.dq[:, joint], d)
 
     return one_joint("load_dependent_hysteresis", joint, law, shape={"d": d})

@@ -31,7 +31,7 @@ class TorqueDelay(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         return -motion.late_torque_rate(self.shape["T"])[:, joint]
 
-    def looks_like(self, size: float, travel: float = np.inf) -> str:
+    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
         return EARLY if size < 0.0 else ""
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:

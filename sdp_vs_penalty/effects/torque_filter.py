@@ -11,6 +11,9 @@ from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
+#: Share of the rows that a standstill reaches above which joints stick at their reversals.
+_STANDS = 0.02
+
 
 class TorqueFilter(Effect):
     name = "torque_filter"
@@ -56,6 +59,11 @@ class TorqueFilter(Effect):
             passed = lagging(passed[::-1], motion.t, T)[::-1]
         change = (passed - torque) / T
         return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
+
+    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
+        if self.needs_links and stands > _STANDS:
+            return "joints stand still at reversals, where friction turns round as slowly by itself"
+        return ""
 
     def as_sized(self, size: float) -> float:
         # What looks both ways has no first order: T_f goes as the square of the true constant over T.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
@@ -51,7 +51,7 @@ class BaseRegressor(Regressor):
         """In the problem's own base parameters. Raises InputError for effects with a memory."""
         model = problem.model(effects)
         for effect in model.effects:
-            if effect.has_memory or effect.needs_torque:
+            if effect.has_memory or depends(effect):
                 raise InputError(
                     f"effect {effect.name}: its columns depend on more than the state",
                     "leave it out of the excitation.",

@@ -12,9 +12,9 @@ Where nothing repeats, the residual itself has to stand in, and what is called n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,11 @@ from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
     find_repeats,
+    instants,
     is_part,
     later_rows,
     new_differences,
+    recurring,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -46,6 +48,9 @@ _FADES = 0.95
 _MEDIAN_WORTH = 0.37
 #: Events are rare: what fills more than this share of the differences is noise of another kind.
 _MOST_EVENTS = 0.15
+#: By how much smaller than an event its repetition may be; seconds within which two windows are at the
+#: same phase of the motion.
+FAINT, SAME_PHASE = 1.5, 0.25
 #: Time constants [s] of the settling that drift is made of, beside a steady one.
 _SETTLING = (15.0, 60.0)
 
@@ -154,19 +159,24 @@ def _from_repetition(
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
     n = runs.n
-    difference = _differences(runs, residual, repeats)
+    difference = differences(runs, residual, repeats)
     index = np.concatenate([r.rows for r in repeats])
     gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
     pieces = Pieces(consecutive(repeats))
     share = min(1.0, new_differences(runs, repeats) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
+    known = cache(lambda: instants(runs, repeats))
+
+    def comes_back(marked: NDArray[np.bool_], faint: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return recurring(*known(), marked, faint, max(1, round(SAME_PHASE * runs.rate)))
+
     rates_shown = rates if shown is None else rate_features(shown)
     profile = np.ones((rates_shown.shape[1], n))
     suspect = np.zeros(residual.shape, bool)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
         drift = _drift_columns(t, gap, speed[:, j])
-        rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n)
+        rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n, comes_back)
         steady = Pieces(p[good[p]] for p in pieces)
         floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
         degrees[j] = max(share * autoregression(rest, steady)[2] - rank, 1.0)
@@ -199,7 +209,7 @@ def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRu
     return np.concatenate(out)
 
 
-def _differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat]) -> Array:
+def differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat]) -> Array:
     """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
     dense = [CubicSpline(s.t_dense, r) for s, r in zip(runs.segments, runs.dense_residuals, strict=True)]
     parts = [residual[r.rows] - dense[r.other](r.later) for r in repeats]
@@ -207,10 +217,15 @@ def _differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat]
 
 
 def _without_events(
-    x: Array, drift: Array, rates: Array, pieces: Sequence[NDArray[np.intp]], tests: int
+    x: Array,
+    drift: Array,
+    rates: Array,
+    pieces: Sequence[NDArray[np.intp]],
+    tests: int,
+    comes_back: Callable[[NDArray[np.bool_], NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
     """What the drift leaves of differences x (D,), and which of them are no event's; in turns, because
-    each spoils the other."""
+    each spoils the other. comes_back : of marked differences and fainter ones, which are no events."""
     good = np.ones(len(x), bool)
     for _ in range(3):
         rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
@@ -218,7 +233,15 @@ def _without_events(
         white = innovations(rest, ar, pieces)
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)
-        good = ~local_excess(white, pieces, tests, _MEDIAN_WORTH * len(x))
+        degrees = _MEDIAN_WORTH * len(x)
+        odd = local_excess(white, pieces, tests, degrees)
+        if odd.any():
+            back = comes_back(odd, local_excess(FAINT * white, pieces, tests, degrees))
+            odd &= ~back
+            if odd.any() and back.any():  # noise that swells as far by itself
+                swollen = max(float(np.sqrt(np.mean(white[back] ** 2))), 1.0)
+                odd &= local_excess(white / swollen, pieces, tests, degrees)
+        good = ~odd
         if good.mean() < 1.0 - _MOST_EVENTS:
             good[:] = True  # noise that is not stationary, rather than an event
     return rest, good

@@ -32,6 +32,9 @@ _IDLE = 0.01
 _SHORTEST = 2.0
 #: How far a motion may slip from one run to another [s], and the steps in which it is looked for.
 _SLIP, _SLIP_STEP = 5.0, 0.1
+#: A motion has settled where it differs from its repetition by this many times what is usual, or by this
+#: share of :data:`ALIKE`.
+_SETTLED, _SETTLES = 10.0, 0.1
 #: Fewest rows of a repeat: noise is compared with its own past over a few of them.
 _FEWEST = 8
 
@@ -165,7 +168,11 @@ def _pair(a: Segment, b: Segment, shift: float, other: int, start: int) -> list[
         return []
     q_a = CubicSpline(a.t_dense, a.q_dense)(a.t[inside])
     q_b = CubicSpline(b.t_dense, b.q_dense)(later[inside])
-    alike = np.all(np.abs(q_a - q_b) < ALIKE * scale, axis=1)
+    apart = np.abs(q_a - q_b) / scale
+    alike = np.all(apart < ALIKE, axis=1)
+    # The way into the motion leaves a controller ringing for longer than its positions show.
+    usual = np.maximum(_SETTLED * np.median(apart, axis=0), _SETTLES * ALIKE)
+    alike[: int(np.argmax(np.all(apart < usual, axis=1)))] = False
     index = start + np.flatnonzero(inside)[alike]
     return [Repeat(index, other, later[inside][alike])] if len(index) >= _FEWEST else []
 
@@ -219,6 +226,35 @@ def new_differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> int:
     count = len(runs.t)
     graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
     return count - int(csgraph.connected_components(graph, directed=False)[0])
+
+
+def instants(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> tuple[NDArray[np.intp], Array]:
+    """Of the differences of all repeats: the rows (D, 2) at the two instants, and the phase (D,) of the
+    motion, in rows: the first row at which it is known."""
+    both = np.column_stack(
+        [
+            np.concatenate([r.rows for r in repeats]),
+            np.concatenate([later_rows(runs, r) for r in repeats]),
+        ]
+    )
+    phase = np.arange(len(runs.t), dtype=float)
+    for first, second in both[np.argsort(both[:, 0], kind="stable")]:
+        phase[second] = min(phase[second], phase[first])
+    return both, phase[both[:, 0]]
+
+
+def recurring(
+    both: NDArray[np.intp], phase: Array, marked: NDArray[np.bool_], faint: NDArray[np.bool_], reach: int
+) -> NDArray[np.bool_]:
+    """(D,) which ``marked`` differences come back, if only faintly, within ``reach`` rows of their phase
+    in a difference of two other instants: noise that the motion swells, of which no one instant is the
+    odd one. both, phase : of :func:`instants`."""
+    out, others = np.zeros(len(phase), bool), np.flatnonzero(faint)
+    for k in np.flatnonzero(marked):
+        near = others[np.abs(phase[others] - phase[k]) <= reach]
+        apart = np.abs(both[near][:, :, None] - both[k]) > 2 * reach
+        out[k] = apart.all(axis=(1, 2)).any()
+    return out
 
 
 def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:

@@ -76,6 +76,19 @@ def test_signs_and_absorbed_columns() -> None:
     assert beta[0] == 0.0
 
 
+def test_columns_without_energy_leave_the_others_alone() -> None:
+    """What is known beforehand holds a coefficient that no row shows (a vertical axis's height)."""
+    rng = np.random.default_rng(4)
+    z = rng.normal(size=(200, 4)) * [1.0, 1.0, 1.0, 1e-16]
+    r, known = z @ np.array([1.0, -2.0, 0.5, 0.0]), np.full(4, 10.0)
+    gram, raw, right = z.T @ z, np.sum(z**2, axis=0), z.T @ r
+    chi2, beta, _ = solve_group(gram, raw, right, False, known)
+    shown = solve_group(gram[:3, :3], raw[:3], right[:3], False, known[:3])
+    assert chi2 == pytest.approx(shown[0], rel=1e-9)
+    assert chi2 == pytest.approx(r @ r, rel=1e-3)
+    np.testing.assert_allclose(beta, [*shown[1], 0.0], atol=1e-9)
+
+
 def test_cross_validation_is_refitting_without_each_fold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sdp_vs_penalty.diagnosis.fit.HELD", 0.0)
     rng = np.random.default_rng(2)

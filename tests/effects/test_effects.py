@@ -475,3 +475,11 @@ def test_what_says_that_it_holds_no_sign_is_the_same_over_any_width() -> None:
         narrow, wide = (kind(robot).blocks(replace(motion, sign_width=w)) for w in (1e-3, 0.5))
         for a, b in zip(narrow, wide, strict=True):
             np.testing.assert_array_equal(a.columns, b.columns)
+
+
+def test_a_filter_that_looks_both_ways_may_be_joints_that_stick() -> None:
+    zero, late = (
+        parse_effects(f"torque_filter@phase={p}", robots()["arm"])[0] for p in ("zero", "late")
+    )
+    assert "stand still" in zero.looks_like(0.005, stands=0.1)
+    assert zero.looks_like(0.005, stands=0.0) == late.looks_like(0.005, stands=0.1) == ""

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdp_vs_penalty.signals.repetition import _differences, repeat_period
+from sdp_vs_penalty.signals.repetition import _differences, recurring, repeat_period
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -87,3 +87,14 @@ def test_long_logs_take_no_quadratic_time() -> None:
     period = repeat_period(t, q)
     assert time.perf_counter() - start < 5.0  # all lags one by one would take minutes
     assert period == pytest.approx(700.0, abs=1e-2)
+
+
+def test_what_differs_at_one_phase_between_other_instants_too_is_no_event() -> None:
+    """Five periods of 100 rows: rows 20 to 23 of one period are odd, or others are too."""
+    rows = np.arange(400)
+    both, phase = np.column_stack([rows, rows + 100]), rows % 100.0
+    odd = np.isin(rows, [120, 121, 122, 220, 221, 222])  # differences that hold the third period
+    assert not recurring(both, phase, odd, odd, 10).any()
+    faint = odd | np.isin(rows, [25, 325])
+    assert not recurring(both, phase, odd, faint, 2).any()
+    assert recurring(both, phase, odd, faint, 10)[[120, 220]].all()

@@ -70,6 +70,13 @@ def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends() -> None:
     assert found["size"] == pytest.approx(0.04 / np.sqrt(24.0), rel=0.2)
 
 
+def test_no_law_mends_a_constant_that_went_astray() -> None:
+    """Friction that differs by direction, once reported with a Stribeck friction beside a Coulomb
+    width of 0.023 rad/s instead of 0.01: without the one, the other is right."""
+    found = run_case(Case("clean", "asymmetric", 88100, 0))[1]["found"]
+    assert {f["effect"] for f in found} == {"asymmetric_viscous_friction", "asymmetric_coulomb_friction"}
+
+
 def test_a_contact_is_an_event_not_an_effect() -> None:
     record = run_case(Case("disturbance", "encoder", 1000, 9))[1]
     assert record["truth"][0]["kind"] == "contact"
