@@ -18,7 +18,8 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
 from sdp_vs_penalty.data.texts import numbers, time_windows
-from sdp_vs_penalty.diagnosis import add, diagnose
+from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, other_robot

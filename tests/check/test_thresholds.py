@@ -102,7 +102,7 @@ class _Bare:
 
     def __init__(self, columns: list[Any], channels: Any) -> None:
         self.columns, self.channels = columns, channels
-        self.evidence = Evidence.of(np.array([c.T @ c for c in columns]), columns, channels)
+        self.evidence = Evidence.of(columns, channels)
 
     def gained(self, log: float) -> Any:
         return lambda p: _Bare(p.columns, p.channels * np.array([np.exp(log), 1.0]))
