@@ -24,30 +24,37 @@ _WIDTHS = (0.002, 0.03, 0.1)
 _TRAVELS = (0.0002, 0.001, 0.004, 0.02)
 #: Velocities over which it falls from stiction (Stribeck) [rad/s, m/s], and that travel of its bristles.
 _FALLS, _BRISTLE = (0.03, 0.1), 0.001
-#: Of these laws the first of the list above are offered to every joint, which takes so many of them.
-_TAKEN, _PLAIN = 2, 1 + len(_WIDTHS) + len(_TRAVELS)
-#: ... and so many of all, where a number could be friction's.
-_RIVALS = 4
+#: Of the usual laws every joint takes so many; and so many of all, where a number could be friction's.
+_TAKEN, _RIVALS = 2, 4
 #: Rows for each parameter, below which anything can be explained.
 _SPARE = 2.0
 
 
-def columns(motion: Motion) -> list[Array]:
-    """(N, n) on a dense stretch of motion: the rotor's, then each friction law's.
+def usual(motion: Motion) -> list[Array]:
+    """(N, n) on a dense stretch of motion: the rotor's, then each friction law's."""
+    return [motion.ddq, *_slide(motion), *_bent(motion).values()]
 
-    Behind these what only a rival is offered: Stribeck's dip, the pulses at reversals by which friction
-    that leads or lags differs, d/dt of the laws, and what a motor that turns with a neighbour as well
-    brings along (coupled wrists): its rotor, viscous and dry friction on the sum or the difference.
+
+def rivals(motion: Motion) -> list[Array]:
+    """What only a rival is offered: Stribeck's dip, the pulses at reversals by which friction that leads
+    or lags differs, d/dt of the laws, and what a motor that turns with a neighbour as well brings along
+    (coupled wrists): its rotor, viscous and dry friction on the sum or the difference.
     """
-    joints = range(motion.q.shape[1])
-    slide = [np.tanh(motion.dq / width) for width in _WIDTHS]
-    bent = {d: np.column_stack([dahl(motion.q[:, j], d) for j in joints]) for d in _TRAVELS}
+    bent = _bent(motion)
     dips = [np.exp(-((motion.dq / v) ** 2)) * bent[_BRISTLE] for v in _FALLS]
-    pulses = [np.gradient(x, motion.t, axis=0) for x in (*slide[1:], *list(bent.values())[1:3])]
+    laws = (*_slide(motion)[1:], *list(bent.values())[1:3])
     near = [_shifted(motion.dq, step) for step in (-1, 1)]
     wrist = [_shifted(motion.ddq, step) for step in (-1, 1)] + near
     wrist += [np.tanh((motion.dq + sign * dq) / _WIDTHS[1]) for dq in near for sign in (1.0, -1.0)]
-    return [motion.ddq, *slide, *bent.values(), *dips, *pulses, *wrist]
+    return [*dips, *(np.gradient(x, motion.t, axis=0) for x in laws), *wrist]
+
+
+def _slide(motion: Motion) -> list[Array]:
+    return [np.tanh(motion.dq / width) for width in _WIDTHS]
+
+
+def _bent(motion: Motion) -> dict[float, Array]:
+    return {d: np.column_stack([dahl(q, d) for q in motion.q.T]) for d in _TRAVELS}
 
 
 def _shifted(x: Array, step: int) -> Array:
@@ -59,22 +66,22 @@ def _shifted(x: Array, step: int) -> Array:
 
 def rival(physics: Physics) -> Physics:
     """The same with four laws of all on each joint, instead of the two usual ones."""
-    return widened(physics.narrow, _RIVALS, None)
+    return widened(physics.narrow, _RIVALS)
 
 
-def widened(physics: Physics, taken: int = _TAKEN, offered: int | None = _PLAIN) -> Physics:
-    """The same with a rotor and friction laws more on each joint, where the rows suffice.
-
-    taken : laws a joint, of the first so many ``offered`` (:func:`columns`).
-    """
+def widened(physics: Physics, taken: int = _TAKEN) -> Physics:
+    """The same with a rotor and so many friction laws more on each joint, where the rows suffice."""
     own, n = physics.own, physics.n
     if own is None or len(physics.channels) < _SPARE * (physics.p + n * (1 + taken)):
         return physics
+    offered = own.offered()
+    if taken > _TAKEN:
+        offered = np.concatenate([offered, own.rivals()], axis=2)
     chosen = [
-        [0, *_chosen(known, y, x[:, :offered], taken)]
-        for known, y, x in zip(physics.columns, physics.channels.T, own.offered, strict=True)
+        [0, *_chosen(known, y, x, taken)]
+        for known, y, x in zip(physics.columns, physics.channels.T, offered, strict=True)
     ]
-    more = np.stack([x[:, k] for x, k in zip(own.offered, chosen, strict=True)])
+    more = np.stack([x[:, k] for x, k in zip(offered, chosen, strict=True)])
     indices = physics.p + n * np.arange(1 + taken) + np.arange(n)[:, None]
     wide = np.concatenate([own.columns, more], axis=2)
     return replace(physics, own=replace(own, columns=wide, indices=np.hstack([own.indices, indices])))

@@ -15,10 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise
+from operator import add
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
@@ -33,18 +35,81 @@ PARTS = 8
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Normal equations joint by joint: gram (n, p, p), cross (n, p), energy (n,) of the channels."""
+class Grams:
+    """each : (n, p, p) normal equations of every joint's columns.
 
-    gram: Array
+    A parameter that only one joint's torque shows (friction, a rotor, zeros) follows from those that
+    joints share, whatever weight the joint has: these are eliminated once, by a Schur complement.
+    """
+
+    each: Array
+
+    @classmethod
+    def of(cls, acting: Sequence[tuple[NDArray[np.intp], Array]], p: int) -> Grams:
+        """Of each joint's columns (M, k) and the parameters (k,) that they belong to."""
+        each = np.zeros((len(acting), p, p))
+        for gram, (indices, columns) in zip(each, acting, strict=True):
+            gram[np.ix_(indices, indices)] = columns.T @ columns
+        return cls(each)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(n, p) squared norms of the columns."""
+        return np.ascontiguousarray(np.diagonal(self.each, axis1=1, axis2=2))
+
+    @cached_property
+    def shared(self) -> NDArray[np.intp]:
+        """(s,) parameters that show in several joints."""
+        return np.flatnonzero(np.sum(self.sizes > 0.0, axis=0) > 1)
+
+    @cached_property
+    def own(self) -> NDArray[np.intp]:
+        """(n, k) those that show in one joint alone, joint by joint; filled up where it has fewer."""
+        alone = np.sum(self.sizes > 0.0, axis=0) == 1
+        found = [np.flatnonzero(alone & (x > (1e-9) ** 2 * x.max(initial=0.0))) for x in self.sizes]
+        count = max(len(k) for k in found)
+        return np.array([np.pad(k, (0, count - len(k)), constant_values=-1) for k in found], np.intp)
+
+    @cached_property
+    def blocks(self) -> tuple[Array, Array, Array]:
+        """scale (n, k), blocks (n, k, k) of own columns scaled to one, with the ridge; and what is left
+
+        of the shared ones (n, s, s) beside them.
+        """
+        joint, own = np.arange(len(self.own))[:, None], self.own
+        scale = np.zeros(own.shape)
+        real = own >= 0
+        scale[real] = 1.0 / np.sqrt(np.take_along_axis(self.sizes, own, axis=1)[real])
+        blocks = self.each[joint[:, :, None], own[:, :, None], own[:, None, :]]
+        blocks = scale[:, :, None] * blocks * scale[:, None, :]
+        blocks[:, np.arange(own.shape[1]), np.arange(own.shape[1])] = 1.0 + _RIDGE
+        return scale, blocks, self.each[:, self.shared[:, None], self.shared]
+
+    @cached_property
+    def back(self) -> tuple[Array, Array]:
+        """(n, k, s) own parameters for each shared one; (n, s, s) what is left of the shared columns."""
+        scale, blocks, shared = self.blocks
+        joint = np.arange(len(scale))[:, None, None]
+        border = scale[:, :, None] * self.each[joint, self.own[:, :, None], self.shared]
+        back = np.asarray(np.linalg.solve(blocks, border), float)
+        return back, shared - np.swapaxes(border, 1, 2) @ back
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Normal equations joint by joint: grams, cross (n, p), energy (n,) of the channels."""
+
+    grams: Grams
     cross: Array
     energy: Array
 
     @classmethod
-    def of(cls, gram: Array, columns: Sequence[Array], channels: Array) -> Evidence:
+    def of(cls, columns: Sequence[Array], channels: Array) -> Evidence:
+        """Of each joint's columns (M, p)."""
+        seen = [np.flatnonzero(c.any(axis=0)) for c in columns]
+        acting = [(k, c[:, k]) for k, c in zip(seen, columns, strict=True)]
         cross = np.array([c.T @ y for c, y in zip(columns, channels.T, strict=True)])
-        energy = np.sum(channels**2, axis=0)
-        return cls(gram, cross, np.maximum(energy, 1e-12 * max(float(energy.max(initial=0.0)), 1e-280)))
+        return cls(Grams.of(acting, cross.shape[1]), cross, energy_of(channels))
 
     @classmethod
     def of_regression(cls, regression: Regression) -> Evidence:
@@ -56,37 +121,86 @@ class Evidence:
             gram[f.joint][np.ix_(f.indices, f.indices)] += own[:-1, :-1]
             cross[f.joint, f.indices] += own[:-1, -1]
             energy[f.joint] += own[-1, -1]
-        return cls(gram, cross, energy)
+        return cls(Grams(gram), cross, energy)
+
+    def __add__(self, other: Evidence) -> Evidence:
+        grams = Grams(self.gram + other.gram)
+        return Evidence(grams, self.cross + other.cross, self.energy + other.energy)
+
+    def __sub__(self, other: Evidence) -> Evidence:
+        grams = Grams(self.gram - other.gram)
+        return Evidence(grams, self.cross - other.cross, self.energy - other.energy)
+
+    @property
+    def gram(self) -> Array:
+        """(n, p, p) normal equations of each joint's columns."""
+        return self.grams.each
 
     @cached_property
     def theta(self) -> Array:
         """(p,) the parameters at the maximum."""
+        return self._full(self._best)
+
+    @cached_property
+    def _best(self) -> Array:
+        """Of them those that joints share."""
         weights = 1.0 / self.energy
         for _ in range(_ROUNDS):
-            theta = self.weighted(weights)
-            weights = 1.0 / (self._shares(theta) * self.energy)
+            theta = self._weighted(weights)
+            weights = 1.0 / np.maximum(self._least(theta), FLOOR * self.energy)
         return theta
+
+    @cached_property
+    def _reduced(self) -> tuple[Array, Array, Array]:
+        """Scaled own parameters alone (n, k); cross (n, s) and energy (n,) that they leave."""
+        grams = self.grams
+        scale, blocks, _ = grams.blocks
+        own = scale * np.take_along_axis(self.cross, grams.own, axis=1)
+        alone = np.asarray(np.linalg.solve(blocks, own[:, :, None])[:, :, 0], float)
+        cross = self.cross[:, grams.shared] - (own[:, None, :] @ grams.back[0])[:, 0]
+        return alone, cross, self.energy - np.sum(own * alone, axis=1)
 
     def weighted(self, weights: Array) -> Array:
         """(p,) the parameters by least squares with these weights (n,) of the channels."""
-        gram = np.tensordot(weights, self.gram, 1)
-        return solve(gram, (weights @ self.cross)[:, None])[:, 0]
+        return self._full(self._weighted(weights))
 
-    def _left(self, theta: Array) -> Array:
+    def _weighted(self, weights: Array) -> Array:
+        _, shared = self.grams.back
+        gram = (weights @ shared.reshape(len(shared), -1)).reshape(shared.shape[1:])
+        right = (weights @ self._reduced[1])[:, None]
+        return solve(gram, right, weights @ self.grams.sizes[:, self.grams.shared])[:, 0]
+
+    def _own(self, theta: Array) -> Array:
+        """(n, k) each joint's own parameters beside these shared ones, scaled."""
+        return np.asarray(self._reduced[0] - self.grams.back[0] @ theta)
+
+    def _full(self, theta: Array) -> Array:
+        out = np.zeros(self.cross.shape[1])
+        real = self.grams.own >= 0
+        out[self.grams.own[real]] = (self.grams.blocks[0] * self._own(theta))[real]
+        out[self.grams.shared] = theta
+        return out
+
+    def _least(self, theta: Array) -> Array:
+        """(n,) squared residuals with these shared parameters and the best own ones."""
+        _, cross, energy = self._reduced
+        ridge = _RIDGE * np.sum(self._own(theta) ** 2, axis=1)  # it is no residual
+        gram = self.grams.back[1]
+        return np.maximum(energy - 2.0 * cross @ theta + gram @ theta @ theta - ridge, 0.0)
+
+    def left_by(self, theta: Array) -> Array:
+        """(n,) squared residual of each channel by these parameters (p,), however they were found."""
         return np.maximum(self.energy - 2.0 * self.cross @ theta + self.gram @ theta @ theta, 0.0)
 
-    def _shares(self, theta: Array) -> Array:
-        return np.maximum(self._left(theta) / self.energy, FLOOR)
-
-    @property
+    @cached_property
     def left(self) -> Array:
         """(n,) squared residual of each channel, one theta for all."""
-        return self._left(self.theta)
+        return self._least(self._best)
 
     @cached_property
     def shares(self) -> Array:
         """(n,) share of each channel's energy that is left over, one theta for all."""
-        return self._shares(self.theta)
+        return np.maximum(self.left / self.energy, FLOOR)
 
     @cached_property
     def alone(self) -> Array:
@@ -112,23 +226,29 @@ class Evidence:
         return float(np.log(np.maximum(self.left / self.energy, 1e-12)).sum())
 
 
-def in_parts(columns: Sequence[Array], channels: Array) -> list[Evidence]:
-    """The evidence of each of the run's parts, one after the other."""
-    cut = [slice(a, b) for a, b in pairwise(np.linspace(0, len(channels), PARTS + 1).astype(int))]
-    parts = [([c[rows] for c in columns], channels[rows]) for rows in cut]
-    return [Evidence.of(np.array([c.T @ c for c in own]), own, y) for own, y in parts]
+def energy_of(channels: Array) -> Array:
+    """(n,) of each channel (M, n), at least a trace of the largest."""
+    energy = np.sum(channels**2, axis=0)
+    return np.maximum(energy, 1e-12 * max(float(energy.max(initial=0.0)), 1e-280))
+
+
+def in_parts(columns: Sequence[Array], channels: Array, edges: Sequence[int] = ()) -> list[Evidence]:
+    """The evidence of each of the run's parts, one after the other: eight alike, or as cut."""
+    cuts = edges or np.linspace(0, len(channels), PARTS + 1).astype(int).tolist()
+    return [Evidence.of([c[a:b] for c in columns], channels[a:b]) for a, b in pairwise(cuts)]
 
 
 def without_each(parts: list[Evidence]) -> list[Evidence]:
     """The evidence of the run without each of these parts."""
-    gram, cross, energy = (sum(getattr(e, x) for e in parts) for x in ("gram", "cross", "energy"))
-    return [Evidence(gram - e.gram, cross - e.cross, energy - e.energy) for e in parts]
+    whole = reduce(add, parts)
+    return [whole - e for e in parts]
 
 
 def left_out(columns: Sequence[Array], channels: Array) -> Array:
     """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
     parts = in_parts(columns, channels)
-    return np.array([p._shares(e.theta) for p, e in zip(parts, without_each(parts), strict=True)])
+    each = zip(parts, without_each(parts), strict=True)
+    return np.array([np.maximum(p.left_by(e.theta) / p.energy, FLOOR) for p, e in each])
 
 
 def alone_left_out(columns: Sequence[Array], channels: Array) -> Array:
@@ -142,14 +262,18 @@ def alone_left_out(columns: Sequence[Array], channels: Array) -> Array:
     return np.maximum(left.sum(axis=0) / sum(p.energy for p in parts), FLOOR)
 
 
-def solve(gram: Array, right: Array) -> Array:
-    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there."""
-    norms = np.sqrt(np.diagonal(gram))
-    seen = norms > 1e-9 * norms.max(initial=0.0)
+def solve(gram: Array, right: Array, sizes: Array | None = None) -> Array:
+    """(G + ridge)^-1 b with columns scaled to one; zero for columns that are not there.
+
+    sizes : (p,) squared norms of the columns, where the diagonal is no longer these.
+    """
+    norms = np.sqrt(np.diagonal(gram) if sizes is None else sizes)
+    seen = np.flatnonzero(norms > 1e-9 * norms.max(initial=0.0))
     out = np.zeros_like(right)
-    if seen.any():
-        scale = norms[seen]
-        unit = gram[np.ix_(seen, seen)] / np.outer(scale, scale)
-        unit[np.diag_indices_from(unit)] += _RIDGE
-        out[seen] = np.linalg.solve(unit, right[seen] / scale[:, None]) / scale[:, None]
+    if len(seen):
+        scale = 1.0 / norms[seen]
+        unit = gram if len(seen) == len(gram) else gram[seen[:, None], seen]
+        unit = scale[:, None] * unit * scale
+        unit.flat[:: len(unit) + 1] += _RIDGE
+        out[seen] = scale[:, None] * np.linalg.solve(unit, scale[:, None] * right[seen])
     return out

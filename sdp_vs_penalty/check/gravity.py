@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from sdp_vs_penalty.check.evidence import solve
 from sdp_vs_penalty.check.hypothesis import (
@@ -34,6 +33,8 @@ _MEANINGLESS = 10.0
 _EARTH, _STANDARD = (9.6, 10.0), 9.81
 #: Within this angle of an axis of the base gravity is said to point along it [degrees].
 _STRAIGHT = 3.0
+#: Of its search [rad]: how far apart E is compared, the longest and the last step; and steps at most.
+_APART, _LONGEST, _EXACT, _TURNS = 0.02, 0.3, 3e-4, 20
 
 
 def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -134,31 +135,27 @@ class FreeGravity:
 
     @cached_property
     def _gram(self) -> tuple[Array, Array]:
-        """Gram matrix and cross products of [Y at g = 0, dY/dgx, dY/dgy, dY/dgz], joints weighted."""
+        """(4, 4, p, p) and (4, p) products of Y at g = 0, dY/dgx, dY/dgy, dY/dgz, joints weighted."""
         physics = self.physics
-        robot = physics.model.robot
-        fixed = physics.columns_of(turned_gravity(physics.model, (0.0, 0.0, 0.0)))
-        parts = [fixed]
-        for axis in range(3):
-            unit = np.eye(3)[axis]
-            pulled = physics.columns_of(turned_gravity(physics.model, tuple(unit)))
-            parts.append([a - b for a, b in zip(pulled, fixed, strict=True)])
-        p = fixed[0].shape[1]
-        gram, cross = np.zeros((4 * p, 4 * p)), np.zeros(4 * p)
-        weights = 1.0 / (len(physics.channels) * physics.energy * robot.n)
-        for j in range(robot.n):
-            stack = np.hstack([part[j] for part in parts])
-            gram += weights[j] * stack.T @ stack
-            cross += weights[j] * stack.T @ physics.channels[:, j]
+        made = [physics.columns_of(turned_gravity(physics.model, g)) for g in ((0.0,) * 3, *np.eye(3))]
+        p = physics.p
+        gram, cross = np.zeros((4, 4, p, p)), np.zeros((4, p))
+        weights = 1.0 / (len(physics.channels) * physics.energy * physics.n)
+        for w, y, fixed, *pulled in zip(weights, physics.channels.T, *made, strict=True):
+            k, m = fixed.indices, len(fixed.indices)
+            stack = np.hstack([fixed.columns, *(x.columns - fixed.columns for x in pulled)])
+            square = (w * stack.T @ stack).reshape(4, m, 4, m)
+            gram[:, :, k[:, None], k] += np.moveaxis(square, 2, 1)
+            cross[:, k] += (w * stack.T @ y).reshape(4, m)
         return gram, cross
 
     def unexplained(self, gravity: Array) -> float:
         """E with this gravity vector [m/s^2]."""
         gram, cross = self._gram
-        p = len(cross) // 4
-        mix = np.vstack([np.eye(p), *(g * np.eye(p) for g in gravity)])
-        b = mix.T @ cross
-        return max(1.0 - float(b @ solve(mix.T @ gram @ mix, b[:, None])[:, 0]), 1e-12)
+        mix = np.append(1.0, gravity)
+        b = mix @ cross
+        both = (np.outer(mix, mix).ravel() @ gram.reshape(16, -1)).reshape(gram.shape[2:])
+        return max(1.0 - float(b @ solve(both, b[:, None])[:, 0]), 1e-12)
 
     def best(self, size: float) -> tuple[Array, float]:
         """The direction (unit vector) of gravity of this size that explains the torque best; its E."""
@@ -171,11 +168,34 @@ class FreeGravity:
             d = start + x @ across
             return np.asarray(d / np.linalg.norm(d), float)
 
-        found = minimize(
-            lambda x: np.log(self.unexplained(size * direction(x))), np.zeros(2), method="Nelder-Mead",
-            options={"xatol": 1e-3, "fatol": 1e-4, "initial_simplex": [[0, 0], [0.2, 0], [0, 0.2]]},
-        )  # fmt: skip
-        return direction(found.x), float(np.exp(found.fun))
+        found, least = lowest(lambda x: self.unexplained(size * direction(x)), np.zeros(2))
+        return direction(found), least
+
+
+def lowest(f: Callable[[Array], float], x: Array) -> tuple[Array, float]:
+    """Where f of two variables is lowest near x, by damped Newton steps on differences; and how low."""
+    value = f(x)
+    for _ in range(_TURNS):
+        side = [f(x + d) for d in (*(_APART * np.eye(2)), *(-_APART * np.eye(2)), np.full(2, _APART))]
+        slope = np.array([side[0] - side[2], side[1] - side[3]]) / (2.0 * _APART)
+        twice = np.diag([side[0] + side[2] - 2.0 * value, side[1] + side[3] - 2.0 * value])
+        twice[0, 1] = twice[1, 0] = side[4] - side[0] - side[1] + value
+        twice /= _APART**2
+        curved = np.linalg.eigvalsh(twice)[0] > 0.0
+        step = np.linalg.solve(twice, -slope) if curved else -slope
+        length = float(np.linalg.norm(step))
+        if not curved or length > _LONGEST:
+            step *= _LONGEST / max(length, 1e-300)
+        after = f(x + step)
+        while after >= value and np.linalg.norm(step) > _EXACT:
+            step = 0.5 * step
+            after = f(x + step)
+        if after >= value:
+            break
+        x, value = x + step, after
+        if np.linalg.norm(step) <= _EXACT:
+            break
+    return x, value
 
 
 #: Turned by less, or by more in one half of the run than in the other, it says nothing [degrees].

@@ -51,17 +51,19 @@ class Number:
     """An estimated number, zero where the file is right; ``at(x)`` applies another one.
 
     tolerance : what arms and loggers differ by themselves, of the number's own unit; least : gain of the
-    score from which on it is worth a warning.
+    score from which on it is worth a warning; where : the data that tell of it.
     """
 
     value: float
     at: Callable[[float], Callable[[Physics], Physics]]
     tolerance: float = np.inf
     least: float = LEAST
+    where: Callable[[Physics], Physics] = lambda physics: physics
 
     def fitted(self, physics: Physics, grid: Iterable[float], steps: int = 8) -> Number:
         """The same with the value that leaves least unexplained, found from a grid."""
-        found = best_number(lambda x: self.at(x)(physics).evidence.misfit, grid, steps)
+        told = self.where(physics)
+        found = best_number(lambda x: self.at(x)(told).evidence.misfit, grid, steps)
         return replace(self, value=found)
 
     def determined(self, physics: Physics) -> bool:
@@ -78,7 +80,10 @@ class Number:
         it scales a channel C, its column is made of Y theta, whose noise would else tell of a gain
         (errors in variables). Leaving out parts in turn (a delete-a-group jackknife) moves its size.
         """
-        here, wide, weights = self._tangent(physics)
+        return self._deviation(*self._tangent(physics))
+
+    @staticmethod
+    def _deviation(here: Physics, wide: list[Array], weights: Array) -> float:
         parts = in_parts(wide, here.channels)
         found = np.array([e.weighted(weights)[-1] for e in without_each(parts)])
         left_out = (PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)
@@ -94,20 +99,21 @@ class Number:
         columns leave of the number's own.
         """
         here, wide, weights = self._tangent(physics)
-        evidence = Evidence.of(np.array([c.T @ c for c in wide]), wide, here.channels)
+        evidence = Evidence.of(wide, here.channels)
         gram = np.tensordot(weights, evidence.gram, 1)
         left = np.append(-solve(gram[:-1, :-1], gram[:-1, -1:])[:, 0], 1.0)
         ratio = np.maximum(evidence.gram @ left @ left, 0.0) * weights
         sizes = np.geomspace(1e-3, 10.0, 200)
         enough = np.log1p(np.outer(sizes**2, ratio)).sum(axis=1) > self.least
-        deviation = self.deviation(physics)
+        deviation = self._deviation(here, wide, weights)
         known = min(SIGMAS * deviation, self.tolerance + BEYOND * deviation)
         return max(float(sizes[np.argmax(enough)]), known) if enough.any() else np.inf
 
     def _tangent(self, physics: Physics) -> tuple[Physics, list[Array], Array]:
         """The data with the number as it is; each joint's columns, the number's last; weights."""
         h = min(_STEP * abs(self.value) or np.inf, _LARGEST_STEP)
-        low, here, high = (self.at(self.value + x)(physics) for x in (-h, 0.0, h))
+        low, high = (self.at(self.value + x)(physics) for x in (-h, h))
+        here = self.at(self.value)(physics) if self.value else physics
         theta = here.evidence.theta
         change = high.channels - low.channels
         scaled = np.sum(change * here.channels, axis=0) / np.sum(here.channels**2 + 1e-300, axis=0)
@@ -155,11 +161,12 @@ class Hypothesis:
         """Whether its number is certainly not what the file says; True where it has none.
 
         What laws of friction or a coupled wrist explain as well is the model's matter, and no fault of
-        the file.
+        the file: beside them half of the gain has to remain, or enough by itself.
         """
         if self.number is None or not self.number.determined(physics):
             return self.number is None
-        return self.gain(beyond.rival(physics)) > HALF * self.gain(physics)
+        rival = self.number.where(beyond.rival(physics))
+        return self.gain(rival) > min(HALF * self.gain(physics), ENOUGH)
 
     def pays(self, physics: Physics, gain: float) -> bool:
         """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.

@@ -19,9 +19,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import Evidence, left_out, solve
-from sdp_vs_penalty.effects.effect import JointEffect, Motion
-from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.check.evidence import Evidence, Grams, energy_of, left_out, solve
+from sdp_vs_penalty.check.own import Own, own_effects
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -29,33 +30,8 @@ from sdp_vs_penalty.robot.robot import Robot
 _SPARE = 1.5
 #: Filtered rows that repeat each other count once: rows per independent sample.
 OVERSAMPLING = 4.0
-
-
-@dataclass(frozen=True)
-class Own:
-    """Columns that each joint's own motion makes (friction, offset, rotor), low-passed as the torque is.
-
-    Friction is far sharper at reversals than low-passed states. columns (n, M, k); indices (n, k) where
-    their parameters sit in theta, those of what the model may lack (see beyond.py) behind the model's;
-    offered (n, M, l) all columns of what it may lack.
-    To exchange joints or turn them round exchanges or turns columns.
-    """
-
-    columns: Array
-    indices: NDArray[np.intp]
-    offered: Array
-
-    def part(self, rows: slice | NDArray[np.intp]) -> Own:
-        return replace(self, columns=self.columns[:, rows], offered=self.offered[:, rows])
-
-    def moved(self, scale: Array, order: NDArray[np.intp]) -> Own:
-        sign = np.sign(scale)[:, None, None]
-        return replace(self, columns=sign * self.columns[order], offered=sign * self.offered[order])
-
-    def first(self, parameters: int) -> Own:
-        """Those of so many parameters."""
-        k = int(np.sum(self.indices[0] < parameters))
-        return replace(self, columns=self.columns[:, :, :k], indices=self.indices[:, :k])
+#: A joint slides above this share of its usual speed.
+_SLIDES = 0.2
 
 
 @dataclass(frozen=True)
@@ -64,7 +40,7 @@ class Physics:
 
     rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm;
     weight : (n,) share of the gravity torque that each channel holds; parent : the data of which these
-    are rows, for delays; own : see there.
+    are rows, for delays; own : see there; heard : (M, n) 0 where nothing is asked of a joint's torque.
     """
 
     model: Model
@@ -75,6 +51,7 @@ class Physics:
     weight: tuple[float, ...] | None = None
     parent: tuple[Physics, NDArray[np.intp]] | None = None
     own: Own | None = None
+    heard: Array | None = None
 
     @property
     def n(self) -> int:
@@ -89,8 +66,14 @@ class Physics:
     @property
     def narrow(self) -> Physics:
         """Without what the model may lack."""
-        own = self.own
-        return self if own is None else replace(self, own=own.first(len(self.model.parameters)))
+        own, known = self.own, len(self.model.parameters)
+        if own is None:
+            return self
+        made = replace(self, own=own.first(known))
+        if "acting" in self.__dict__:
+            kept = [(c, np.flatnonzero(c.indices < known)) for c in self.acting]
+            made.__dict__["acting"] = [JointColumns(c.indices[k], c.columns[:, k]) for c, k in kept]
+        return made
 
     @cached_property
     def energy(self) -> Array:
@@ -101,34 +84,67 @@ class Physics:
     @cached_property
     def columns(self) -> list[Array]:
         """Per joint the columns (M, p) of all parameters, zero where they do not act on it."""
-        full = self.columns_of(self.model)
-        if self.weight is None:
-            return full
-        still = self.columns_of(turned_gravity(self.model, (0.0, 0.0, 0.0)))
-        return [s + w * (f - s) for s, f, w in zip(still, full, self.weight, strict=True)]
-
-    def columns_of(self, model: Model) -> list[Array]:
-        if self.own is None:
-            return wide_columns(model, self.motion)
-        out = [np.zeros((len(self.motion.t), self.p)) for _ in range(self.n)]
-        rest = [k for k in range(len(model.effects)) if k not in own_effects(model)]
-        where = np.concatenate([np.arange(0), *(model.indices[k] for k in rest)]).astype(int)
-        part = Model(model.robot, tuple(model.effects[k] for k in rest))
-        for j, block in enumerate(part.columns(self.motion) if rest else []):
-            out[j][:, where[block.indices]] = block.columns
-        for j, columns in enumerate(self.own.columns):
-            out[j][:, self.own.indices[j]] = columns
-        return out
+        return [c.wide(self.p) for c in self.acting]
 
     @cached_property
-    def grams(self) -> Array:
-        """(n, p, p) normal equations of each joint's columns."""
-        return np.array([c.T @ c for c in self.columns])
+    def acting(self) -> list[JointColumns]:
+        """Per joint the columns of those parameters that act on it."""
+        if self.weight is None and "pulled" not in self.__dict__:
+            return self.columns_of(self.model)
+        shares = self.weight or (1.0,) * self.n
+        return [
+            replace(s, columns=s.columns + w * g) for (s, g), w in zip(self.pulled, shares, strict=True)
+        ]
+
+    @cached_property
+    def pulled(self) -> list[tuple[JointColumns, Array]]:
+        """Per joint the columns of the arm without weight, and what its weight adds to them."""
+        still = self.columns_of(turned_gravity(self.model, (0.0, 0.0, 0.0)))
+        full = self.columns_of(self.model)
+        return [(s, f.columns - s.columns) for s, f in zip(still, full, strict=True)]
+
+    def columns_of(self, model: Model) -> list[JointColumns]:
+        if self.own is None:
+            return model.columns(self.motion)
+        rest = [k for k in range(len(model.effects)) if k not in own_effects(model)]
+        where = np.concatenate([np.arange(0), *(model.indices[k] for k in rest)]).astype(np.intp)
+        made: list[JointColumns] = []
+        if rest:
+            made = Model(model.robot, tuple(model.effects[k] for k in rest)).columns(self.motion)
+        none = JointColumns(np.zeros(0, np.intp), np.zeros((len(self.motion.t), 0)))
+        return [
+            JointColumns(np.append(where[c.indices], i), np.hstack([c.columns, x]))
+            for c, i, x in zip(made or [none] * self.n, self.own.indices, self.own.columns, strict=True)
+        ]
+
+    @cached_property
+    def grams(self) -> Grams:
+        """Normal equations of each joint's columns."""
+        return Grams.of([(c.indices, c.columns) for c in self.acting], self.p)
 
     @cached_property
     def evidence(self) -> Evidence:
         """What one arm explains of the channels."""
-        return Evidence.of(self.grams, self.columns, self.channels)
+        heard = self.channels if self.heard is None else self.heard * self.channels
+        cross = np.zeros((self.n, self.p))
+        for out, c, y in zip(cross, self.acting, heard.T, strict=True):
+            out[c.indices] = c.columns.T @ y
+        return Evidence(self.grams, cross, energy_of(heard))
+
+    @cached_property
+    def sliding(self) -> Physics:
+        """The same, a joint's torque counted only where it moves at a share of its usual speed.
+
+        Around a reversal dry friction holds any torque between two limits, sooner or later than a law
+        of velocity says; inertia and weight are as late as the file is.
+        """
+        speed = np.abs(self.motion.dq)
+        heard = (speed > _SLIDES * np.sqrt(np.mean(speed**2, axis=0))).astype(float)
+        made = replace(self, heard=heard)
+        made.__dict__["acting"] = [
+            replace(c, columns=c.columns * h[:, None]) for c, h in zip(self.acting, heard.T, strict=True)
+        ]
+        return made
 
     @cached_property
     def left_out(self) -> Array:
@@ -138,7 +154,7 @@ class Physics:
     def _other_channels(self, channels: Array, rate: Array) -> Physics:
         """Other channels on the same motion: the columns, which are dear, are kept."""
         made = replace(self, channels=channels, rate=rate, parent=None)
-        for name in ("columns", "grams"):
+        for name in ("columns", "acting", "pulled", "grams"):
             if name in self.__dict__:
                 made.__dict__[name] = self.__dict__[name]
         return made
@@ -151,15 +167,27 @@ class Physics:
         own = None if self.own is None else self.own.part(rows)
         whole, places = self.parent or (self, np.arange(len(self.channels)))
         parent = (whole, places[rows])
-        made = replace(self, motion=motion, channels=channels, rate=rate)
-        return replace(made, own=own, parent=parent)
+        heard = None if self.heard is None else self.heard[rows]
+        made = replace(self, motion=motion, channels=channels, rate=rate, own=own)
+        made = replace(made, parent=parent, heard=heard)
+        if "acting" in self.__dict__:
+            made.__dict__["acting"] = [replace(c, columns=c.columns[rows]) for c in self.acting]
+        return made
 
     def with_motion(self, scale: Array, order: NDArray[np.intp], offset: Array | float = 0.0) -> Physics:
         """The hypothesis that joint j's position is scale_j times the channel order_j + offset_j."""
-        m = self.motion
-        q, dq, ddq = (scale * x[:, order] for x in (m.q, m.dq, m.ddq))
-        own = None if self.own is None else self.own.moved(scale, order)
-        return replace(self, motion=Motion(m.t, q + offset, dq, ddq), own=own)
+        asked = (*scale.tolist(), *order.tolist(), *np.atleast_1d(offset).tolist())
+        if asked not in self._moved:  # of the last one alone, which is asked for several times in turn
+            m = self.motion
+            q, dq, ddq = (scale * x[:, order] for x in (m.q, m.dq, m.ddq))
+            own = None if self.own is None else self.own.moved(scale, order)
+            self._moved.clear()
+            self._moved[asked] = replace(self, motion=Motion(m.t, q + offset, dq, ddq), own=own)
+        return self._moved[asked]
+
+    @cached_property
+    def _moved(self) -> dict[tuple[float, ...], Physics]:
+        return {}
 
     def with_channels(self, scale: Array, order: NDArray[np.intp]) -> Physics:
         """The hypothesis that joint j's torque is scale_j times the file's channel order_j."""
@@ -198,7 +226,9 @@ class Physics:
 
     def with_weight(self, share: Array) -> Physics:
         """The hypothesis that of the gravity torque only this share (n,) is in the channels."""
-        return replace(self, weight=tuple(share.tolist()))
+        made = replace(self, weight=tuple(share.tolist()))
+        made.__dict__["pulled"] = self.pulled
+        return made
 
     def with_gravity(self, gravity: Sequence[float]) -> Physics:
         """The hypothesis that gravity is this vector in the base frame."""
@@ -216,8 +246,8 @@ class Physics:
     def alone(self) -> Array:
         """(n, n) share of channel k left over by joint j's columns alone, theta free for each pair."""
         out = np.ones((self.n, self.n))
-        for j, columns in enumerate(self.columns):
-            gram, cross = columns.T @ columns, columns.T @ self.channels
+        for j, (k, columns) in enumerate((c.indices, c.columns) for c in self.acting):
+            gram, cross = self.grams.each[j][np.ix_(k, k)], columns.T @ self.channels
             explained = np.sum(cross * solve(gram, cross), axis=0)
             out[j] = 1.0 - explained / (len(columns) * self.energy)
         return np.clip(out, 1e-12, 1.0)
@@ -225,12 +255,14 @@ class Physics:
     @cached_property
     def form(self) -> Array:
         """(n, n) matrix Q with E = s^T Q s for gains (or signs) s of the channels."""
-        weights = 1.0 / (len(self.channels) * self.energy * self.n)
-        gram = sum(w * c.T @ c for w, c in zip(weights, self.columns, strict=True))
-        cross = np.column_stack(
-            [w * c.T @ y for w, c, y in zip(weights, self.columns, self.channels.T, strict=True)]
-        )
+        gram, cross = self._weighted
         return np.asarray(np.eye(self.n) / self.n - cross.T @ solve(gram, cross), float)
+
+    @cached_property
+    def _weighted(self) -> tuple[Array, Array]:
+        """(p, p) Gram matrix and (p, n) products with the channels, each of which counts alike."""
+        weights = 1.0 / (len(self.channels) * self.energy * self.n)
+        return np.tensordot(weights, self.grams.each, 1), weights * self.evidence.cross.T
 
     @property
     def unexplained(self) -> float:
@@ -253,7 +285,7 @@ class Physics:
             own = [k for k in friction if np.any(columns[:, k])]
             if not own:
                 continue
-            gram, y = columns.T @ columns, self.channels[:, j]
+            gram, y = self.grams.each[j], self.channels[:, j]
             # d power / d theta: what a unit of each coefficient dissipates in the mean.
             slope = np.zeros(columns.shape[1])
             slope[own] = columns[:, own].T @ self.motion.dq[:, j] / len(y)
@@ -275,24 +307,18 @@ class Physics:
         the mean of ddq^T M(q) ddq of the fitted arm. Inertia is positive: far below zero means that
         all signs are turned.
         """
-        weights = 1.0 / (len(self.channels) * self.energy * self.n)
+        gram, cross = self._weighted
         rest = np.zeros_like(self.motion.q)
         weightless = turned_gravity(self.model, (0.0, 0.0, 0.0))
         m = self.motion
         pushed = wide_columns(weightless, Motion(m.t, m.q, rest, m.ddq))
-        gram = sum(w * c.T @ c for w, c in zip(weights, self.columns, strict=True))
         own, rigid = len(self.model.parameters), self.model.rigid_indices
         slope = np.zeros(self.p)
         slope[rigid] = (sum(c.T @ a for c, a in zip(pushed, m.ddq.T, strict=True)) / len(m.t))[rigid]
         if self.p > own:
             slope[own : own + self.n] = np.mean(m.ddq**2, axis=0)
-        influence = solve(np.asarray(gram, float), slope[:, None])[:, 0]
-        power = np.array(
-            [
-                influence @ (w * c.T @ y)
-                for w, c, y in zip(weights, self.columns, self.channels.T, strict=True)
-            ]
-        )
+        influence = solve(gram, slope[:, None])[:, 0]
+        power = influence @ cross
         variance = self.unexplained / (len(self.channels) * self.n) * OVERSAMPLING
         deviation = np.sqrt(max(variance * float(slope @ influence), 1e-300))
         return np.asarray(power / deviation, float)
@@ -301,14 +327,6 @@ class Physics:
         """Whether a share of the run, low-passed at ``cutoff`` [Hz], has samples to spare for theta."""
         seconds = float(self.motion.t[-1] - self.motion.t[0])
         return bool(2.0 * cutoff * seconds * share * self.n > _SPARE * self.p)
-
-
-def own_effects(model: Model) -> list[int]:
-    """Which of the model's effects have one column on every joint, made by that joint's motion."""
-    every = list(range(model.robot.n))
-    return [
-        k for k, e in enumerate(model.effects) if isinstance(e, JointEffect) and list(e.joints) == every
-    ]
 
 
 def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:
@@ -323,12 +341,7 @@ def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:
 
 def wide_columns(model: Model, motion: Motion) -> list[Array]:
     """Per joint (M, p) the columns of all parameters."""
-    out = []
-    for block in model.columns(motion):
-        wide = np.zeros((len(motion.t), len(model.parameters)))
-        wide[:, block.indices] = block.columns
-        out.append(wide)
-    return out
+    return [block.wide(len(model.parameters)) for block in model.columns(motion)]
 
 
 def turned_gravity(model: Model, gravity: Sequence[float]) -> Model:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.check import beyond
-from sdp_vs_penalty.check.physics import Own, Physics, own_effects
+from sdp_vs_penalty.check.own import Own, own_effects
+from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
@@ -62,7 +64,8 @@ def physics_of(
     def known(motion: Motion) -> list[Array]:
         return [np.column_stack([e.column(motion, j) for j in range(model.robot.n)]) for e in effects]
 
-    kept = Own(_stacked(own, known), indices, _stacked(own, beyond.columns))
+    late = (cache(partial(_stacked, own, make)) for make in (beyond.usual, beyond.rivals))
+    kept = Own(_stacked(own, known), indices, *late)
     given = Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
     return beyond.widened(given.part(_sliding(dq[:, moving_joints(run)])))
 

@@ -9,7 +9,6 @@ from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from sdp_vs_penalty.check.hypothesis import AGREES, NEAR, SIGNIFICANT, Hypothesis, propose
 from sdp_vs_penalty.check.issue import joints_text
@@ -117,6 +116,16 @@ def _flip(physics: Physics, joints: list[int], certainty: str = "") -> Hypothesi
 Order = NDArray[np.intp]
 
 
+def _given_out(costs: Array) -> Order:
+    """(n,) the channel that each joint gets so that all together cost least."""
+    cheapest: Order = np.argmin(costs, axis=1)
+    if len(set(cheapest.tolist())) == len(costs):
+        return cheapest
+    from scipy.optimize import linear_sum_assignment
+
+    return np.asarray(linear_sum_assignment(costs)[1], np.intp)
+
+
 def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """Torque channels in another order: each pair exchanged, and the order that fits joint by joint."""
     n = physics.n
@@ -129,7 +138,7 @@ def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
         if physics.alone[a, b] * physics.alone[b, a] < own:
             orders.append(order)
     # For each joint the channel that its columns alone explain best, all channels given out.
-    orders.append(np.asarray(linear_sum_assignment(np.log(physics.alone))[1], np.intp))
+    orders.append(_given_out(np.log(physics.alone)))
     for order in orders:
         changed = np.flatnonzero(order != np.arange(n))
         if not len(changed) or not np.all(moving[changed]):

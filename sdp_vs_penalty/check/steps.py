@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import Evidence, solve
+from sdp_vs_penalty.check.evidence import Evidence, in_parts, solve
 from sdp_vs_penalty.check.hypothesis import HALF, Hypothesis, propose
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
@@ -58,9 +59,11 @@ def drift(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
 
 def _both_ways(dq: Array, u: Array) -> NDArray[np.bool_]:
     """Per instant whether the joint moves both ways on either side: else a step is friction's."""
-    sides = [(u <= s, u > s) for s in _STEPS]
-    forth = [[np.mean(dq[side] > 0.0) if side.any() else 0.0 for side in pair] for pair in sides]
-    return np.asarray(np.min(np.minimum(forth, 1.0 - np.array(forth)), axis=1) > _WAYS)
+    rows = np.searchsorted(u, _STEPS, "right")
+    before = np.append(0, np.cumsum(dq > 0.0))[rows]
+    after = np.sum(dq > 0.0) - before
+    forth = np.array([before / np.maximum(rows, 1), after / np.maximum(len(u) - rows, 1)])
+    return np.asarray(np.min(np.minimum(forth, 1.0 - forth), axis=0) > _WAYS)
 
 
 def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
@@ -123,9 +126,10 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
         return
     one = physics.evidence
     best: tuple[float, int, Array] = (np.inf, 0, one.shares)
-    for share in cuts:
-        cut = int(share * count)
-        parts = [physics.part(slice(0, cut)).evidence, physics.part(slice(cut, None)).evidence]
+    edges = [0, *(int(share * count) for share in cuts), count]
+    pieces = in_parts(physics.columns, physics.channels, edges)
+    before, after = list(accumulate(pieces)), list(accumulate(pieces[::-1]))[::-1]
+    for cut, *parts in zip(edges[1:-1], before, after[1:], strict=False):
         left = sum(part.shares * part.energy for part in parts) / one.energy
         score = float(np.log(np.maximum(left, 1e-5)).sum())
         if score < best[0]:
@@ -139,7 +143,7 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
     # start or the end of the run that differs.
     spread = np.minimum(spread, wide.left / wide.energy)
     change = np.log(np.maximum(spread, 1e-5) / np.maximum(left, 1e-5))
-    outermost = cut in (int(cuts[0] * count), int(cuts[-1] * count))
+    outermost = cut in (edges[1], edges[-2])
     if physics.n * float(np.median(change)) < _TWO or outermost:
         return
     # Each has to explain what it was not fitted to: in a short part an arm explains anything.
@@ -170,7 +174,7 @@ def _with_load(physics: Physics, cut: int) -> Evidence:
     last = physics.model.rigid_indices[-10:]
     after = (np.arange(len(physics.motion.t)) >= cut)[:, None]
     columns = [np.hstack([c, c[:, last] * after]) for c in physics.columns]
-    return Evidence.of(np.array([c.T @ c for c in columns]), columns, physics.channels)
+    return Evidence.of(columns, physics.channels)
 
 
 #: An event is a peak of the error this many times higher than every other one. Two peaks of one

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import ROUNDING, Inertial
@@ -148,6 +147,8 @@ def nearest_inertia(about_com: Array) -> Array:
     three non-negative unknowns (Lewis, SIAM J. Optimization 1996, for spectral sets in general).
     """
     moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
+    from scipy.optimize import nnls
+
     second, _ = nnls(1.0 - np.eye(3), moments)
     # As far inside as it takes to survive being written as text and read again.
     second = second + 4.0 * ROUNDING * second.sum()

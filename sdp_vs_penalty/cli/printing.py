@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,13 +21,15 @@ from sdp_vs_penalty.cli.console import (
     say,
     table,
 )
-from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.show import event_lines, new_motion
-from sdp_vs_penalty.diagnosis.where_it_fails import BANDS, JointFailure, dependences
-from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.show import plain_unit
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.comparison import Comparison
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+    from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
+    from sdp_vs_penalty.estimation.estimate import Estimate
 
 #: What an error is called that no other run was kept for.
 TRAINING = "the training data"
@@ -157,6 +160,8 @@ def judged_motion(results: Sequence[Comparison]) -> None:
 
 def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
     """Where a model's error is large: a row a joint."""
+    from sdp_vs_penalty.diagnosis.where_it_fails import dependences
+
     say(f"Where {model} fails: held-out shares of the residual's variance", style="italic")
     rows = []
     for f in failures:
@@ -170,6 +175,8 @@ def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model
 
 def failure_tables(failures: Sequence[JointFailure]) -> None:
     """All figures of :func:`where_it_fails`."""
+    from sdp_vs_penalty.diagnosis.where_it_fails import BANDS
+
     joints = ["", *(str(f.joint) for f in failures)]
     shares = [(name, *(f"{100 * f.shares[name]:.0f}" for f in failures)) for name in failures[0].shares]
     table("Residual variance explained by a smooth function of ..., held out [%]", joints, shares)

@@ -25,6 +25,12 @@ class JointColumns:
     indices: NDArray[np.intp]
     columns: Array
 
+    def wide(self, p: int) -> Array:
+        """(N, p) with the columns of all parameters, zero where they do not act on the joint."""
+        out = np.zeros((len(self.columns), p))
+        out[:, self.indices] = self.columns
+        return out
+
 
 @dataclass(frozen=True)
 class Model:

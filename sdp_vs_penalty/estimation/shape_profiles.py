@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.normal_equations import Normal, pseudo_inverse
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Values looked at between two of the grid.
 _FINE = 12

@@ -18,7 +18,6 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
@@ -35,6 +34,7 @@ from sdp_vs_penalty.signals.repetition import (
     recurring,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: What the noise is known from.
 REPETITION, RESIDUAL = "repetition", "residual"

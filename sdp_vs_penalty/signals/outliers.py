@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -34,7 +34,7 @@ _LONE = (2, 8, 32)
 #: How many stretches have to come near the jerk of one, and how near, for it to be comparable.
 _ALIKE, _LIKE = 3, 0.7
 #: The median of the square of a standard normal variable.
-_MEDIAN_SQUARE = 2.0 * float(special.gammaincinv(0.5, 0.5))
+_MEDIAN_SQUARE = 0.454936423119572
 
 
 def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float) -> Mask:
@@ -62,6 +62,8 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
 
 def _largest_variance(p: float, length: int, degrees: float) -> float:
     """The variance of ``length`` rows that noise exceeds with probability p: F's upper quantile."""
+    from scipy import special
+
     w = float(special.betaincinv(0.5 * degrees, 0.5 * length, p))  # d / (d + length F)
     return degrees * (1.0 - w) / (length * w)
 
@@ -142,20 +144,31 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
     b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares clipped so that an event does not
     shape it.
     """
-    from scipy.optimize import nnls
-
     used = white != 0.0
     if used.sum() < 20 * (rates.shape[1] + 1):
         return np.ones(len(wanted))
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, 9.0 * np.median(squares) / _MEDIAN_SQUARE)
-    law = nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
+    law = _nonnegative(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)
     level = float(law.sum())
     if level <= 0.0:
         return np.ones(len(wanted))
     variance = (law[0] + (wanted / size) @ law[1:]) / level
     return np.sqrt(np.clip(variance, *_MODULATION))
+
+
+def _nonnegative(columns: Array, y: Array) -> Array:
+    """(k,) least squares with no coefficient below zero: the best of all choices of the few columns."""
+    gram, right = columns.T @ columns, columns.T @ y
+    best, out = 0.0, np.zeros(len(right))
+    for kept in product((False, True), repeat=len(right)):
+        k = np.flatnonzero(kept)
+        beta = np.linalg.lstsq(gram[np.ix_(k, k)], right[k], rcond=None)[0]
+        if beta.min(initial=0.0) >= 0.0 and float(beta @ right[k]) > best:
+            best, out = float(beta @ right[k]), np.zeros(len(right))
+            out[k] = beta
+    return out
 
 
 def robust_scale(white: Array) -> float:

@@ -14,12 +14,10 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize_scalar
-from scipy.sparse import csgraph
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
+from sdp_vs_penalty.signals.spline import CubicSpline
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -204,6 +202,8 @@ def repeat_lag(a: Track, b: Track, slip: float = _SLIP) -> float | None:
     best = float(slips[int(np.argmin(errors))])
     if errors.min() > 0.3:  # another motion; the same one is nearer even half a step beside
         return None
+    from scipy.optimize import minimize_scalar
+
     near = (best - _SLIP_STEP, best + _SLIP_STEP)
     fine = float(minimize_scalar(error, bounds=near, method="bounded").x)
     return fine + float(t_b[0] - t_a[0]) if error(fine) < ALIKE else None
@@ -221,6 +221,8 @@ def new_differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> int:
 
     Six equal runs make fifteen pairs and not more than five such differences an instant.
     """
+    from scipy.sparse import csgraph
+
     first = np.concatenate([r.rows for r in repeats])
     second = np.concatenate([later_rows(runs, r) for r in repeats])
     count = len(runs.t)

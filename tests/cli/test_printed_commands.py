@@ -19,7 +19,7 @@ from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.cli.verbs.list import Kind
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.diagnosis import diagnose
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, load_diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate

@@ -10,7 +10,9 @@ import pytest
 from random_arms import SCARA_FRICTION, run_of, scara
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis import Diagnosis, add, diagnose
+from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.own_shapes import refitted_beside
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows

@@ -18,8 +18,9 @@ from hidden_contract import (
 import sdp_vs_penalty.effects as folder
 from sdp_vs_penalty.cli import registry
 from sdp_vs_penalty.data.measurements import concatenate
-from sdp_vs_penalty.diagnosis import add, diagnose
+from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify

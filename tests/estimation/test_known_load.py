@@ -12,7 +12,8 @@ from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.datasets import _ur10e_runs
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis import add, diagnose
+from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis import diagnose
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify

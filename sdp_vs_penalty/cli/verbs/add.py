@@ -14,7 +14,7 @@ from sdp_vs_penalty.cli.runs import runs_for, words
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis import Diagnosis
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
     from sdp_vs_penalty.effects.effect import Effect
 
 
@@ -47,7 +47,7 @@ def verb(
     Example: sdp-vs-penalty add model.json joint_spring:4 --data run.csv --out model2.json
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.diagnosis import add as run
+    from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.estimation.estimate import load_estimate
 

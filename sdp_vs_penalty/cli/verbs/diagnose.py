@@ -30,7 +30,7 @@ def verb(
     Example: sdp-vs-penalty diagnose model.json --data run1.csv run2.csv --test test.csv
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.diagnosis import diagnose as run
+    from sdp_vs_penalty.diagnosis.diagnose import diagnose as run
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.files import write_text
 
