@@ -21,8 +21,9 @@ _MOST = 200
 
 
 def _is_value(key: str) -> bool:
-    """Whether a shape constant is a value of the table: v1, v2, ..."""
-    return key[0] == "v" and key[1:].isdigit()
+    """Whether a shape constant is a value of the table: v1, v2, ... where it was measured, w1, w2, ...
+    what a law says where it was not."""
+    return key[0] in "vw" and key[1:].isdigit()
 
 
 def _axis(axis: str, count: float, default: float, words: tuple[str, ...]) -> dict[str, Shape]:
@@ -74,8 +75,9 @@ class MeasuredCurve(JointEffect):
     equation = "s f(x) or s f(x, y), f interpolated linearly between the values v1, v2, ... of a table"
     explanation = (
         "A torque that repeats and that no other effect explains, as diagnose measures it: a table over "
-        "one variable or a pair of them. Its size s is 1 where the table was measured. Held constant "
-        "outside of the table, where nothing is known of it."
+        "one variable or a pair of them. Its size s is 1 where the table was measured. Between its "
+        "ends, what was not measured is as its law says, where it has one (values w1, w2, ...). Held "
+        "constant outside of the table, where nothing is known of it."
     )
     reference = "Eilers, Marx, Statistical Science 1996 (penalised splines)"
     symbol = "curve"
@@ -92,19 +94,21 @@ class MeasuredCurve(JointEffect):
         own: dict[str, float] = {k: s.default for k, s in type(self).shapes.items()} | shape
         if any(_is_value(key) for key in shape):
             own = {k: v for k, v in own.items() if k in shape or not _is_value(k)}
-        known = sorted(int(key[1:]) for key in own if _is_value(key))
+        keys = {int(key[1:]): key for key in own if _is_value(key)}
+        known = sorted(keys)
         self._refuse(robot, own, known)
         at = 0 if joints is None else min(joints, default=0)
-        self.shapes = self._own_shapes(robot, at, own, [f"v{k}" for k in known])
+        self._keys = [keys[k] for k in known]
+        self.shapes = self._own_shapes(robot, at, own, self._keys)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
         words = {v.word for v in self.variables(at)}
         self.needs_torque, self.follows_clock = "tau" in words, "t" in words
         self.needs_temperature = "temp" in words
-        self._known, self._nearest = known, _nearest(int(own["xn"]), int(own["yn"]), tuple(known))
-        self._table = np.array([self.shape[f"v{k}"] for k in known])[self._nearest]
+        self._nearest = _nearest(int(own["xn"]), int(own["yn"]), tuple(known))
+        self._table = np.array([self.shape[key] for key in self._keys])[self._nearest]
         self._missing = np.ones(len(self._nearest))
-        self._missing[np.array(known) - 1] = 0.0
+        self._missing[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
 
     def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""
@@ -183,9 +187,9 @@ class MeasuredCurve(JointEffect):
         return f"{self.symbol}{joint + 1}_{'_'.join(self.of(joint))}"
 
     def valued(self, values: Array) -> MeasuredCurve:
-        """The same table with other values (P,) where it is known, as they are written."""
+        """The same table with other values (P,), in the order of its places, as they are written."""
         out, own = copy(self), [float(f"{v:.6g}") for v in values]
-        out.shape = self.shape | dict(zip((f"v{k}" for k in self._known), own, strict=True))
+        out.shape = self.shape | dict(zip(self._keys, own, strict=True))
         out._table = np.array(own)[self._nearest]
         return out
 

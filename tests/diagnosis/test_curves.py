@@ -14,8 +14,8 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
-from sdp_vs_penalty.diagnosis.curves.formula import _dictionary
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, _falls
+from sdp_vs_penalty.diagnosis.curves.laws import dictionary
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_from_dict, parse_effects
@@ -80,7 +80,7 @@ def test_the_waves_of_a_phase_are_those_of_the_position() -> None:
     teeth = np.exp(3.0 * (np.cos(7.0 * q - 0.4) - 1.0))
     B = np.column_stack([np.ones_like(q), axis.columns(np.mod(7.0 * q, 2.0 * np.pi))])
     assert np.abs(B @ np.linalg.lstsq(B, teeth)[0] - teeth).max() < 1e-5
-    _, _, _, both = _dictionary([axis])
+    _, _, _, both = dictionary([axis])
     assert both.text(np.array([0.3, 0.0, 0.0, -0.2]), np.zeros(0)) == (
         "0.3 sin(7 q1 + 0) + 0.2 sin(14 q1 - 1.571)"
     )
@@ -115,7 +115,7 @@ def test_findings_json_carries_curves_there_and_back(made: Made) -> None:
     data = json.loads(json.dumps(made.found.to_dict()))
     assert set(data["curves"][0]) == {
         *("joint", "of", "x", "torque", "lower", "upper", "explained_share", "formula"),
-        *("held_out_rmse_before", "held_out_rmse_after"),
+        *("held_out_rmse_before", "held_out_rmse_after", "filled_x", "filled_torque"),
     }
     assert np.shape(data["curves"][0]["x"]) == (len(data["curves"][0]["torque"]), 2)
     assert Diagnosis.from_dict(data).to_dict() == data
@@ -141,6 +141,14 @@ def test_the_added_curve_takes_the_error_to_the_noise(made: Made) -> None:
     assert share == pytest.approx(1.0 - inside.mean(), abs=1e-3)
     assert judged.warning is not None
     assert name in judged.warning
+    # Nobody has been there: flagged, though its law says what to expect.
+    curve = made.found.curves[0]
+    state = np.zeros((2, len(curve.filled_x), made.estimate.robot.n))
+    state[:, :, JOINT] = curve.filled_x.T
+    there = Motion(np.arange(state.shape[1]) / 100.0, *state, state[0])
+    assert np.all(effect.outside(there))
+    np.testing.assert_allclose(effect.column(there, JOINT), curve.filled_torque, atol=1e-4)
+    np.testing.assert_allclose(curve.filled_torque, SIZE * np.prod(curve.filled_x, axis=1), atol=0.02)
     (written,) = parse_effects(effect.text, made.estimate.robot)
     restored = effect_from_dict(json.loads(json.dumps(effect.to_dict())), made.estimate.robot)
     assert written.to_dict() == restored.to_dict() == effect.to_dict()

@@ -18,7 +18,8 @@ from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
-from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, effect_of
+from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, band, effect_of
+from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, Judge
 from sdp_vs_penalty.diagnosis.curves.smooth import agreement, block_scores
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
@@ -32,6 +33,8 @@ from sdp_vs_penalty.signals.noise import RESIDUAL
 #: How many curves of a joint are looked at closely, how many of these are tried on data left out, draws
 #: of signs, and curves a joint at most.
 _CLOSE, _TRIED, _SIGNS, _MOST = 8, 3, 400, 3
+#: Laws of each curve by which its variables are chosen.
+_LAWS = 3
 #: A curve over fewer variables is preferred to one that contains it up to so many standard deviations
 #: of the difference of their gains, or this share of gain and evidence.
 _SIMPLER, _LITTLE = 2.0, 0.1
@@ -39,12 +42,16 @@ _SIMPLER, _LITTLE = 2.0, 0.1
 
 @dataclass(frozen=True)
 class FoundCurve:
-    """A curve as an effect, what it was fitted to, and what it does to the error on data left out."""
+    """A curve as an effect, what it was fitted to, half its band where measurements lie (P,), its law,
+    and what it does to the error on data left out; whole : whether the effect is the law's."""
 
     fitted: Fitted
     effect: MeasuredCurve
     look: Look
+    half: Array
+    law: LawFit | None
     held_out: CurveErrors
+    whole: bool = False
 
 
 def _convincing(
@@ -91,13 +98,14 @@ def _screened(look: Look, joint: int, taken: Sequence[Fitted]) -> tuple[int, lis
 
 
 def _flipped(agreements: Sequence[Array], seed: int) -> tuple[float, Array]:
-    """The threshold of agreement, and the agreement of each candidate."""
+    """The threshold of agreement, and the agreement of each candidate, each over the 99th percentile of
+    its own when signs are random: one of many splines has a shorter tail than one of a few."""
     B = len(agreements[0])
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_SIGNS, B))
-    largest = np.full(_SIGNS, -np.inf)
-    for G in agreements:
-        largest = np.maximum(largest, np.sum((signs @ G) * signs, axis=1))
-    return float(np.quantile(largest, 0.99)), np.array([G.sum() for G in agreements])
+    drawn = np.array([np.sum((signs @ G) * signs, axis=1) for G in agreements])
+    own = np.maximum(np.quantile(drawn, 0.99, axis=1), 1e-300)
+    largest = np.max(drawn / own[:, None], axis=0)
+    return float(np.quantile(largest, 0.99)), np.array([G.sum() for G in agreements]) / own
 
 
 def _accepted(fit: WhiteFit, found: Fitted, tests: int, known: float) -> bool:
@@ -169,17 +177,61 @@ def search_curves(
     while len(found) < _MOST:
         look = Look(state, variables)
         close = _convincing(look, joint, [f.fitted for f in found], seed + len(found), shown)
-        for best in close[:_TRIED]:
+        for best in _by_law(look, close[:_TRIED]):
             later = with_curve(state, effect_of(look, best), best.gain)
             bare = replace(later, picks=later.picks[:-1])
-            again = Look(bare, variables, settled=True)
-            fitted = again.fitted(best.basis, joint, fine=True)
-            effect = effect_of(again, fitted)
-            after, held_out = judge.tried(fitted, effect, again)
-            if held_out.lowers:
-                state, judge = with_curve(bare, effect, best.gain), after
-                found.append(FoundCurve(fitted, effect, again, held_out))
+            after, curve = _settled(bare, variables, best.basis, joint, judge, seed)
+            if curve.held_out.lowers:
+                state, judge = with_curve(bare, curve.effect, best.gain), after
+                found.append(curve)
                 break
         else:
             break
     return state, found, judge
+
+
+def _settled(
+    bare: SearchState, variables: Variables, basis: Basis, joint: int, judge: Judge, seed: int
+) -> tuple[Judge, FoundCurve]:
+    """A curve once what it explains no longer counts as error, with splines as fine as there is evidence
+    for, and the law that it is."""
+    look = Look(bare, variables, settled=True)
+    fitted = look.fitted(basis, joint, fine=True)
+    while (finer := fitted.basis.finer) is not None:
+        again = look.fitted(finer, joint, fine=True)
+        if again.smooth.evidence < fitted.smooth.evidence + TOLD_APART:
+            break
+        fitted = again
+    effect = effect_of(look, fitted)
+    after, held_out = judge.tried(fitted, effect, look)
+    if not held_out.lowers:
+        return after, FoundCurve(fitted, effect, look, np.zeros(0), None, held_out)
+    half, points = band(look, fitted, seed), variables.supported(fitted.basis)
+    law = law_of(recognised(fitted, look), fitted, points, half)
+    if law is None:
+        return after, FoundCurve(fitted, effect, look, half, None, held_out)
+    told = effect_of(look, fitted, law.at)
+    by_law, errors = judge.tried(fitted, told, look, law)
+    if after.surely_below(by_law, joint):  # there is more to it than the law
+        return after, FoundCurve(fitted, effect, look, half, law, held_out)
+    return by_law, FoundCurve(fitted, told, look, half, law, errors, whole=True)
+
+
+def _by_law(look: Look, close: list[Fitted]) -> list[Fitted]:
+    """The curves, first the one whose law explains most for its constants (Schwarz 1978), a curve
+    without a law by its effective degrees of freedom, where that is not the first by far."""
+    if len(close) < 2:
+        return close
+
+    def cost(f: Fitted) -> float:
+        told = [(r.fit.chi2, float(r.fit.size)) for r in recognised(f, look, _LAWS)]
+        told = told or [(f.smooth.chi2, f.smooth.edf)]
+        gains = look.fit.joint_gains(f.joint, np.array([chi2 for chi2, _ in told]))
+        freedom = np.array([size for _, size in told])
+        return float(np.min(freedom * np.log(f.factors.count) - gains))
+
+    costs = [cost(f) for f in close]
+    k = int(np.argmin(costs))
+    if costs[k] > costs[0] - TOLD_APART:
+        return close
+    return [close[k], *(c for c in close if c is not close[k])]

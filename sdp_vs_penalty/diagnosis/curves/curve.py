@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,12 @@ class Curve:
     """The missing torque of a joint (from 1) as a function of what ``of`` names.
 
     x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower, upper (P,) : the
-    curve and its simultaneous 95 % band [N m or N], without what the model's own columns can make;
+    curve and its simultaneous 95 % band [N m or N]: its law, or where that is not all
+    what the model's own columns cannot make;
     explained_share : of the joint's squared error beyond the noise's, what the curve takes on data left
     out, its values and the model fitted to the others; formula : the simplest
-    law within the band, or None; held_out_rmse_before, _after : of the joint.
+    law within the band, or None; held_out_rmse_before, _after : of the joint. filled_x, filled_torque :
+    between the ends of x, where nothing was measured, what the law says.
     """
 
     joint: int
@@ -39,8 +41,11 @@ class Curve:
     formula: str | None
     held_out_rmse_before: float
     held_out_rmse_after: float
+    filled_x: Array = field(default_factory=lambda: np.zeros(0))
+    filled_torque: Array = field(default_factory=lambda: np.zeros(0))
 
     def to_dict(self) -> dict[str, Any]:
+        filled = {"filled_x": self.filled_x.tolist(), "filled_torque": self.filled_torque.tolist()}
         return {
             "joint": self.joint,
             "of": list(self.of),
@@ -52,6 +57,7 @@ class Curve:
             "formula": self.formula,
             "held_out_rmse_before": self.held_out_rmse_before,
             "held_out_rmse_after": self.held_out_rmse_after,
+            **(filled if len(self.filled_torque) else {}),
         }
 
     @classmethod
@@ -61,9 +67,12 @@ class Curve:
         for name in of:
             Variable.parse(name)
         x, torque, lower, upper = (np.array(data[k], float) for k in ("x", "torque", "lower", "upper"))
-        each = (len(x),)
-        if x.shape != each + (len(of),) * (len(of) > 1) or not torque.shape == lower.shape == each:
+        filled, law = (np.array(data.get(f"filled_{k}", []), float) for k in ("x", "torque"))
+        pair, each = (len(of),) * (len(of) > 1), (len(x),)
+        if x.shape != each + pair or not torque.shape == lower.shape == upper.shape == each:
             raise ValueError("a curve has a value and a band for each x")
+        if len(filled) and filled.shape != law.shape + pair:
+            raise ValueError("what a law fills has a value for each x")
         return cls(
             int(data["joint"]),
             of,
@@ -75,6 +84,8 @@ class Curve:
             None if data["formula"] is None else str(data["formula"]),
             float(data["held_out_rmse_before"]),
             float(data["held_out_rmse_after"]),
+            filled,
+            law,
         )
 
     @property
@@ -84,7 +95,9 @@ class Curve:
 
     def effect(self, robot: Robot) -> MeasuredCurve:
         """The curve as an effect that can be added to a model."""
-        return table_effect(robot, self.joint - 1, self.of, self.points, self.torque)
+        filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
+        every, values = np.vstack([self.points, filled]), np.append(self.torque, self.filled_torque)
+        return table_effect(robot, self.joint - 1, self.of, every, values, len(self.torque))
 
     def sentence(self, torque_units: Sequence[str]) -> str:
         """What was measured, in one or two sentences; torque_units : of all joints."""
@@ -105,10 +118,10 @@ class Curve:
 
 
 def table_effect(
-    robot: Robot, joint: int, of: Sequence[str], points: Array, values: Array
+    robot: Robot, joint: int, of: Sequence[str], points: Array, values: Array, measured: int
 ) -> MeasuredCurve:
     """The table of values (P,) at points (P, variables) of an equally spaced grid, of which some may be
-    missing. joint : from 0."""
+    missing. joint : from 0; measured : so many of the first were, a law says the others."""
     shape: dict[str, float] = {}
     places, counts = [], []
     for axis, name, x in zip("xy", of, points.T, strict=False):
@@ -126,5 +139,7 @@ def table_effect(
         places.append(np.rint((x - low) / (high - low) * (count - 1)))
         counts.append(count)
     known = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
-    shape |= {f"v{k + 1}": float(f"{v:.6g}") for k, v in zip(known, values, strict=True)}
+    written = [float(f"{v:.6g}") for v in values]
+    keys = [f"{'v' if m < measured else 'w'}{k + 1}" for m, k in enumerate(known)]
+    shape |= dict(sorted(zip(keys, written, strict=True), key=lambda kv: int(kv[0][1:])))
     return MeasuredCurve(robot, [joint], **shape)

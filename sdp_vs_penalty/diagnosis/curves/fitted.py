@@ -16,6 +16,9 @@ from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 
+#: Draws of the bootstrap, and the level of the band.
+_DRAWS, _LEVEL = 300, 0.95
+
 
 @dataclass(frozen=True)
 class Fitted:
@@ -78,9 +81,32 @@ class Look:
         return self.white(np.concatenate(parts), f.joint)
 
 
-def effect_of(look: Look, found: Fitted) -> MeasuredCurve:
-    """The curve as an effect: a table of its values."""
+def effect_of(look: Look, found: Fitted, law: Callable[[Array], Array] | None = None) -> MeasuredCurve:
+    """The curve as an effect: a table of its values, or of those that its law has at points (P, v),
+    which also fills what was not measured between the ends."""
     robot = look.state.stage.candidacy.model.robot
     points = look.variables.supported(found.basis)
-    values = found.basis.at(*points.T) @ found.coefficients
-    return table_effect(robot, found.joint, found.basis.of, points, values)
+    if law is None:
+        values, measured = found.basis.at(*points.T) @ found.coefficients, len(points)
+    else:
+        measured, points = len(points), np.vstack([points, unmeasured(found.basis, points)])
+        values = law(points)
+    return table_effect(robot, found.joint, found.basis.of, points, values, measured)
+
+
+def unmeasured(basis: Basis, points: Array) -> Array:
+    """(P', v) the points of a basis's grid that are not among ``points`` (P, v)."""
+    have = {tuple(p) for p in points.tolist()}
+    left = [p for p in basis.points.tolist() if tuple(p) not in have]
+    return np.reshape(left, (-1, points.shape[1]))
+
+
+def band(look: Look, found: Fitted, seed: int) -> Array:
+    """(P,) half width, where measurements lie, of the band that holds _LEVEL of whole curves."""
+    projector = splines.identifiable(found.factors, found.smooth.P)
+    errors = splines.draws(look.fit, found.Z, found.C, found.smooth, found.joint, seed, _DRAWS)
+    grid = found.basis.at(*look.variables.supported(found.basis).T)
+    errors = errors @ projector.T @ grid.T
+    deviation = np.maximum(errors.std(axis=0), 1e-300)
+    largest = np.max(np.abs(errors) / deviation, axis=1)
+    return np.asarray(np.quantile(largest, _LEVEL) * deviation)

@@ -1,9 +1,10 @@
-"""Recognition: the simplest law of a small dictionary that lies within the band of a curve.
+"""Recognition: the simplest law of a small dictionary that a curve is.
 
 A law a g(x; b) is put into the curve's own splines, c_g, and fitted through their compressed factors:
 a = c_g's / c_g'D c_g, with what the model's own columns can make left open. The best of these, which
-splines may only hold roughly (a sign), are fitted once more on the rows themselves. Of those that stay
-within the band and gain on data left out what the curve gains, the simplest is named that explains
+splines may only hold roughly (a sign, a wave that is short), are fitted once more on the rows
+themselves. Of those that gain on data left out what the curve gains and stay within its band, unless
+they gain more than the curve, which is then too coarse for them, the simplest is named that explains
 about as much as any.
 """
 
@@ -15,15 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from sdp_vs_penalty.diagnosis.curves.bases import Axis
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
-from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains
+from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
+from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains, identifiable
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 
-#: Steps of a scan over a constant, and over each of two.
-_SCAN, _SCAN_TWO = 60, 14
 #: How many laws are fitted on the rows themselves.
 _EXACT = 8
 #: Share of the points of a curve at which a law lies in its band: where few measurements lie, the
@@ -31,16 +30,6 @@ _EXACT = 8
 #: torque shows also that its model is not perfect. So much of the curve's gain a law may lose, and of
 #: what another law explains.
 _INSIDE, _NEAR, _LOST, _ALIKE = 0.95, 0.05, 0.1, 0.02
-
-
-@dataclass(frozen=True)
-class Law:
-    """columns(points (P, v), constants) -> (P, m); starts : constants that a fit begins with, and within
-    whose ends it stays; text(amplitudes, constants) -> how it reads."""
-
-    columns: Callable[[Array, Array], Array]
-    text: Callable[[Array, Array], str]
-    starts: Sequence[tuple[float, ...]] = ((),)
 
 
 @dataclass(frozen=True)
@@ -56,17 +45,26 @@ class LawFit:
     def size(self) -> int:
         return len(self.amplitudes) + len(self.constants)
 
+    def at(self, points: Array) -> Array:
+        """(P,) torque at points (P, v)."""
+        return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
+
     def cost(self, count: float) -> float:
         """-chi2 + (constants) log M (Schwarz 1978)."""
         return -self.chi2 + self.size * np.log(max(count, 2.0))
 
 
-def law_of(f: Fitted, look: Look, points: Array, half: Array, projector: Array) -> LawFit | None:
-    """The simplest law, or None where none of the dictionary lies within the band.
+@dataclass(frozen=True)
+class Recognised:
+    """A law as it fits the rows, its gain on data left out, and its coefficients (k,) in the splines."""
 
-    points (P, v), half (P,) : where the band is and how wide; projector (k, k) : onto what the model
-    cannot make.
-    """
+    fit: LawFit
+    gain: float
+    coefficients: Array
+
+
+def recognised(f: Fitted, look: Look, most: int = _EXACT) -> list[Recognised]:
+    """Of the ``most`` likely laws those that gain about what a curve gains."""
     every, count = f.basis.points, f.factors.count
     inverse = np.asarray(np.linalg.pinv(f.basis.at(*every.T), rcond=1e-10), float)
 
@@ -78,18 +76,30 @@ def law_of(f: Fitted, look: Look, points: Array, half: Array, projector: Array) 
         factors, _ = Factors.of(look.fit, look.law(law.columns, constants, f), f.joint)
         return factors.D, factors.s
 
-    rough = [_fitted(law, in_splines, law.starts) for law in _dictionary(f.basis.axes) if law.starts]
+    rough = [_fitted(law, in_splines, law.starts) for law in dictionary(f.basis.axes) if law.starts]
     rough.sort(key=lambda r: r.cost(count))
-    at = f.basis.at(*points.T) @ projector
+    found = []
+    for r in rough[:most]:
+        fit = _fitted(r.law, on_rows, [tuple(r.constants)])
+        if (gain := _gains(fit, f, look)) >= (1.0 - _LOST) * f.gain:
+            coefficients = inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
+            found.append(Recognised(fit, gain, coefficients))
+    return found
+
+
+def law_of(laws: Sequence[Recognised], f: Fitted, points: Array, half: Array) -> LawFit | None:
+    """The simplest law, or None where none of the dictionary lies within the band.
+
+    points (P, v), half (P,) : where the band is and how wide.
+    """
+    at = f.basis.at(*points.T) @ identifiable(f.factors, f.smooth.P)
     torque = at @ f.smooth.c
     wide = np.maximum(half, _NEAR * np.ptp(torque))
-    passed: list[LawFit] = []
-    for r in rough[:_EXACT]:
-        fit = _fitted(r.law, on_rows, [tuple(r.constants)])
-        own = inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
-        inside = np.mean(np.abs(at @ own - torque) <= wide)
-        if inside >= _INSIDE and _gains(fit, f, look) >= (1.0 - _LOST) * f.gain:
-            passed.append(fit)
+    passed = [
+        r.fit
+        for r in laws
+        if r.gain > f.gain or np.mean(np.abs(at @ r.coefficients - torque) <= wide) >= _INSIDE
+    ]
     if not passed:
         return None
     most = max(fit.chi2 for fit in passed)
@@ -97,12 +107,17 @@ def law_of(f: Fitted, look: Look, points: Array, half: Array, projector: Array) 
     return min(alike, key=lambda fit: (fit.size, -fit.chi2))
 
 
-def _gains(law: LawFit, f: Fitted, look: Look) -> float:
-    """What a law with its constants gains on data left out, its amplitudes from the others."""
+def of_amplitudes(law: LawFit, f: Fitted, look: Look) -> tuple[Array, Array, Factors, Array]:
+    """White columns Z of a law's amplitudes, C = Q'Z, their factors and their prior."""
     Z = look.law(law.law.columns, law.constants, f)
     factors, C = Factors.of(look.fit, Z, f.joint)
     (P,) = factors.priors((), np.zeros((1, 0)))
-    return float(held_out_gains(look.fit, Z, C, factors, P, f.joint).sum())
+    return Z, C, factors, P
+
+
+def _gains(law: LawFit, f: Fitted, look: Look) -> float:
+    """What a law with its constants gains on data left out, its amplitudes from the others."""
+    return float(held_out_gains(look.fit, *of_amplitudes(law, f, look), f.joint).sum())
 
 
 def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
@@ -152,175 +167,3 @@ def _fitted(
         },
     )
     return max((best, solved(found.x)), key=lambda r: r.chi2)
-
-
-def _dictionary(axes: Sequence[Axis]) -> list[Law]:
-    return _of_one(axes[0]) if len(axes) == 1 else _of_two(axes[0], axes[1])
-
-
-def _name(axis: Axis) -> str:
-    name = axis.variable.name
-    return name if axis.variable.other < 0 else f"({name})"
-
-
-def _number(x: float) -> str:
-    return f"{x:.4g}"
-
-
-def _terms(amplitudes: Array, names: Sequence[str]) -> str:
-    parts = [f"{_number(abs(a))} {name}" for a, name in zip(amplitudes, names, strict=True)]
-    signs = ["-" if a < 0.0 else "+" for a in amplitudes]
-    text = " ".join(f"{s} {p}" for s, p in zip(signs, parts, strict=True))
-    return text[2:] if text.startswith("+") else f"-{text[2:]}"
-
-
-def _sum(functions: Sequence[Callable[[Array], Array]], names: Sequence[str]) -> Law:
-    return Law(
-        lambda p, _: np.column_stack([g(p[:, 0]) for g in functions]), lambda a, _: _terms(a, names)
-    )
-
-
-def _fastest(axis: Axis) -> float:
-    """Waves [rad per unit] that the splines still hold."""
-    return 0.7 * np.pi * (axis.count - 3) / (axis.high - axis.low)
-
-
-def _wave(a: Array, phase: str, rest: str = "") -> str:
-    """a_0 sin + a_1 cos of one phase as one sine."""
-    size, shift = float(np.hypot(*a)), float(np.arctan2(a[1], a[0]))
-    sign = "-" if shift < 0.0 else "+"
-    return f"{_number(size)} sin({phase} {sign} {_number(abs(shift))}){rest}"
-
-
-def _of_one(axis: Axis) -> list[Law]:
-    x = _name(axis)
-    if axis.is_sign:
-        return [_sum([lambda v: v], [x])]
-    if axis.is_phase:
-        return _of_phase(axis)
-    span, largest = axis.high - axis.low, max(abs(axis.low), abs(axis.high))
-    widths = [(float(w),) for w in np.geomspace(0.01, 3.0, 20) * largest]
-    names = [x, f"{x}^2", f"{x}^3"]
-    functions: list[Callable[[Array], Array]] = [lambda v: v, np.square, lambda v: v**3]
-    plain: list[tuple[Callable[[Array], Array], str]] = [
-        *zip(functions, names, strict=True),
-        (np.abs, f"|{x}|"),
-        (np.sign, f"sign({x})"),
-        (lambda v: v * np.abs(v), f"{x} |{x}|"),
-        (lambda v: np.sqrt(np.abs(v)) * np.sign(v), f"sign({x}) sqrt(|{x}|)"),
-    ]
-    out = [_sum([g], [name]) for g, name in plain]
-    out += [_sum(functions[:2], names[:2]), _sum(functions, names)]
-
-    def scaled(g: Callable[[Array], Array], text: Callable[[str], str]) -> Law:
-        return Law(
-            lambda p, b: g(p[:, 0] / b[0])[:, None],
-            lambda a, b: f"{_number(a[0])} {text(f'{x} / {_number(b[0])}')}",
-            widths,
-        )
-
-    out += [
-        scaled(np.tanh, lambda v: f"tanh({v})"),
-        scaled(lambda v: np.clip(v, -1.0, 1.0), lambda v: f"sat({v})"),
-        scaled(lambda v: np.exp(-np.abs(v)), lambda v: f"exp(-|{v}|)"),
-        scaled(lambda v: np.sign(v) * np.exp(-np.abs(v)), lambda v: f"sign({x}) exp(-|{v}|)"),
-        Law(
-            lambda p, b: np.exp(p[:, 0] / b[0])[:, None],
-            lambda a, b: f"{_number(a[0])} exp({x} / {_number(b[0])})",
-            [(s * w,) for (w,) in widths if w > 0.05 * largest for s in (1.0, -1.0)],
-        ),
-        Law(
-            lambda p, b: np.column_stack([np.sin(b[0] * p[:, 0]), np.cos(b[0] * p[:, 0])]),
-            lambda a, b: _wave(a, f"{_number(b[0])} {x}"),
-            [(float(k),) for k in np.linspace(np.pi / span, _fastest(axis), _SCAN)],
-        ),
-        Law(
-            lambda p, b: np.exp(-(((p[:, 0] - b[0]) / b[1]) ** 2))[:, None],
-            lambda a, b: f"{_number(a[0])} exp(-(({x} - {_number(b[0])}) / {_number(abs(b[1]))})^2)",
-            [
-                (float(c), float(w))
-                for c in np.linspace(axis.low, axis.high, 2 * _SCAN_TWO)
-                for w in np.geomspace(0.03, 0.5, 8) * span
-            ],
-        ),
-    ]
-    return out
-
-
-def _of_phase(axis: Axis) -> list[Law]:
-    """One wave, and the first with the second, of the position."""
-    k, q = axis.variable.order, f"q{axis.variable.joint + 1}"
-
-    def wave(*orders: int) -> Law:
-        def columns(p: Array, _: Array) -> Array:
-            return np.hstack([g(np.outer(p[:, 0], orders)) for g in (np.sin, np.cos)])
-
-        def text(a: Array, _: Array) -> str:
-            pairs = zip(np.reshape(a, (2, -1)).T, orders, strict=True)
-            return " + ".join(_wave(pair, f"{_number(h * k)} {q}") for pair, h in pairs)
-
-        return Law(columns, text)
-
-    return [wave(1), wave(2), wave(3), wave(1, 2)]
-
-
-def _of_two(first: Axis, second: Axis) -> list[Law]:
-    x, y = _name(first), _name(second)
-
-    def simple(name: str, sign: bool) -> list[tuple[Callable[[Array], Array], str]]:
-        if sign:
-            return [(lambda v: v, name)]
-        return [
-            (lambda v: v, name),
-            (np.abs, f"|{name}|"),
-            (np.sign, f"sign({name})"),
-            (np.square, f"{name}^2"),
-        ]
-
-    out = [
-        Law(
-            lambda p, _, g=g, h=h: (g(p[:, 0]) * h(p[:, 1]))[:, None],  # type: ignore[misc]
-            lambda a, _, u=u, v=v: f"{_number(a[0])} {u} {v}",  # type: ignore[misc]
-        )
-        for g, u in simple(x, first.is_sign)
-        for h, v in simple(y, second.is_sign)
-    ]
-    for k, (axis, name, other, rest) in enumerate(((first, x, second, y), (second, y, first, x))):
-        if axis.is_sign:
-            continue
-        starts = [
-            (float(w),) for w in np.linspace(np.pi / (axis.high - axis.low), _fastest(axis), _SCAN // 2)
-        ]
-        out += [
-            Law(
-                lambda p, b, k=k, h=h: np.column_stack(  # type: ignore[misc]
-                    [np.sin(b[0] * p[:, k]) * h(p[:, 1 - k]), np.cos(b[0] * p[:, k]) * h(p[:, 1 - k])]
-                ),
-                lambda a, b, n=name, v=v: _wave(a, f"{_number(b[0])} {n}", f" {v}"),  # type: ignore[misc]
-                starts,
-            )
-            for h, v in simple(rest, other.is_sign)
-        ]
-    if not (first.is_sign or second.is_sign):
-        out.append(_travelling(first, second, x, y))
-    return out
-
-
-def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
-    """A wave of both positions."""
-
-    def columns(p: Array, b: Array) -> Array:
-        phase = p @ b
-        return np.column_stack([np.sin(phase), np.cos(phase)])
-
-    def text(a: Array, b: Array) -> str:
-        sign = "-" if b[1] < 0.0 else "+"
-        return _wave(a, f"{_number(b[0])} {x} {sign} {_number(abs(b[1]))} {y}")
-
-    one, two = (_fastest(axis) for axis in (first, second))
-    starts = [
-        (float(k), float(w))
-        for k in np.linspace(0.0, one, _SCAN_TWO)[1:]
-        for w in np.linspace(-two, two, 2 * _SCAN_TWO)
-    ]
-    return Law(columns, text, starts)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
+from sdp_vs_penalty.diagnosis.curves.formula import LawFit, of_amplitudes
 from sdp_vs_penalty.diagnosis.curves.smooth import fold_coefficients, identifiable
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.stage import model_columns, stretches, white_rows
@@ -108,15 +109,23 @@ class Judge:
             there=there,
         )
 
-    def tried(self, found: Fitted, effect: MeasuredCurve, look: Look) -> tuple[Judge, CurveErrors]:
-        """With one more curve, and what it does to the error of its joint."""
+    def tried(
+        self, found: Fitted, effect: MeasuredCurve, look: Look, law: LawFit | None = None
+    ) -> tuple[Judge, CurveErrors]:
+        """With one more curve, or what its law makes of it, and what that does to the error of its
+        joint."""
         rows, f = self.state.stage.rows, found
-        points = look.variables.supported(f.basis)
         fit = replace(look.fit, rows=replace(look.fit.rows, fold=self.fold))
-        each = fold_coefficients(fit, f.Z, f.C, f.factors, f.smooth.P, f.joint)
-        # What the model's columns make comes out at random in a fold, and as large as rounding lets it.
-        grid = f.basis.at(*points.T) @ identifiable(f.factors, f.smooth.P)
-        tables = [effect.valued(grid @ c) for c in each]
+        if law is None:
+            design = f.Z, f.C, f.factors, f.smooth.P
+            # What the model's columns make comes out at random in a fold, and as large as rounding
+            # lets it.
+            grid = f.basis.at(*look.variables.supported(f.basis).T)
+            grid = grid @ identifiable(f.factors, f.smooth.P)
+        else:
+            design = of_amplitudes(law, f, look)
+            grid = law.law.columns(f.basis.points, law.constants)
+        tables = [effect.valued(grid @ c) for c in fold_coefficients(fit, *design, f.joint)]
 
         def joined(old: Array, rows: SegmentedRuns, new: MeasuredCurve) -> Array:
             return np.concatenate([old, spread_columns(rows, new)], axis=2)

@@ -11,9 +11,9 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.curves.bases import Variables
 from sdp_vs_penalty.diagnosis.curves.choose import FoundCurve, search_curves
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.curves.formula import law_of, written
+from sdp_vs_penalty.diagnosis.curves.fitted import unmeasured
+from sdp_vs_penalty.diagnosis.curves.formula import written
 from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun, known_floor
-from sdp_vs_penalty.diagnosis.curves.smooth import draws, identifiable
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
 from sdp_vs_penalty.diagnosis.stage import MISFIT
@@ -21,11 +21,7 @@ from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Effect, follows_alone
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL
-
-#: Draws of the bootstrap, and the level of the band.
-_DRAWS, _LEVEL = 300, 0.95
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,7 @@ def measured_curves(
     judge, every, replaced = Judge.of(state, test), list[Curve](), set[int]()
     for joint in joints:
         beside, new, judged = search_curves(state, variables, joint, seed, judge)
-        found = [_Told.of(f, seed) for f in new]
+        found = [_Told.of(f) for f in new]
         named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
         # What acts on other joints as well is not replaced by a curve of this one.
         acting = state.stage.candidates.acting
@@ -73,7 +69,7 @@ def measured_curves(
             bare = state.with_picks((*kept, *state.picks[len(places) :]))
             shown = _followed([named[k].effect for k in own], joint)
             alone, new, other = search_curves(bare, variables, joint, seed, judge, shown)
-            instead = [_Told.of(f, seed) for f in new]
+            instead = [_Told.of(f) for f in new]
             better = _cost(beside, joint, found) - _cost(alone, joint, instead) > TOLD_APART
             if all(t.curve.formula for t in instead):
                 better = better and not judged.surely_below(other, joint)
@@ -138,42 +134,39 @@ def _explains(state: SearchState, joint: int) -> bool:
 
 @dataclass(frozen=True)
 class _Told:
-    """A curve as it is told; text : of its effect; freedom : constants of its law, or where it has none
-    its effective degrees of freedom; lost : of the chi-square that it explains, what its law leaves."""
+    """A curve as it is told; text : of its effect; freedom : constants of its law, or where it is none
+    its effective degrees of freedom."""
 
     curve: Curve
     text: str
     freedom: float
-    lost: float
 
     @classmethod
-    def of(cls, found: FoundCurve, seed: int) -> _Told:
-        f, look = found.fitted, found.look
-        points = look.variables.supported(f.basis)
-        grid = f.basis.at(*points.T)
-        projector = identifiable(f.factors, f.smooth.P)
-        errors = draws(look.fit, f.Z, f.C, f.smooth, f.joint, seed, _DRAWS) @ projector.T
-        half = _simultaneous(errors @ grid.T)
-        torque = grid @ f.coefficients
-        law = law_of(f, look, points, half, projector)
-        units = look.state.stage.candidacy.model.robot.torque_units
+    def of(cls, found: FoundCurve) -> _Told:
+        f, law = found.fitted, found.law
+        points = found.look.variables.supported(f.basis)
+        torque, filled, beyond = f.basis.at(*points.T) @ f.coefficients, points[:0], np.zeros(0)
+        if law is not None and found.whole:
+            filled = unmeasured(f.basis, points)
+            torque, beyond = law.at(points), law.at(filled)
+        units = found.look.state.stage.candidacy.model.robot.torque_units
+        single = points.shape[1] == 1
         curve = Curve(
             f.joint + 1,
             f.basis.of,
-            points[:, 0] if points.shape[1] == 1 else points,
+            points[:, 0] if single else points,
             torque,
-            torque - half,
-            torque + half,
-            found.held_out.share(known_floor(look.noise, f.joint)),
+            torque - found.half,
+            torque + found.half,
+            found.held_out.share(known_floor(found.look.noise, f.joint)),
             None if law is None else written(law, f, units),
             found.held_out.before,
             found.held_out.after,
+            filled[:, 0] if single else filled,
+            beyond,
         )
-        text = found.effect.text
-        if law is None:
-            return cls(curve, text, f.smooth.edf, 0.0)
-        lost = look.fit.weighting.level[f.joint] ** 2 * (f.smooth.chi2 - law.chi2)
-        return cls(curve, text, float(law.size), lost)
+        freedom = float(law.size) if law is not None and found.whole else f.smooth.edf
+        return cls(curve, found.effect.text, freedom)
 
 
 def _cost(state: SearchState, joint: int, found: Sequence[_Told]) -> float:
@@ -181,17 +174,10 @@ def _cost(state: SearchState, joint: int, found: Sequence[_Told]) -> float:
     by its law."""
     fit = state.fit
     degrees, noise = float(fit.degrees[joint]), float(fit.weighting.noise_variance[joint])
-    chi2 = float(fit.joint_chi2[joint]) + sum(f.lost for f in found)
+    chi2 = float(fit.joint_chi2[joint])
     variance = max(chi2 / degrees, noise)
     curves = {f.text for f in found}
     named = [p.candidate for p in state.picks if p.candidate.effect.text not in curves]
     freedom = sum(f.freedom for f in found)
     freedom += sum(len(h.beta) + len(h.effect.searched) for h in named if h.key[1] == joint)
     return degrees * np.log(variance) + chi2 / variance + freedom * np.log(degrees)
-
-
-def _simultaneous(errors: Array) -> Array:
-    """(P,) half width of the band that holds _LEVEL of whole curves, from errors (draws, P)."""
-    deviation = np.maximum(errors.std(axis=0), 1e-300)
-    largest = np.max(np.abs(errors) / deviation, axis=1)
-    return np.asarray(np.quantile(largest, _LEVEL) * deviation)

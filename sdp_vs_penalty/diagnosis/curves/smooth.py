@@ -31,6 +31,8 @@ _COARSE = 10.0 ** np.arange(-4.0, 5.0, 2.0)
 _FINE = 10.0 ** np.arange(-5.0, 5.5, 0.75)
 #: Of a pair each roughness has its own.
 _FINE_PAIR = 10.0 ** np.arange(-4.0, 4.5, 1.5)
+#: Quantile of the blocks' own sums at which they are cut.
+_CUT = 0.75
 #: Share of a direction's energy below which the model's columns make it.
 ABSORBED = 0.02
 
@@ -114,12 +116,14 @@ def block_scores(fit: WhiteFit, Z: Array, C: Array, joint: int, overlap: Array) 
 
 def agreement(scores: Array, A: Array) -> Array:
     """(B, B) G with T(e) = e' G e, what the blocks explain together when their scores change sign by
-    e; its diagonal is what each explains alone, and it is scaled to a standard deviation of 1 under
-    random signs."""
+    e, without what each explains alone. No block counts for more than the upper quartile of them: a
+    few stretches that are most of an error agree by chance in a large share of all draws."""
     G = scores @ np.linalg.solve(A, scores.T)
-    off = G - np.diag(np.diagonal(G))
-    spread = np.sqrt(2.0 * np.sum(off**2))
-    return np.asarray(off / spread) if spread > 0.0 else np.zeros_like(off)
+    own = np.maximum(np.diagonal(G), 1e-300)
+    cut = np.sqrt(np.minimum(np.quantile(own, _CUT) / own, 1.0))
+    out = G * np.outer(cut, cut)
+    np.fill_diagonal(out, 0.0)
+    return np.asarray(out)
 
 
 def held_out_gains(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> Array:
