@@ -27,6 +27,10 @@ class InputError(ValueError):
         return type(self)(self.what, self.remedy, place)
 
 
+class Remark(UserWarning):
+    """What the user should know of the data and need not act on; the command line prints it."""
+
+
 class Infeasible(InputError):  # noqa: N818 (the field's word)
     """The constraints admit no parameters.
 

@@ -124,10 +124,14 @@ def _late(physics: Physics, joints: list[int]) -> Iterator[Hypothesis]:
 def _lead(channels: Array, order: int) -> Number:
     """A delay (order 2) or a lag (order 1) of the channels (n,) that are 1.
 
-    That of one channel alone is what its joint's friction may look like: only a large one tells.
+    Where a joint sticks its torque is early or late by itself. That of one channel alone is what its
+    joint's friction may look like: only a large one tells.
     """
     least = LEAST if channels.all() else ENOUGH
-    return Number(0.0, lambda x: lambda p: p.with_lead(x * channels, order), least=least)
+    return Number(
+        0.0, lambda x: lambda p: p.with_lead(x * channels, order), least=least,
+        where=lambda p: p.sliding,
+    )  # fmt: skip
 
 
 def _scaled(run: Measurements, scale: Array) -> Measurements:

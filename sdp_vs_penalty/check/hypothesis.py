@@ -51,17 +51,19 @@ class Number:
     """An estimated number, zero where the file is right; ``at(x)`` applies another one.
 
     tolerance : what arms and loggers differ by themselves, of the number's own unit; least : gain of the
-    score from which on it is worth a warning.
+    score from which on it is worth a warning; where : the data that tell of it.
     """
 
     value: float
     at: Callable[[float], Callable[[Physics], Physics]]
     tolerance: float = np.inf
     least: float = LEAST
+    where: Callable[[Physics], Physics] = lambda physics: physics
 
     def fitted(self, physics: Physics, grid: Iterable[float], steps: int = 8) -> Number:
         """The same with the value that leaves least unexplained, found from a grid."""
-        found = best_number(lambda x: self.at(x)(physics).evidence.misfit, grid, steps)
+        told = self.where(physics)
+        found = best_number(lambda x: self.at(x)(told).evidence.misfit, grid, steps)
         return replace(self, value=found)
 
     def determined(self, physics: Physics) -> bool:
@@ -159,11 +161,12 @@ class Hypothesis:
         """Whether its number is certainly not what the file says; True where it has none.
 
         What laws of friction or a coupled wrist explain as well is the model's matter, and no fault of
-        the file.
+        the file: beside them half of the gain has to remain, or enough by itself.
         """
         if self.number is None or not self.number.determined(physics):
             return self.number is None
-        return self.gain(beyond.rival(physics)) > HALF * self.gain(physics)
+        rival = self.number.where(beyond.rival(physics))
+        return self.gain(rival) > min(HALF * self.gain(physics), ENOUGH)
 
     def pays(self, physics: Physics, gain: float) -> bool:
         """Whether it explains parts of the run that the arm was not fitted to, nearly all of them.

@@ -30,6 +30,8 @@ from sdp_vs_penalty.robot.robot import Robot
 _SPARE = 1.5
 #: Filtered rows that repeat each other count once: rows per independent sample.
 OVERSAMPLING = 4.0
+#: A joint slides above this share of its usual speed.
+_SLIDES = 0.2
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Physics:
 
     rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm;
     weight : (n,) share of the gravity torque that each channel holds; parent : the data of which these
-    are rows, for delays; own : see there.
+    are rows, for delays; own : see there; heard : (M, n) 0 where nothing is asked of a joint's torque.
     """
 
     model: Model
@@ -49,6 +51,7 @@ class Physics:
     weight: tuple[float, ...] | None = None
     parent: tuple[Physics, NDArray[np.intp]] | None = None
     own: Own | None = None
+    heard: Array | None = None
 
     @property
     def n(self) -> int:
@@ -122,10 +125,26 @@ class Physics:
     @cached_property
     def evidence(self) -> Evidence:
         """What one arm explains of the channels."""
+        heard = self.channels if self.heard is None else self.heard * self.channels
         cross = np.zeros((self.n, self.p))
-        for out, c, y in zip(cross, self.acting, self.channels.T, strict=True):
+        for out, c, y in zip(cross, self.acting, heard.T, strict=True):
             out[c.indices] = c.columns.T @ y
-        return Evidence(self.grams, cross, energy_of(self.channels))
+        return Evidence(self.grams, cross, energy_of(heard))
+
+    @cached_property
+    def sliding(self) -> Physics:
+        """The same, a joint's torque counted only where it moves at a share of its usual speed.
+
+        Around a reversal dry friction holds any torque between two limits, sooner or later than a law
+        of velocity says; inertia and weight are as late as the file is.
+        """
+        speed = np.abs(self.motion.dq)
+        heard = (speed > _SLIDES * np.sqrt(np.mean(speed**2, axis=0))).astype(float)
+        made = replace(self, heard=heard)
+        made.__dict__["acting"] = [
+            replace(c, columns=c.columns * h[:, None]) for c, h in zip(self.acting, heard.T, strict=True)
+        ]
+        return made
 
     @cached_property
     def left_out(self) -> Array:
@@ -148,7 +167,9 @@ class Physics:
         own = None if self.own is None else self.own.part(rows)
         whole, places = self.parent or (self, np.arange(len(self.channels)))
         parent = (whole, places[rows])
-        made = replace(self, motion=motion, channels=channels, rate=rate, own=own, parent=parent)
+        heard = None if self.heard is None else self.heard[rows]
+        made = replace(self, motion=motion, channels=channels, rate=rate, own=own)
+        made = replace(made, parent=parent, heard=heard)
         if "acting" in self.__dict__:
             made.__dict__["acting"] = [replace(c, columns=c.columns[rows]) for c in self.acting]
         return made

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from sdp_vs_penalty.cli.errors import explain
 from sdp_vs_penalty.cli.group import VerbGroup
+from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.version import __version__
 
@@ -71,6 +73,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Matrices here have a hundred columns: threads of the linear algebra cost more than they bring,
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    shown = warnings.showwarning
+
+    def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
+        if category is Remark:  # to the user, without the place in our code
+            print(f"sdp-vs-penalty: {message}", file=sys.stderr)
+        else:
+            shown(message, category, *place, **more)
+
+    warnings.showwarning = remark
     try:
         with protecting():
             code = app(expand_many(given), prog_name="sdp-vs-penalty", standalone_mode=False)

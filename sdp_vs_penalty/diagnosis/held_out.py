@@ -40,6 +40,9 @@ from sdp_vs_penalty.signals.segments import segmented
 
 #: By this share an error falls, rather than merely not rising.
 _FALLS = 0.001
+#: Where the noise is a guess, evidence counts the model's own error: what lowers its joints' errors by
+#: less than this share, summed over them, does not pay.
+_PAYS = 0.003
 #: Outer folds at most: the search is repeated without each of them.
 _OUTER = 5
 
@@ -83,7 +86,8 @@ class OnTest:
         def squares(chosen: Sequence[int]) -> Array:
             return _squares(found.estimate, frozen, effects, split, chosen)[0]
 
-        return HeldOut(before, every, "test", *_told(picks, evidence, squares), evidence[-1])
+        told = _told(picks, evidence, squares, found.state.stage.noise.source == RESIDUAL)
+        return HeldOut(before, every, "test", *told, evidence[-1])
 
     def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
         """The rows of both runs in the columns of the model and of all effects."""
@@ -158,7 +162,7 @@ class OnFolds:
         keep = stage.rows.keep
         count, evident = keep.sum(axis=0), (keep & _evident(stage)).sum(axis=0)
         evidence = _rmse(same, evident)
-        told = _told(picks, evidence, squares)
+        told = _told(picks, evidence, squares, stage.noise.source == RESIDUAL)
         return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told, evidence[-1])
 
     @cached_property
@@ -256,18 +260,27 @@ def _matched(
 
 
 def _told(
-    picks: Sequence[Pick], ladder: Array, squares: Callable[[Sequence[int]], Array]
+    picks: Sequence[Pick],
+    ladder: Array,
+    squares: Callable[[Sequence[int]], Array],
+    guessed: bool = False,
 ) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
     """Of each pick whether the errors of the joints on which it acts fall in geometric mean, and whether
-    they rise. ladder (steps + 1, n) : with the first picks; squares : (n,) of any picks, by which those
-    are judged beside all others that add nothing where they stand: some need a later one."""
+    they rise, or where the noise is ``guessed`` do not fall enough to pay. ladder (steps + 1, n) : with
+    the first picks; squares : (n,) of any picks, by which those are judged beside all others that add
+    nothing where they stand: some need a later one."""
     steps = zip(picks, ladder[:-1], ladder[1:], strict=True)
     change = [_change(pick, before, after) for pick, before, after in steps]
     kept, rises = list(range(len(picks))), [False] * len(picks)
-    for k in sorted((k for k, c in enumerate(change) if c >= -_FALLS), key=lambda k: -change[k]):
+    needed = [
+        _PAYS / len(before[_acts(p)]) if guessed else -_FALLS
+        for p, before in zip(picks, ladder, strict=False)
+    ]
+    doubtful = (k for k, c in enumerate(change) if c >= -max(_FALLS, needed[k]))
+    for k in sorted(doubtful, key=lambda k: -change[k]):
         others = [m for m in kept if m != k]
         change[k] = 0.5 * _change(picks[k], squares(others), squares(kept))
-        if change[k] > _FALLS:
+        if change[k] > -needed[k]:
             kept, rises[k] = others, True
     return tuple(c < -_FALLS for c in change), tuple(rises)
 

@@ -16,6 +16,8 @@ from sdp_vs_penalty.page.view import View
 #: The colour is full where the error is so many times its noise floor, or where that is not known its
 #: own root mean square.
 _FULL = 4.0
+#: The camera's distance in radii of what it sees, at 75 degrees.
+_AWAY = 1.4
 
 
 def draw_arm(view: View, model: Rung) -> Any:
@@ -47,7 +49,6 @@ def draw_arm(view: View, model: Rung) -> Any:
                         ball = scene.sphere(1.0, 24, 16).scale(*body["half"])
                         ball.material("#0072b2", 0.75).with_name(f"link-{body['link']}")
                         ball.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
-        scene.move_camera(0.55 * reach, -0.6 * reach, 0.5 * reach, 0.0, 0.0, 0.3 * reach, duration=0.0)
         scene.props["role"] = "img"
         scene.props["aria-label"] = "The arm, links as inertia ellipsoids coloured by torque error"
         with tag("div", style="row"):
@@ -62,6 +63,10 @@ def draw_arm(view: View, model: Rung) -> Any:
 
     def follow() -> None:
         read = view.session.recording(model, view.run)
+        centre, radius = _around(read["poses"], bodies)
+        camera = centre + _AWAY * radius * np.array([0.58, -0.63, 0.52])
+        (x, y, z), (a, b, c) = camera.tolist(), centre.tolist()
+        scene.move_camera(x, y, z, a, b, c, duration=0.0)
         moves = {
             "scene": scene.id,
             "groups": [g.id for g in groups],
@@ -73,6 +78,18 @@ def draw_arm(view: View, model: Rung) -> Any:
         ui.run_javascript(f"arm.load({json.dumps(moves)})")
 
     return follow
+
+
+def _around(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, float]:
+    """Centre and radius of a ball around base, joints and links in all poses (F, k, 4, 4) of a run."""
+    joints = poses[..., :3, 3].reshape(-1, 3)
+    points, sizes = [np.zeros((1, 3)), joints], [np.zeros(1 + len(joints))]
+    for body in bodies:
+        points.append((poses[:, body["joint"]] @ np.array(body["place"]))[:, :3, 3])
+        sizes.append(np.full(len(poses), max(body["half"])))
+    places = np.vstack(points)
+    centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    return centre, float(np.max(np.linalg.norm(places - centre, axis=1) + np.concatenate(sizes)))
 
 
 def _clicked(view: View, bodies: list[dict[str, Any]]) -> Any:

@@ -86,7 +86,7 @@ def ladder_chart(
     numbers, known = [f"{k}" for k in range(1, len(names) + 1)], [f for f in floor if f]
     if len(known) == len(units):
         over = [[e / f for e, f in zip(errors, known, strict=True)] for errors in rmse]
-        plot = ladder_figure(numbers, over, ["noise floors"] * len(units))
+        plot = ladder_figure(numbers, over, [""] * len(units))
         plot.update_yaxes(title_text="RMS error / noise floor").add_hline(1.0, line_dash="dot")
     else:
         plot = ladder_figure(numbers, rmse, units)

@@ -17,7 +17,7 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.datasets import DATASETS
 from sdp_vs_penalty.data.files import load_measurements, save, windowed
-from sdp_vs_penalty.data.texts import time_windows
+from sdp_vs_penalty.data.texts import numbers, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -261,7 +261,8 @@ def take(request: Request, progress: Progress) -> Answer:
     out = Path(request["out"])
     urdf = request.get("urdf") if out.name == "robot.urdf" else None
     progress(f"writing {out.name}")
-    return {"left_out": list(export(load_estimate(request["model"]), out, urdf))}
+    x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
+    return {"left_out": list(export(load_estimate(request["model"]), out, urdf, flange=(x, y, z)))}
 
 
 def save_session(request: Request, progress: Progress) -> Answer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.texts import pairs
-from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.page.options import number
 from sdp_vs_penalty.problem.convert import convert
@@ -50,12 +51,16 @@ def read(request: Request, progress: Progress) -> Answer:
     """files : {path, name} of each; those that can be used become runs, the others a sentence each."""
     problem = problem_of(request)
     hashes = {run["hash"]: run["name"] for run in request["runs"]}
-    runs, refused = [], []
+    runs, refused, remarks = [], [], []
     for file in request["files"]:
         progress(f"reading {file['name']}")
         path = Path(file["path"])
         try:
-            part = _loaded(problem, path, request.get("options", {}))
+            with warnings.catch_warnings(record=True) as heard:
+                warnings.simplefilter("always", Remark)
+                part = _loaded(problem, path, request.get("options", {}))
+            said = (str(w.message) for w in heard if w.category is Remark)
+            remarks += [text.replace(str(path), file["name"]) for text in said]
             twin = hashes.get(part.data_hash)
             if twin is not None:
                 raise InputError(f"holds the same samples as {twin}", "name each run once", path)
@@ -67,7 +72,7 @@ def read(request: Request, progress: Progress) -> Answer:
             continue
         hashes[run["hash"]] = run["name"]
         runs.append(run)
-    return {"runs": runs, "refused": refused}
+    return {"runs": runs, "refused": refused, "remarks": remarks}
 
 
 def _loaded(problem: Problem, path: Path, options: Mapping[str, str]) -> Measurements:

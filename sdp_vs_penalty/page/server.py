@@ -31,7 +31,7 @@ from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.steps import STEPS
-from sdp_vs_penalty.page.steps.take_away import FILES, MADE, MORE
+from sdp_vs_penalty.page.steps.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.workshop import Work, Workshop
@@ -221,7 +221,7 @@ def make_app(page: Page) -> FastAPI:
         session = page.sessions.get(token)
         if (
             session is None
-            or name not in (*FILES, *MORE, *MADE)
+            or name not in (*FILES, *MORE, *LOAD, *MADE)
             or not (session.folder / name).is_file()
         ):
             return _gone()

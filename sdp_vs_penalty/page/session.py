@@ -231,8 +231,8 @@ class Session(Doing):
 
         self._start("Comparing methods", do())
 
-    def take(self, name: str, ready: Callable[[str], None]) -> None:
-        """Make a file to take away; ``ready`` hears its name."""
+    def take(self, name: str, ready: Callable[[str], None], options: Mapping[str, str]) -> None:
+        """Make a file to take away; ``ready`` hears its name. options : the flange, for a payload."""
 
         async def do() -> None:
             out = self.folder / name
@@ -249,7 +249,9 @@ class Session(Doing):
                 await self._job("report", models=models, **details)
             else:
                 urdf = self.robot["source"] if self.robot and self.robot["file"] else None
-                answer = await self._job("take", model=self._current(), out=str(out), urdf=urdf)
+                answer = await self._job(
+                    "take", model=self._current(), out=str(out), urdf=urdf, **options
+                )
                 if answer["left_out"]:
                     self.notice = Notice(
                         (
@@ -323,5 +325,6 @@ class Session(Doing):
             self.forget_models()
         if answer["refused"]:
             self.notice = Notice(tuple(self.without_paths(text) for text in answer["refused"]))
-        elif had_models:
-            self.notice = Notice((_OTHER_RUNS,), error=False)
+        elif had_models or answer.get("remarks"):
+            said = answer.get("remarks", []) + [_OTHER_RUNS] * had_models
+            self.notice = Notice(tuple(map(self.without_paths, said)), error=False)

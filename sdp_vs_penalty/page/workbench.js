@@ -104,9 +104,9 @@ const arm = {
       scene.renderer.render = (world, camera) => {
         const there = [...scene.objects.values()].filter((o) => o.mesh?.parent).length;
         const state = `${camera.matrixWorld.elements} ${this.drawn} ${there} ${scene.renderer.domElement.width}`;
-        if (scene.$el.offsetParent === null || state === last) return;
-        last = state;
-        draw(world, camera);
+        const hidden = scene.$el.offsetParent === null; // what was drawn is lost with the canvas's place
+        if (!hidden && state !== last) draw(world, camera);
+        last = hidden ? "" : state;
       };
     }
     for (const later of [300, 1500]) setTimeout(() => this.at(this.time), later); // objects arrive one by one

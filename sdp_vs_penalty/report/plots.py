@@ -115,7 +115,7 @@ def ladder_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequen
                 x=list(names),
                 y=[float(np.asarray(errors)[j]) for errors in rmse],
                 mode="lines+markers",
-                name=f"joint {j + 1} [{unit}]",
+                name=f"joint {j + 1} [{unit}]" if unit else f"joint {j + 1}",
                 line={
                     "color": COLOURS[j % len(COLOURS)],
                     "dash": "dot" if j >= len(COLOURS) else "solid",

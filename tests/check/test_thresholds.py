@@ -10,7 +10,7 @@ import pytest
 
 from sdp_vs_penalty.check import beyond, channels, rows, zeros
 from sdp_vs_penalty.check.evidence import Evidence
-from sdp_vs_penalty.check.hypothesis import Hypothesis, Number
+from sdp_vs_penalty.check.hypothesis import ENOUGH, Hypothesis, Number
 from sdp_vs_penalty.check.signs import time_reversed
 from sdp_vs_penalty.data.measurements import Measurements
 
@@ -46,16 +46,18 @@ def test_a_delay_of_one_channel_moves_that_channel_only(seconds: float) -> None:
     np.testing.assert_allclose(moved.tau[:, [0, 2]] - moved.t[:, None], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("of_friction_alone", [True, False])
+@pytest.mark.parametrize(
+    ("gain", "left", "determined"),
+    [(1.0, 0.4, False), (1.0, 0.6, True), (5.0, 0.9 * ENOUGH, False), (5.0, 1.1 * ENOUGH, True)],
+)
 def test_what_friction_explains_as_well_is_no_delay(
-    of_friction_alone: bool, monkeypatch: pytest.MonkeyPatch
+    gain: float, left: float, determined: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A number that other laws leave less than half of is the model's matter."""
-    left = 0.4 if of_friction_alone else 0.6
+    """A number of which other laws leave neither half nor enough is the model's matter."""
     monkeypatch.setattr(beyond, "rival", lambda _: "rival")
-    number = SimpleNamespace(determined=lambda _: True, like_friction=True)
-    given = SimpleNamespace(number=number, gain=lambda p: left if p == "rival" else 1.0)
-    assert Hypothesis.determined(given, "physics") != of_friction_alone  # type: ignore[arg-type]
+    number = SimpleNamespace(determined=lambda _: True, where=lambda p: p)
+    given = SimpleNamespace(number=number, gain=lambda p: left if p == "rival" else gain)
+    assert Hypothesis.determined(given, "physics") == determined  # type: ignore[arg-type]
 
 
 def channel(step: float) -> np.ndarray[Any, Any]:

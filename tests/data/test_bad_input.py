@@ -26,7 +26,7 @@ from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import load_answers
 from sdp_vs_penalty.robot.urdf import load_urdf
@@ -83,7 +83,7 @@ CSV_CASES: dict[str, tuple[str | bytes, list[str]]] = {
     "time is missing": (csv_with(setting(1, "s,q1,q2,dq1,dq2,tau1,tau2")), ["column t is missing"]),
     "a torque is missing": (csv_with(setting(1, "t,q1,q2,dq1,dq2,tau1,x")), ["column tau2 is missing"]),
     "a velocity is missing": (csv_with(setting(1, "t,q1,q2,dq1,x,tau1,tau2")), ["dq2 is missing"]),
-    "a column is misnamed": (csv_with(setting(1, HEADER + ",heat1")), ["'heat1' is unknown"]),
+    "a torque without a position": (csv_with(setting(1, HEADER + ",tau3")), ["tau3 has no q"]),
     "a column comes twice": (csv_with(setting(1, "t,q1,q1,dq1,dq2,tau1,tau2")), ["q1 comes twice"]),
     "semicolons": (csv_with(lambda x: None).replace(",", ";"), ["row 1", "by semicolons", "commas"]),
     "a word": (csv_with(setting(4, "0.02,x,0,0,0,1,2")), ["row 4, column 2 holds 'x'", "correct it"]),
@@ -122,6 +122,22 @@ def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path: Path) -> None:
     text = "\ufeff" + "\r\n".join([HEADER.replace(",", " , "), *ROWS, "", ""])
     path.write_bytes(text.encode())
     assert load_measurements(path, joints=2).q.shape == (9, 2)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"), [("ddq1", ["ddq1", "computed from q"]), ("mode", ["not used: mode."])]
+)
+def test_other_columns_are_left_out_with_a_remark(more: str, said: list[str], tmp_path: Path) -> None:
+    """Logs hold accelerations, currents, states: the run is the same without them."""
+    plain, path = tmp_path / "plain.csv", tmp_path / "run.csv"
+    plain.write_text(csv_with(lambda x: None))
+    path.write_text(
+        "\n".join(f"{line},{more if k == 0 else k}" for k, line in enumerate([HEADER, *ROWS]))
+    )
+    with pytest.warns(Remark) as heard:
+        run = load_measurements(path, joints=2)
+    assert all(word in str(heard[0].message) for word in said)
+    assert run.data_hash == load_measurements(plain, joints=2).data_hash
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ from sdp_vs_penalty.export import export, plain_robot
 from sdp_vs_penalty.export.content import Inertial, number
 from sdp_vs_penalty.export.mjcf import quaternion
 from sdp_vs_penalty.export.urdf import rpy_of
+from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
@@ -384,6 +385,12 @@ def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
     assert told["mass"] == pytest.approx(mass)
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.107]).tolist())
     assert told["inertia"] == pytest.approx(tensor.ravel().tolist(), abs=1e-12)
+    estimate.save(tmp_path / "model.json")
+    out = str(tmp_path / "endeffector-config.json")
+    request = {"model": str(tmp_path / "model.json"), "out": out, "flange": "0,0,0.05"}
+    jobs.take(request, lambda _: None)  # as the page asks for it
+    told = json.loads(Path(out).read_text())
+    assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())
     export(estimate, tmp_path / "load.script")
     line = (tmp_path / "load.script").read_text().splitlines()[0]
     figures = [float(x) for x in re.findall(r"-?[0-9.]+(?:e-?[0-9]+)?", line)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The header of RUN.csv, in words.
@@ -151,7 +152,10 @@ def columns_of(measurements: Measurements) -> dict[str, Array]:
 
 
 def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
-    """Number of joints and the groups there are, from a header; InputError where it is incomplete."""
+    """Number of joints and the groups there are, from a header; InputError where it is incomplete.
+
+    Columns of other names are left out with a warning: logs hold accelerations, currents, states.
+    """
     found = {int(m[1]) for name in names if (m := re.fullmatch(r"q([1-9][0-9]{0,3})", name))}
     if not found:
         raise InputError("row 1 names no column q1", f"write the header {HEADER}", path)
@@ -167,9 +171,23 @@ def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
                 f"write the header {HEADER}",
                 path,
             )
-    for name in names:
-        if name not in wanted:
-            raise InputError(
-                f"column {name!r} is unknown", "keep t, q, dq and tau with joint numbers only", path
-            )
+    others = [name for name in names if name not in wanted]
+    beyond = next((x for x in others if re.fullmatch(rf"({'|'.join(_GROUPS)})[0-9]+", x)), None)
+    if beyond is not None:
+        raise InputError(f"column {beyond} has no q beside it", "give each joint a column q", path)
+    if others:
+        warnings.warn(f"{path}: not used: {_listed(others)}{_why(others)}", Remark, stacklevel=2)
     return n, groups
+
+
+def _listed(names: Sequence[str]) -> str:
+    """At most six columns by name."""
+    shown = ", ".join(name[:40] or "a column without a name" for name in names[:6])
+    return f"{shown} and {len(names) - 6} more" if len(names) > 6 else shown
+
+
+def _why(names: Sequence[str]) -> str:
+    """Accelerations are the one kind of column that people expect to be read."""
+    if not any(re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in names):
+        return "."
+    return ". Accelerations are computed from q, with the same filter as the torque."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sdp_vs_penalty.page.controls import button, details, tag
+from sdp_vs_penalty.page.controls import button, details, tag, text_field
 from sdp_vs_penalty.page.step import after_model
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ MORE = {
     "model.h": "a C header",
     "friction.csv": "friction by velocity",
 }
+#: Of a model with a payload, as the makers' controllers take it.
+LOAD = {"endeffector-config.json": "payload for Franka", "payload.script": "payload for UR"}
 
 #: What else a job may have made to be fetched.
 MADE = ("trajectory.csv", "session.zip")
@@ -35,9 +37,12 @@ MADE = ("trajectory.csv", "session.zip")
 def _draw(view: View) -> None:
     session = view.session
 
+    flange = {"flange": ""}
+
     def tiles(files: dict[str, str]) -> None:
         for name, use in files.items():
-            with button("", partial(session.take, name, view.download), f"take-{name}", "tile"):
+            take = partial(session.take, name, view.download, flange)
+            with button("", take, f"take-{name}", "tile"):
                 tag("strong", name)
                 tag("span", use)
 
@@ -46,6 +51,11 @@ def _draw(view: View) -> None:
         with button("", lambda: session.save(view.download), "save-session", "tile"):
             tag("strong", "session.zip")
             tag("span", "this whole session")
+    if "payload" in session.ladder[-1].effects:
+        said = "Flange in the last joint's frame [m]: x,y,z"
+        text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
+        with tag("div", style="tiles", role="group", aria_label="The payload's files"):
+            tiles(LOAD)
     more = details("For other simulators and controllers", "more-files")
     with more, tag("div", style="tiles", role="group", aria_label="More files to download"):
         tiles(MORE)
