@@ -86,7 +86,7 @@ def ladder_chart(
     numbers, known = [f"{k}" for k in range(1, len(names) + 1)], [f for f in floor if f]
     if len(known) == len(units):
         over = [[e / f for e, f in zip(errors, known, strict=True)] for errors in rmse]
-        plot = ladder_figure(numbers, over, ["noise floors"] * len(units))
+        plot = ladder_figure(numbers, over, [""] * len(units))
         plot.update_yaxes(title_text="RMS error / noise floor").add_hline(1.0, line_dash="dot")
     else:
         plot = ladder_figure(numbers, rmse, units)
@@ -118,19 +118,32 @@ def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -
 
 
 def residual_chart(
-    read: Mapping[str, Any], joint: int, signal: str, unit: str, floor: float | None
+    reads: Sequence[Mapping[str, Any]],
+    joint: int,
+    signal: str,
+    unit: str,
+    floor: float | None,
+    span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
-    """What is left of one joint's torque against one of SIGNALS."""
-    x = read[signal] if signal == "t" else read[signal][:, joint]
-    left, dq = read["torque"][:, joint] - read["modelled"][:, joint], read["dq"][:, joint]
+    """What one or two models leave of a joint's torque, the last one's reversals ringed, against one of
+    SIGNALS; span : only these seconds of the run."""
+    read = reads[-1]
+    t = read["t"] - read["t"][0]
+    cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
+    if len(t[cut]) < 2:
+        cut = slice(None)
+    x = (read[signal] if signal == "t" else read[signal][:, joint])[cut]
+    lefts = [(r["torque"][:, joint] - r["modelled"][:, joint])[cut] for r in reads]
+    keep, turns = scatter_rows(read["dq"][cut, joint])
+    values = [(x[keep], left[keep]) for left in lefts] + [(x[turns], lefts[-1][turns])]
     axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(f"error of joint {joint + 1} [{unit}]")}
-    return _filled(_residual_frame(floor), [(x[k], left[k]) for k in scatter_rows(dq)], axes)
+    return _filled(_residual_frame(floor, len(reads) > 1), values, axes)
 
 
 @lru_cache(32)
-def _residual_frame(floor: float | None) -> dict[str, Any]:
+def _residual_frame(floor: float | None, two: bool) -> dict[str, Any]:
     zeros = np.zeros(2)
-    return _ready(styled(residual_figure(zeros, zeros, zeros, floor), 320))
+    return _ready(styled(residual_figure(zeros, zeros, zeros, floor, zeros if two else None), 320))
 
 
 def merged(first: Curves, last: Curves) -> Curves:

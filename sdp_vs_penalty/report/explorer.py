@@ -20,6 +20,7 @@ from sdp_vs_penalty.report.plots import (
 )
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.preprocessing import Rows
 
 #: Lags of a correlation.
 _LAGS = 40
@@ -34,7 +35,7 @@ def explorer(material: Material) -> Section:
         "wide to either side, where the noise is known. Drag over points: the same instants stand out "
         "in the other panel; a double click ends that."
     )
-    said = "Choose the joint and what the two axes show above the figure."
+    said = "Choose the joint, the run and what the two axes show above the figure."
     body += figure(_scatter(material, n, units), said, 470)
     body += text(
         "Correlation of the error with itself and with the joint's velocity at later instants; grey: "
@@ -50,54 +51,47 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
 
     plot = make_subplots(rows=2, cols=1, row_heights=[0.65, 0.35], vertical_spacing=0.14)
     runs = next(iter(material.rows.values()))
-    signals = {
-        name: np.concatenate(
-            [
-                np.repeat(r.motion.t[:, None], n, axis=1)
-                if name == "t"
-                else (r.torque if name == "torque" else getattr(r.motion, name))
-                for r in runs
-            ]
-        )
-        for name in SIGNALS
-    }
     errors = {
-        name: np.concatenate([r.torque - predicted(r, estimate.theta) for r in material.rows[name]])
+        name: [r.torque - predicted(r, estimate.theta) for r in material.rows[name]]
         for name, estimate in material.models.items()
     }
     # Of each trace of the upper panel what it shows when a signal is chosen for an axis.
     shown: dict[str, list[Array]] = {name: [] for name in ("error", *SIGNALS)}
     upper: list[int] = []
     for j in range(n):
-        keep, turns = scatter_rows(signals["dq"][:, j])
-        for m, (name, left) in enumerate(errors.items()):
-            colour, y = COLOURS[m % len(COLOURS)], left[:, j]
-            looks: list[tuple[Any, int, dict[str, Any]]] = [
-                (keep, 1, {"size": 3}),
-                (turns, 1, {"size": 8, "symbol": "circle-open"}),
-                (keep, 2, {"size": 2}),
-            ]
-            for rows, panel, look in looks:
-                x = signals["q" if panel == 1 else "t"][rows, j]
-                called = f"{name}, reversals" if rows is turns else name
-                marker = {**look, "color": colour}
-                trace = Scatter(x=x, y=y[rows], mode="markers", name=called, marker=marker)
-                trace.update(visible=j == 0, showlegend=panel == 1)
-                plot.add_trace(trace, row=panel, col=1)
-                if panel == 1:
-                    upper.append(len(plot.data) - 1)
-                    for signal, values in {**signals, "error": left}.items():
-                        shown[signal].append(values[rows, j])
-    floor, traces = material.comparisons[-1].noise_floor, len(plot.data) // n
+        for k, run in enumerate(runs):
+            signals = {name: _signal(run, name, j) for name in SIGNALS}
+            keep, turns = scatter_rows(signals["dq"])
+            for m, (name, left) in enumerate(errors.items()):
+                colour, y = COLOURS[m % len(COLOURS)], left[k][:, j]
+                looks: list[tuple[Any, int, dict[str, Any]]] = [
+                    (keep, 1, {"size": 3}),
+                    (turns, 1, {"size": 8, "symbol": "circle-open"}),
+                    (keep, 2, {"size": 2}),
+                ]
+                for rows, panel, look in looks:
+                    x = signals["q" if panel == 1 else "t"][rows]
+                    called = f"{name}, reversals" if rows is turns else name
+                    called += f", run {k + 1}" if len(runs) > 1 else ""
+                    marker = {**look, "color": colour}
+                    trace = Scatter(x=x, y=y[rows], mode="markers", name=called, marker=marker)
+                    trace.update(visible=j == 0, showlegend=panel == 1)
+                    plot.add_trace(trace, row=panel, col=1)
+                    if panel == 1:
+                        upper.append(len(plot.data) - 1)
+                        for signal, values in {**signals, "error": y}.items():
+                            shown[signal].append(values[rows])
+    floor, of_run = material.comparisons[-1].noise_floor, 3 * len(errors)
     bands = [[] if floor is None else noise_band(1.96 * floor[j], "y2") for j in range(n)]
-    joints = [
-        {
-            "label": f"joint {j + 1}",
-            "method": "update",
-            "args": [{"visible": [k // traces == j for k in range(len(plot.data))]}, {"shapes": band}],
-        }
-        for j, band in enumerate(bands)
-    ]
+    joints = []
+    for j, band in enumerate(bands):
+        every = range(j * len(runs), (j + 1) * len(runs))
+        for places in [every, *([k] for k in every if len(runs) > 1)]:
+            visible = [k // of_run in places for k in range(len(plot.data))]
+            label = f"joint {j + 1}" + (f", run {places[0] % len(runs) + 1}" if places != every else "")
+            joints.append(
+                {"label": label, "method": "update", "args": [{"visible": visible}, {"shapes": band}]}
+            )
     said = {"error": f"error [{', '.join(dict.fromkeys(units))}]", **SIGNALS}
 
     def axis(which: str) -> list[dict[str, Any]]:
@@ -122,6 +116,14 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
     return plot
 
 
+def _signal(run: Rows, name: str, joint: int) -> Array:
+    """(M,) of SIGNALS along a run."""
+    if name == "t":
+        return run.motion.t
+    values: Array = run.torque if name == "torque" else getattr(run.motion, name)
+    return values[:, joint]
+
+
 def correlation(a: Array, b: Array, lags: int = _LAGS) -> Array:
     """(lags + 1,) of a(t) with b(t + lag), normalised by the lengths of both."""
     a, b = a - a.mean(), b - b.mean()
@@ -136,24 +138,26 @@ def _correlations(material: Material, n: int) -> Any:
 
     plot = Figure()
     # Filtered rows are oversampled twice: every second one is a sample of its own.
-    longest = max(material.rows[material.last_name], key=lambda r: len(r.torque))
-    left = (longest.torque - predicted(longest, material.last.theta))[::2]
+    at = int(np.argmax([len(r.torque) for r in material.rows[material.last_name]]))
+    longest = material.rows[material.last_name][at]
     dq, t = longest.motion.dq[::2], longest.motion.t[::2]
     lags = min(_LAGS, len(t) // 4)
     x = np.arange(lags + 1) * float(np.median(np.diff(t)))
     for j in range(n):
-        for name, other, colour in (
-            ("with itself", left[:, j], COLOURS[0]),
-            ("with the velocity", dq[:, j], COLOURS[1]),
-        ):
-            y = correlation(left[:, j], other, lags)
-            line = {"color": colour}
-            plot.add_trace(Scatter(x=x, y=y, name=name, mode="lines+markers", line=line, visible=j == 0))
+        for m, (name, estimate) in enumerate(material.models.items()):
+            run = material.rows[name][at]
+            left = (run.torque - predicted(run, estimate.theta))[::2, j]
+            colour = COLOURS[m % len(COLOURS)]
+            for what, other, dash in (("itself", left, "solid"), ("the velocity", dq[:, j], "dot")):
+                line = {"color": colour, "dash": dash}
+                y, called = correlation(left, other, lags), f"{name}: with {what}"
+                plot.add_trace(Scatter(x=x, y=y, name=called, mode="lines", line=line, visible=j == 0))
+    each = 2 * len(material.models)
     buttons = [
         {
             "label": f"joint {j + 1}",
             "method": "restyle",
-            "args": [{"visible": [k // 2 == j for k in range(2 * n)]}],
+            "args": [{"visible": [k // each == j for k in range(each * n)]}],
         }
         for j in range(n)
     ]

@@ -115,7 +115,7 @@ def ladder_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequen
                 x=list(names),
                 y=[float(np.asarray(errors)[j]) for errors in rmse],
                 mode="lines+markers",
-                name=f"joint {j + 1} [{unit}]",
+                name=f"joint {j + 1} [{unit}]" if unit else f"joint {j + 1}",
                 line={
                     "color": COLOURS[j % len(COLOURS)],
                     "dash": "dot" if j >= len(COLOURS) else "solid",
@@ -153,18 +153,23 @@ def noise_band(half: float, axis: str = "y") -> list[dict[str, Any]]:
     return [{**place, **look}]
 
 
-def residual_figure(x: Array, left: Array, dq: Array, floor: float | None) -> Any:
+def residual_figure(
+    x: Array, left: Array, dq: Array, floor: float | None, first: Array | None = None
+) -> Any:
     """What is left of a joint's torque (N,) against a signal x (N,), its reversals (of dq) ringed; the
-    band is 1.96 noise floors wide to either side."""
+    band is 1.96 noise floors wide to either side. first (N,) : what the first model left."""
     from plotly.graph_objects import Figure, Scatter
 
     keep, turns = scatter_rows(dq)
+    looks = [
+        (keep, left, "error", {"size": 3, "color": COLOURS[0]}),
+        (turns, left, "reversals", {"size": 8, "symbol": "circle-open", "color": COLOURS[1]}),
+    ]
+    if first is not None:
+        looks.insert(0, (keep, first, "error of the first model", {"size": 3, "color": COLOURS[2]}))
     plot = Figure()
-    for rows, name, marker in (
-        (keep, "error", {"size": 3, "color": COLOURS[0]}),
-        (turns, "reversals", {"size": 8, "symbol": "circle-open", "color": COLOURS[1]}),
-    ):
-        plot.add_trace(Scatter(x=x[rows], y=left[rows], mode="markers", name=name, marker=marker))
+    for rows, y, name, marker in looks:
+        plot.add_trace(Scatter(x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
     if floor is not None:
         plot.update_layout(shapes=noise_band(1.96 * floor))
     return plot

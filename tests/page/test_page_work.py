@@ -751,12 +751,14 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
     q, dq, tau, one, two = rng.normal(size=(5, 300, 2))
     run, floor = Curves(t, tau, {"a": one, "b": two}), 0.3
     read = {"q": q, "dq": dq, "torque": tau, "modelled": one, "t": t}
-    residual = residual_figure(q[:, 1], tau[:, 1] - one[:, 1], dq[:, 1], floor)
+    before = {**read, "modelled": two}
+    lefts = [tau[:, 1] - modelled[:, 1] for modelled in (one, two)]
+    residual = residual_figure(q[:, 1], lefts[0], dq[:, 1], floor, lefts[1])
     residual.update_xaxes(title_text="position").update_yaxes(title_text="error of joint 2 [N m]")
     curve = {"velocity": t, "torque": q[:, 0], "half": np.abs(dq[:, 0])}
     for made, plot, height in (
         (torque_chart(run, 1, units), torque_figure([run], [1], units, beside=False), 420),
-        (residual_chart(read, 1, "q", "N m", floor), residual, 320),
+        (residual_chart([before, read], 1, "q", "N m", floor), residual, 320),
         (friction_chart(curve, 1, "N m"), friction_figure(**curve, joint=1, unit="N m"), 300),
     ):
         asked = styled(plot, height)
@@ -769,6 +771,9 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
                 np.testing.assert_allclose(trace.pop(axis), drawn[axis], rtol=1e-5)
             drawn = drawn.to_plotly_json()
             assert trace == {k: v for k, v in drawn.items() if k not in ("x", "y")}
+    # A stretch of the time that is looked at is what the scatter shows.
+    part = residual_chart([read], 1, "t", "N m", floor, (1.0, 1.5))
+    np.testing.assert_allclose(part["data"][0]["x"], t[100:150], rtol=1e-5)
 
 
 def test_measured_curves_are_drawn_where_the_recording_lies() -> None:

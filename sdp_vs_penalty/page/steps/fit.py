@@ -45,8 +45,9 @@ def _draw(view: View) -> None:
         return torque_chart(curves, view.joint or 0, units, view.span)
 
     def against() -> dict[str, Any]:
-        j, read = view.joint or 0, session.recording(model, view.run)
-        return residual_chart(read, j, view.signal, units[j], comparison["noise_floor"][j])
+        j, rungs = view.joint or 0, [session.ladder[0], model][-len(session.ladder) :]
+        reads = [session.recording(rung, view.run) for rung in rungs]
+        return residual_chart(reads, j, view.signal, units[j], comparison["noise_floor"][j], view.span)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
@@ -67,7 +68,7 @@ def _draw(view: View) -> None:
         parts["words"].text = _words(model, j, units[j])
 
     def follow_behind() -> None:
-        at = view.joint or 0, view.run, view.signal
+        at = view.joint or 0, view.run, view.signal, view.span
         if seen.get("against") != at:
             parts["against"].update_figure(against())
         seen["against"] = at
@@ -90,7 +91,7 @@ def _draw(view: View) -> None:
         )
     parts["against"] = chart(against(), "Error of the joint against a signal")
     seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span)}
-    seen["against"] = view.joint, view.run, view.signal
+    seen["against"] = view.joint, view.run, view.signal, view.span
     view.followers["fit"], view.behind["fit"] = follow, follow_behind
     follow()
     if model.on_bounds:
