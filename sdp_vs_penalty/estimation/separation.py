@@ -45,9 +45,7 @@ _ROWS, _CUTOFF = 2.0, 8.0
 #: Acceleration within so many seconds of its limit: the limit of jerk where nothing states one.
 _TIME_TO_ACCELERATION = 0.1
 #: Random motions to begin with; how slow a move may be over the fastest, and how long a pause [s].
-_DRAWN, _SLOWEST, _PAUSE = 60, 10.0, 0.8
-#: Short moves, as shares of long ones.
-_SHORT = (0.01, 0.03, 0.1, 0.3, 1.0)
+_DRAWN, _SLOWEST, _PAUSE = 30, 10.0, 0.8
 #: Shares of the limits that a motion uses.
 _SHARE = 0.95
 #: Probability of the right decision that is asked for.
@@ -275,8 +273,6 @@ class _Search:
         count = int(self.rng.integers(6, 40))
         n = len(self.low)
         points = self.rng.uniform(self.low, self.high, (count, n))
-        if self.rng.random() < 0.5:  # short moves about a pose: what is told near reversals
-            points = points[0] + self.rng.choice(_SHORT, n) * (points - points[0])
         still = self.rng.random(n) < self.rng.choice([0.0, 0.3, 0.7])
         points[:, still] = points[0, still]
         slow = np.exp(self.rng.uniform(0.0, np.log(_SLOWEST), count - 1) * self.rng.random())
