@@ -38,8 +38,8 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     settings, cones = _settings(accuracy), _cones(problem)
     start = time.perf_counter()
     if np.max(np.abs(problem.b), initial=0.0) >= _INFINITE:
-        nothing = (np.full(len(x), np.nan) for x in (problem.q, problem.b))
-        return Solution(*nothing, "failed", "data beyond 1e20", 0, 0.0, 0.0)
+        x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
+        return Solution(x, z, "failed", "data beyond 1e20", 0, 0.0, 0.0)
     solver = clarabel.DefaultSolver(problem.P, problem.q, problem.A, problem.b, cones, settings)
     ready = time.perf_counter()
     result = solver.solve()
