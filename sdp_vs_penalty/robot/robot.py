@@ -120,6 +120,10 @@ class Robot(Structure):
         With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier, Mansard,
         RSS 2018).
         """
+        if (parts := _of_positive_masses(theta)) is not None:
+            both = (self.inverse_dynamics_derivatives(x, q, dq, ddq) for x in parts)
+            by_q, by_dq, by_ddq = (np.subtract(a, b) for a, b in zip(*both, strict=True))
+            return by_q, by_dq, by_ddq
         model = self._with_inertias(theta)
         data = model.createData()
         q, dq, ddq = self.tree_state(q, dq, ddq)
@@ -140,13 +144,8 @@ class Robot(Structure):
         Six virtual joints that rest stand before each, and it is by their positions that Pinocchio
         derives (Carpentier, Mansard, RSS 2018).
         """
-        links = np.array(theta, float).reshape(-1, 10)
-        if np.any(links[:, 0] <= 0.0):
-            # Pinocchio divides by the mass that a joint carries: torques are linear in theta, so that
-            # masses that make all of them positive can be taken off again.
-            heavy = np.zeros_like(links)
-            heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
-            both = (self.placement_derivatives(x, q, dq, ddq) for x in (links + heavy, heavy))
+        if (parts := _of_positive_masses(theta)) is not None:
+            both = (self.placement_derivatives(x, q, dq, ddq) for x in parts)
             return np.asarray(np.subtract(*both))
         inertias, model = self._with_inertias(theta), pin.Model()
         model.gravity = self._model.gravity
@@ -200,6 +199,9 @@ class Robot(Structure):
 
         By the composite rigid body and recursive Newton-Euler algorithms (Featherstone 2008, ch. 5-6).
         """
+        if (parts := _of_positive_masses(theta)) is not None:
+            whole, taken = (self.mass_and_bias(x) for x in parts)
+            return lambda q, dq: tuple(map(np.subtract, whole(q, dq), taken(q, dq)))  # type: ignore[return-value]
         model = self._with_inertias(theta)
         data = model.createData()
 
@@ -213,3 +215,17 @@ class Robot(Structure):
             return self._reduced(full), self._projected(bias)
 
         return terms
+
+
+def _of_positive_masses(theta: ArrayLike) -> tuple[Array, Array] | None:
+    """Links (L, 10) twice, whose difference these are; None where every mass is positive as it is.
+
+    Pinocchio divides by the mass that a joint carries, wherever it sums links, and masses of least
+    squares may be negative: what is linear in theta is right as a difference.
+    """
+    links = np.array(theta, float).reshape(-1, 10)
+    if np.all(links[:, 0] > 0.0):
+        return None
+    heavy = np.zeros_like(links)
+    heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
+    return links + heavy, heavy

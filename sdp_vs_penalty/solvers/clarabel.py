@@ -14,6 +14,8 @@ EXTRA = None  # part of the core installation
 REQUIRES = ("package", "clarabel")
 CONES = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 
+#: Numbers that it takes for infinite: rows with such a right side are dropped, or make it panic.
+_INFINITE = 1e20
 _CLAIMS = {
     "Solved": "optimal",
     "AlmostSolved": "inaccurate",
@@ -35,6 +37,9 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
 
     settings, cones = _settings(accuracy), _cones(problem)
     start = time.perf_counter()
+    if np.max(np.abs(problem.b), initial=0.0) >= _INFINITE:
+        x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
+        return Solution(x, z, "failed", "data beyond 1e20", 0, 0.0, 0.0)
     solver = clarabel.DefaultSolver(problem.P, problem.q, problem.A, problem.b, cones, settings)
     ready = time.perf_counter()
     result = solver.solve()

@@ -109,7 +109,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
             searched_in[runs] = diagnose(*given, **options)  # type: ignore[arg-type]
         return searched_in[runs]
 
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", diagnosed)
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", diagnosed)
     quoted = shlex.quote(source)
     out = run(f"{PROGRAM} simulate {quoted} --hide joint_spring:2 --seed 7 --out 'my runs'")
     assert len(printed(out)) == 1
@@ -213,7 +213,7 @@ def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """What every diagnosis says; a model.json and a run.csv of the Panda beside it."""
     write_run(tmp_path / "run.csv", panda)
     found = told(panda, TWELVE)
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", lambda *_, **__: found)
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found)
     return found
 
 
@@ -241,7 +241,7 @@ def test_of_weak_findings_the_first_are_offered(
         for k, f in enumerate(twelve_found.effects)
     )
     found = replace(twelve_found, effects=effects)
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose", lambda *_, **__: found)
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found)
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
     command, *tell = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
     assert "--from findings.json --only 1,2,3,4,5 " in command

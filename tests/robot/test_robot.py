@@ -67,6 +67,31 @@ def test_mass_matrix_is_the_derivative_of_torque_by_acceleration(seed: int) -> N
 
 @quick
 @given(seeds)
+def test_masses_of_least_squares_may_be_negative(seed: int) -> None:
+    """Pinocchio divides by what a joint carries, but all of this is linear in the parameters."""
+    robot, theta, (q, dq, ddq) = random_case(seed)
+    wild = np.random.default_rng(seed).normal(size=np.shape(theta))
+    matrices = robot.mass_matrices(wild, q)
+    by_q, by_dq, by_ddq = robot.inverse_dynamics_derivatives(wild, q, dq, ddq)
+    rest = robot.inverse_dynamics(wild, q, dq, 0.0 * ddq)
+    by_rnea = robot.inverse_dynamics(wild, q, dq, ddq) - rest
+    scale = np.abs(by_rnea).max() + 1.0
+    np.testing.assert_allclose(np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9 * scale)
+    np.testing.assert_allclose(by_ddq, matrices, atol=1e-9 * scale)
+    step = 1e-6 * np.eye(robot.n)[0]
+    for by, moves in ((by_q, (step, 0.0, 0.0)), (by_dq, (0.0, step, 0.0))):
+        after, before = (
+            robot.inverse_dynamics(
+                wild, *(x + sign * m for x, m in zip((q, dq, ddq), moves, strict=True))
+            )
+            for sign in (1.0, -1.0)
+        )
+        slope = (after - before) / 2e-6
+        np.testing.assert_allclose(by[:, :, 0], slope, atol=1e-5 * (np.abs(slope).max() + scale))
+
+
+@quick
+@given(seeds)
 def test_only_the_subtree_makes_torque_on_a_joint(seed: int) -> None:
     robot, _, (q, dq, ddq) = random_case(seed)
     regressor = robot.regressor(q, dq, ddq).reshape(len(q), robot.n, robot.n, 10)

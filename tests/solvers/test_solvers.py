@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -132,6 +133,14 @@ def test_an_empty_feasible_set_is_never_called_solved(name: str) -> None:
     sdp = least_squares_sdp(link.objective, constraints.convex, link.nominal, link.bound, link.nominal)
     solution = module.solve(sdp.conic, 1e-7)
     assert solution.claims not in ("optimal", "inaccurate", "unbounded")
+
+
+def test_data_without_any_scale_end_in_a_claim_not_in_a_panic() -> None:
+    """Clarabel takes 1e20 for infinite, and panicked on columns of 1e70."""
+    conic = Link().sdp.conic
+    solution = SOLVERS["clarabel"].solve(replace(conic, b=1e30 * conic.b), 1e-7)
+    assert solution.claims == "failed"
+    assert solution.x.shape == conic.q.shape
 
 
 def test_the_dual_of_the_largest_margin_proves_infeasibility() -> None:
