@@ -287,7 +287,9 @@ def test_the_folder_is_offered_and_kept_as_it_is(
         pick(page, "with_bounds")
         go(page, "robot")
         page.wait_for_selector("text=with_bounds has 2 joints")
-        pick(page, "two_link")
+        page.click(key("robot-two_link"))
+        page.wait_for_selector("text=two_link has 2 joints")  # the runs of the other one are gone
+        go(page, "runs")
         page.wait_for_selector(key("read-folder"))
         assert "elsewhere.csv" not in page.inner_text("[data-step=runs]")
         page.get_by_label("run1.csv").check()
