@@ -158,7 +158,7 @@ def arm(material: Material) -> Section:
         "Links on the arm",
         text(" ".join(plausibility(estimate)))
         + table(LINK_HEADS, link_rows(estimate))
-        + figure(plot, caption, 520),
+        + figure(plot, caption, 460),
     )
 
 

@@ -52,28 +52,19 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     return x[keep], y[keep]
 
 
-def torque_figure(
-    runs: Sequence[Curves],
-    joints: Sequence[int],
-    units: Sequence[str],
-    beside: bool = True,
-) -> Any:
-    """Measured and modelled torque of joints (from 0) and what is left, run after run.
+def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = True) -> Any:
+    """Measured and modelled torque of a joint (from 0) and what is left, run after run.
 
-    units : of every joint; beside : what is left stands at the right of the torques, else below them.
+    beside : what is left stands at the right of the torques, else below them.
     """
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
-    n = len(joints)
     if beside:
-        shape = {"rows": n, "cols": 2, "column_widths": [0.62, 0.38], "horizontal_spacing": 0.07}
+        plot = make_subplots(1, 2, column_widths=[0.62, 0.38], horizontal_spacing=0.07)
     else:
-        shape = {"rows": 2 * n, "cols": 1}
-    plot = make_subplots(shared_xaxes=True, vertical_spacing=0.12 / n, **shape)
-
-    def place(k: int, what: int) -> dict[str, int]:
-        return {"row": k + 1, "col": what} if beside else {"row": 2 * k + what, "col": 1}
+        plot = make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.12)
+    places = ({"row": 1, "col": 1}, {"row": 1, "col": 2} if beside else {"row": 2, "col": 1})
 
     def curve(t: Array, values: Array, name: str, colour: str, width: float, shown: bool) -> Scatter:
         x, y = envelope(t, values)
@@ -82,25 +73,18 @@ def torque_figure(
 
     start = 0.0
     for index, run in enumerate(runs):
-        t = run.t - run.t[0] + start
+        t, measured = run.t - run.t[0] + start, run.torque[:, joint]
         start = float(t[-1]) + 1.0
-        for k, j in enumerate(joints):
-            first = index == 0 and k == 0
-            plot.add_trace(curve(t, run.torque[:, j], "measured", MEASURED, 2.0, first), **place(k, 1))
-            for m, (name, modelled) in enumerate(run.modelled.items()):
-                colour = COLOURS[m % len(COLOURS)]
-                plot.add_trace(curve(t, modelled[:, j], name, colour, 1.2, first), **place(k, 1))
-                left = run.torque[:, j] - modelled[:, j]
-                plot.add_trace(curve(t, left, name, colour, 1.2, False), **place(k, 2))
-    for k, j in enumerate(joints):
-        plot.update_yaxes(title_text=f"joint {j + 1} [{units[j]}]", **place(k, 1))
-        if not beside:
-            plot.update_yaxes(title_text=f"left [{units[j]}]", **place(k, 2))
+        plot.add_trace(curve(t, measured, "measured", MEASURED, 2.0, index == 0), **places[0])
+        for m, (name, modelled) in enumerate(run.modelled.items()):
+            colour, y = COLOURS[m % len(COLOURS)], modelled[:, joint]
+            plot.add_trace(curve(t, y, name, colour, 1.2, index == 0), **places[0])
+            plot.add_trace(curve(t, measured - y, name, colour, 1.2, False), **places[1])
+    plot.update_yaxes(title_text=f"joint {joint + 1} [{unit}]", **places[0])
+    plot.update_yaxes(title_text="" if beside else f"left [{unit}]", **places[1])
     if beside:
-        plot.update_xaxes(title_text="time [s]", **place(n - 1, 1))
-        plot.update_xaxes(title_text="time [s]; measured - modelled", **place(n - 1, 2))
-    else:
-        plot.update_xaxes(title_text="time [s]", **place(n - 1, 2))
+        plot.update_xaxes(title_text="time [s]", **places[0])
+    plot.update_xaxes(title_text="time [s]; what is left" if beside else "time [s]", **places[1])
     return plot
 
 
