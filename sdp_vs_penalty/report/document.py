@@ -23,7 +23,8 @@ a { color: inherit; } a:focus-visible, summary:focus-visible { outline: 3px soli
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.88rem; margin: 0.6rem 0; }
 th, td { padding: 0.25rem 0.7rem 0.25rem 0; text-align: left; border-bottom: 1px solid var(--line);
   vertical-align: top; } .number { text-align: right; font-variant-numeric: tabular-nums; }
-figure { margin: 1rem 0; } figure + figure { margin-top: 0; } figcaption { font-size: 0.88rem; opacity: 0.8; }
+figure { margin: 1rem 0; } figure + figure { margin-top: 0; }
+figcaption { font-size: 0.88rem; opacity: 0.8; }
 pre { background: var(--soft); padding: 0.8rem; overflow-x: auto; font-size: 0.85rem; }
 .finding { border-left: 4px solid var(--line); padding: 0.3rem 0.8rem; margin: 0.5rem 0;
   background: var(--soft); }

@@ -117,7 +117,7 @@ def ladder(material: Material) -> Section:
     floor = material.comparisons[-1].noise_floor
     rows = []
     for j, unit in enumerate(material.last.robot.torque_units):
-        cells: list[object] = [f"{j + 1} [{unit}]"]
+        cells: list[object] = [f"{j + 1} [{show.plain_unit(unit)}]"]
         for c in material.comparisons:
             cells += [number(c.rmse[j]), number(c.r2[j])]
         rows.append([*cells, "-" if floor is None else number(floor[j])])

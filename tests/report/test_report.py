@@ -97,7 +97,7 @@ def test_one_file_with_every_section_and_no_request(
         "Shaded: where 95 % of the errors",
         "RMS error",
         "link 2",
-        "joint 1 [N*m]",
+        "joint 1 [N m]",
     ):
         assert figure in html
 
@@ -220,7 +220,7 @@ def test_on_paper_everything_is_open_and_no_figure_is_cut(
     assert re.search(r"\bm1 +not seen", whole)
     # A heading, the axis of the figure below it and its caption are on one page.
     (page,) = [p for p in pages if "Measured against modelled" in p]
-    for words in ("joint 1 [N*m]", "joint 2 [N*m]", "Click a name to hide it"):
+    for words in ("joint 1 [N m]", "joint 2 [N m]", "Click a name to hide it"):
         assert words in page
 
 
