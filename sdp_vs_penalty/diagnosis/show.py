@@ -76,8 +76,8 @@ def risen(before: ArrayLike, after: ArrayLike) -> str:
     share = np.divide(new, old, out=np.full(len(new), np.inf), where=old > 0.0)[worse].max() - 1.0
     most = f" by {'up to ' if len(worse) > 1 else ''}{100.0 * share:.0f} %" if np.isfinite(share) else ""
     return (
-        f"The error of {show.joints((worse + 1).tolist())} rises{most}: add fewer effects, or look there "
-        "before using the model."
+        f"The error of {show.joints((worse + 1).tolist())} rises{most}: add fewer effects, or look "
+        "there before using the model."
     )
 
 
