@@ -78,7 +78,7 @@ class _Close:
 
     @cached_property
     def cost(self) -> float:
-        """The information criterion, by the effective degrees of freedom or by the constants of a law."""
+        """The information criterion, by effective degrees of freedom or by the constants of a law."""
         f = self.fitted
         told = [(f.smooth.chi2, f.smooth.edf), *((r.fit.chi2, float(r.fit.size)) for r in self.laws)]
         gains = self.look.fit.joint_gains(f.joint, np.array([chi2 for chi2, _ in told]))
@@ -98,8 +98,9 @@ def _convincing(
     order.sort(key=lambda k: -candidates[k].smooth.evidence)
     fine = (look.fitted(candidates[k].basis, joint, fine=True) for k in _closest(order, candidates))
     least = _least_gain(look.fit, joint)
-    close = [_Close(f, look) for f in fine if _significant(look.fit, f, looked, look.noise.degrees[joint])]
-    return [c.fitted for c in sorted((c for c in close if c.gains(least)), key=lambda c: c.cost)]
+    shown_to_be = (f for f in fine if _significant(look, f, looked))
+    close = [c for f in shown_to_be if (c := _Close(f, look)).gains(least)]
+    return [c.fitted for c in sorted(close, key=lambda c: c.cost)]
 
 
 def _closest(order: Sequence[int], candidates: Sequence[Fitted]) -> list[int]:
@@ -137,13 +138,15 @@ def _flipped(agreements: Sequence[Array], seed: int) -> tuple[float, Array]:
     return float(np.quantile(largest, 0.99)), np.array([G.sum() for G in agreements]) / own
 
 
-def _significant(fit: WhiteFit, found: Fitted, tests: int, known: float) -> bool:
+def _significant(look: Look, found: Fitted, tests: int) -> bool:
     j, edf = found.joint, max(found.smooth.edf, 1.0)
-    least, before = _in_weighted(fit, j)
-    freedom = max(fit.degrees[j] - edf, 1.0)
+    least, before = _in_weighted(look.fit, j)
+    freedom = max(look.fit.degrees[j] - edf, 1.0)
     rest = max(before - found.smooth.chi2, least) / freedom
-    p = special.fdtrc(edf, min(freedom, float(known) / ORDER), found.smooth.chi2 / edf / rest)
-    return bool(p < FALSE_CLAIM / tests)
+    known = float(look.noise.degrees[j]) / ORDER
+    return bool(
+        special.fdtrc(edf, min(freedom, known), found.smooth.chi2 / edf / rest) < FALSE_CLAIM / tests
+    )
 
 
 def _least_gain(fit: WhiteFit, joint: int) -> float:
@@ -153,8 +156,10 @@ def _least_gain(fit: WhiteFit, joint: int) -> float:
 
 def _in_weighted(fit: WhiteFit, j: int) -> tuple[float, float]:
     """Of a joint's weighted rows the squares of the noise alone, and of what is left."""
-    noise = fit.weighting.noise_variance[j] * fit.degrees[j]
-    return float(noise / fit.weighting.level[j] ** 2), float(fit.joint_chi2[j] / fit.weighting.level[j] ** 2)
+    level2 = fit.weighting.level[j] ** 2
+    return float(fit.weighting.noise_variance[j] * fit.degrees[j] / level2), float(
+        fit.joint_chi2[j] / level2
+    )
 
 
 def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> SearchState:

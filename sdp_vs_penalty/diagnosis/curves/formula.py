@@ -20,7 +20,7 @@ from scipy import optimize
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
-from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains, identifiable
+from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gain, identifiable
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
@@ -162,7 +162,7 @@ def of_amplitudes(law: LawFit, f: Fitted, look: Look) -> tuple[Array, Array, Fac
 
 def _gains(law: LawFit, f: Fitted, look: Look) -> float:
     """What a law with its constants gains on data left out, its amplitudes from the others."""
-    return float(held_out_gains(look.fit, *of_amplitudes(law, f, look), f.joint).sum())
+    return held_out_gain(look.fit, *of_amplitudes(law, f, look), f.joint)
 
 
 def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:

@@ -128,15 +128,14 @@ def agreement(scores: Array, A: Array) -> Array:
     return np.asarray(out)
 
 
-def held_out_gains(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> Array:
-    """(B,) gain of each block in squared white residual, from fits on the other folds."""
-    M = len(fit.rows.block)
-    gain = np.zeros(len(fit.target))
+def held_out_gain(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> float:
+    """Gain in squared white residual of all folds, each from fits on the others."""
+    M, gain = len(fit.rows.block), 0.0
     pull_all = Z.T @ fit.target[joint * M : (joint + 1) * M]
     for part in fit.without_folds(fit.rows.fold):
         c, change = _without(fit, part.out, Z, C, f, P, joint, part.inverse, part.theta, pull_all)
-        gain[part.out] = part.error**2 - (part.error - change @ c) ** 2
-    return fit.rows.block_sums(gain)
+        gain += float(np.sum(part.error**2) - np.sum((part.error - change @ c) ** 2))
+    return gain
 
 
 def _without(
