@@ -22,7 +22,7 @@ import numpy as np
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
-from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
+from sdp_vs_penalty.diagnosis.curves.bases import Variables
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, band, effect_of
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, Recognised, law_of, recognised
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, Judge
@@ -70,7 +70,13 @@ class _Close:
 
     @cached_property
     def laws(self) -> list[Recognised]:
-        return recognised(self.fitted, self.look, _LAWS)
+        return recognised(self.fitted, self.look, _LAWS, exact=False)
+
+    @property
+    def farther(self) -> LawFit | None:
+        """The law that gains most on data left out, where that is more than it does itself."""
+        best = max(self.laws, key=lambda r: r.gain, default=None)
+        return best.fit if best and best.gain > self.fitted.gain else None
 
     def gains(self, least: float) -> bool:
         """Whether it gains more on data left out, or a law of it does."""
@@ -88,7 +94,7 @@ class _Close:
 
 def _convincing(
     look: Look, joint: int, taken: Sequence[Fitted], seed: int, shown: Set[tuple[str, ...]]
-) -> list[Fitted]:
+) -> list[_Close]:
     """The curves of a joint (from 0) that pass, the likely ones first."""
     looked, candidates, agreements = _screened(look, joint, taken)
     if not candidates:
@@ -100,7 +106,7 @@ def _convincing(
     least = _least_gain(look.fit, joint)
     shown_to_be = (f for f in fine if _significant(look, f, looked))
     close = [c for f in shown_to_be if (c := _Close(f, look)).gains(least)]
-    return [c.fitted for c in sorted(close, key=lambda c: c.cost)]
+    return sorted(close, key=lambda c: c.cost)
 
 
 def _closest(order: Sequence[int], candidates: Sequence[Fitted]) -> list[int]:
@@ -192,11 +198,11 @@ def search_curves(
         close = _convincing(look, joint, [f.fitted for f in found], seed + len(found), shown)
         tried = []
         for best in close[:_TRIED]:
-            later = with_curve(state, effect_of(look, best), best.gain)
+            later = with_curve(state, effect_of(look, best.fitted), best.fitted.gain)
             bare = replace(later, picks=later.picks[:-1])
-            after, curve = _settled(bare, variables, best.basis, joint, judge, seed)
+            after, curve = _settled(Look(bare, variables, settled=True), best, judge, seed)
             if curve.held_out.lowers:
-                tried.append((with_curve(bare, curve.effect, best.gain), curve, after))
+                tried.append((with_curve(bare, curve.effect, curve.fitted.gain), curve, after))
         if not tried:
             break
         state, curve, judge = _preferred(tried, joint, found)
@@ -230,13 +236,11 @@ def cost(state: SearchState, joint: int, found: Sequence[FoundCurve]) -> float:
     return degrees * np.log(variance * scale) + chi2 / variance + freedom * np.log(degrees)
 
 
-def _settled(
-    bare: SearchState, variables: Variables, basis: Basis, joint: int, judge: Judge, seed: int
-) -> tuple[Judge, FoundCurve]:
+def _settled(look: Look, close: _Close, judge: Judge, seed: int) -> tuple[Judge, FoundCurve]:
     """A curve once what it explains no longer counts as error, with splines as fine as there is evidence
     for, and the law that it is."""
-    look = Look(bare, variables, settled=True)
-    fitted = look.fitted(basis, joint, fine=True)
+    joint = close.fitted.joint
+    fitted = look.fitted(close.fitted.basis, joint, fine=True)
     while (finer := fitted.basis.finer) is not None:
         again = look.fitted(finer, joint, fine=True)
         if again.smooth.evidence < fitted.smooth.evidence + TOLD_APART:
@@ -244,7 +248,11 @@ def _settled(
         fitted = again
     effect = effect_of(look, fitted)
     after, held_out = judge.tried(fitted, effect, look)
-    half, points = band(look, fitted, seed), variables.supported(fitted.basis)
+    if not held_out.lowers:
+        law = close.farther
+        if law is None or not judge.tried(fitted, effect_of(look, fitted, law.at), look, law)[1].lowers:
+            return after, FoundCurve(fitted, effect, look, np.zeros(0), None, held_out)
+    half, points = band(look, fitted, seed), look.variables.supported(fitted.basis)
     law = law_of(recognised(fitted, look), fitted, points, half)
     if law is None:
         return after, FoundCurve(fitted, effect, look, half, None, held_out)

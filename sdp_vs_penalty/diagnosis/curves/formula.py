@@ -66,8 +66,9 @@ class Recognised:
     coefficients: Array
 
 
-def recognised(f: Fitted, look: Look, most: int = _EXACT) -> list[Recognised]:
-    """Of the ``most`` likely laws those that gain about what a curve gains."""
+def recognised(f: Fitted, look: Look, most: int = _EXACT, exact: bool = True) -> list[Recognised]:
+    """Of the ``most`` likely laws those that gain about what a curve gains; exact : with constants that
+    were fitted on the rows too."""
     every, count = f.basis.points, f.factors.count
     scan = _scan(f.basis)
 
@@ -81,10 +82,11 @@ def recognised(f: Fitted, look: Look, most: int = _EXACT) -> list[Recognised]:
 
     rough = sorted(scan.fitted(f.factors), key=lambda r: r.cost(count))[:most]
     rough = [_refined(r, in_splines) for r in rough]
-    exact = [_solved(r.law, on_rows, r.constants) for r in rough]
-    enough = _LIKELY * max((r.chi2 for r in exact), default=0.0)
+    on_row = [_solved(r.law, on_rows, r.constants) for r in rough]
+    enough = _LIKELY * max((r.chi2 for r in on_row), default=0.0)
     found = []
-    for fit in (_refined(r, on_rows) for r in exact if r.chi2 >= enough):
+    for fit in (r for r in on_row if r.chi2 >= enough):
+        fit = _refined(fit, on_rows) if exact else fit
         if (gain := _gains(fit, f, look)) >= (1.0 - _LOST) * max(f.gain, 0.0):
             coefficients = scan.inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
             found.append(Recognised(fit, gain, coefficients))
