@@ -113,13 +113,13 @@ def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
 
 
 def diagnosis_verdict(
-    unknown: bool,
+    unknown: str,
     found: Sequence[tuple[str, Sequence[int], str]],
     noise_known: bool,
     retuned: Sequence[tuple[str, Sequence[int], str]] = (),
 ) -> str:
-    """What is missing, in one sentence; ``found`` : effect, joints (from 1), confidence of each;
-    ``retuned`` : the same of shape constants that should change."""
+    """What is missing, in one sentence; ``unknown`` : what no effect explains; ``found`` :
+    effect, joints (from 1), confidence of each; ``retuned`` : the same of shape constants to change."""
     confident = [f for f in found if f[2] == "confident"]
     names = _named(confident or found)
     weak = len(found) - len(confident)
@@ -127,8 +127,9 @@ def diagnosis_verdict(
     counts += [f"{weak} weak"] if weak else []
     counted = f"{names} ({' and '.join(counts)} finding{'s' if len(found) != 1 else ''})"
     if unknown:
-        text = "Missing: something that no effect of the library explains"
-        return f"{text}; also {counted}." if found else f"{text}."
+        if confident:
+            return f"Missing: {counted}; besides, {unknown}."
+        return f"Missing: {unknown}{f'; possibly {counted}' if found else ''}."
     if found:
         text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
         if retuned:
