@@ -13,6 +13,7 @@ from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.report.plots import (
     COLOURS,
     SIGNALS,
+    correlation_figure,
     ladder_figure,
     missing_figure,
     noise_band,
@@ -22,9 +23,6 @@ from sdp_vs_penalty.report.section import Material, Section, figure, number, tab
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 from sdp_vs_penalty.signals.preprocessing import Rows
-
-#: Lags of a correlation.
-_LAGS = 40
 
 
 def explorer(material: Material) -> Section:
@@ -125,35 +123,18 @@ def _signal(run: Rows, name: str, joint: int) -> Array:
     return values[:, joint]
 
 
-def correlation(a: Array, b: Array, lags: int = _LAGS) -> Array:
-    """(lags + 1,) of a(t) with b(t + lag), normalised by the lengths of both."""
-    a, b = a - a.mean(), b - b.mean()
-    scale = np.sqrt((a @ a) * (b @ b))
-    if scale == 0.0:
-        return np.zeros(lags + 1)
-    return np.array([float(a[: len(a) - k] @ b[k:]) for k in range(lags + 1)]) / scale
-
-
 def _correlations(material: Material, n: int) -> Any:
-    from plotly.graph_objects import Figure, Scatter
-
-    plot = Figure()
-    # Filtered rows are oversampled twice: every second one is a sample of its own.
     at = int(np.argmax([len(r.torque) for r in material.rows[material.last_name]]))
-    longest = material.rows[material.last_name][at]
-    dq, t = longest.motion.dq[::2], longest.motion.t[::2]
-    lags = min(_LAGS, len(t) // 4)
-    x = np.arange(lags + 1) * float(np.median(np.diff(t)))
-    for j in range(n):
-        for m, (name, estimate) in enumerate(material.models.items()):
-            run = material.rows[name][at]
-            left = (run.torque - predicted(run, estimate.theta))[::2, j]
-            colour = COLOURS[m % len(COLOURS)]
-            for what, other, dash in (("itself", left, "solid"), ("the velocity", dq[:, j], "dot")):
-                line = {"color": colour, "dash": dash}
-                y, called = correlation(left, other, lags), f"{name}: with {what}"
-                plot.add_trace(Scatter(x=x, y=y, name=called, mode="lines", line=line, visible=j == 0))
-    each = 2 * len(material.models)
+    runs = {name: material.rows[name][at] for name in material.models}
+    lefts = {name: r.torque - predicted(r, material.models[name].theta) for name, r in runs.items()}
+    motion = runs[material.last_name].motion
+    plots = [
+        correlation_figure(motion.t, {name: left[:, j] for name, left in lefts.items()}, motion.dq[:, j])
+        for j in range(n)
+    ]
+    for plot in plots[1:]:
+        plots[0].add_traces(plot.update_traces(visible=False).data)
+    each = 2 * len(runs)
     buttons = [
         {
             "label": f"joint {j + 1}",
@@ -162,13 +143,8 @@ def _correlations(material: Material, n: int) -> Any:
         }
         for j in range(n)
     ]
-    plot.update_layout(
-        shapes=noise_band(1.96 / np.sqrt(max(len(t), 1))),
-        updatemenus=[{"buttons": buttons, "x": 0.0, "y": 1.2, "xanchor": "left"}],
-    )
-    plot.update_xaxes(title_text="lag [s]")
-    plot.update_yaxes(title_text="correlation", range=[-1.05, 1.05])
-    return plot
+    menu = {"buttons": buttons, "x": 0.0, "y": 1.2, "xanchor": "left"}
+    return plots[0].update_layout(updatemenus=[menu])
 
 
 def findings(material: Material) -> Section:
