@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -54,6 +55,7 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
         name: [r.torque - predicted(r, estimate.theta) for r in material.rows[name]]
         for name, estimate in material.models.items()
     }
+    said = {"error": f"error [{', '.join(dict.fromkeys(map(plain_unit, units)))}]", **SIGNALS}
     # Of each trace of the upper panel what it shows when a signal is chosen for an axis.
     shown: dict[str, list[Array]] = {name: [] for name in ("error", *SIGNALS)}
     upper: list[int] = []
@@ -80,25 +82,35 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
                         upper.append(len(plot.data) - 1)
                         for signal, values in {**signals, "error": y}.items():
                             shown[signal].append(values[rows])
-    floor, of_run = material.comparisons[-1].noise_floor, 3 * len(errors)
+    floor, of_run, points = material.comparisons[-1].noise_floor, 3 * len(errors), len(plot.data)
     bands = [[] if floor is None else noise_band(1.96 * floor[j], "y2") for j in range(n)]
+    above = [] if floor is None else [_band(runs, j, 1.96 * floor[j]) for j in range(n)]
+    upper += range(points, points + n if above else points)
+    grey: dict[str, Any] = {"mode": "lines", "line_width": 0, "fill": "toself", "hoverinfo": "skip"}
+    for j, (across, up) in enumerate(above):
+        trace = Scatter(x=across["q"], y=up["error"], fillcolor="rgba(128,128,128,0.2)", **grey)
+        plot.add_trace(trace.update(visible=j == 0, showlegend=False), row=1, col=1)
     joints = []
     for j, band in enumerate(bands):
         every = range(j * len(runs), (j + 1) * len(runs))
         for places in [every, *([k] for k in every if len(runs) > 1)]:
-            visible = [k // of_run in places for k in range(len(plot.data))]
+            visible = [k // of_run in places for k in range(points)]
+            visible += [k == j for k in range(len(plot.data) - points)]
             label = f"joint {j + 1}" + (f", run {places[0] % len(runs) + 1}" if places != every else "")
             joints.append(
                 {"label": label, "method": "update", "args": [{"visible": visible}, {"shapes": band}]}
             )
-    said = {"error": f"error [{', '.join(dict.fromkeys(map(plain_unit, units)))}]", **SIGNALS}
 
     def axis(which: str) -> list[dict[str, Any]]:
         return [
             {
                 "label": word,
                 "method": "update",
-                "args": [{which: shown[s]}, {f"{which}axis.title.text": word}, upper],
+                "args": [
+                    {which: [*shown[s], *(band[which == "y"].get(s, [None] * 4) for band in above)]},
+                    {f"{which}axis.title.text": word},
+                    upper,
+                ],
             }
             for s, word in said.items()
         ]
@@ -113,6 +125,16 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
     plot.update_xaxes(title_text=SIGNALS["q"], row=1, col=1)
     plot.update_xaxes(title_text=SIGNALS["t"], row=2, col=1)
     return plot
+
+
+def _band(runs: Sequence[Rows], joint: int, half: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The corners of a noise's band for each signal across, and where the error stands up; elsewhere it
+    is none."""
+    values = {name: np.concatenate([_signal(run, name, joint) for run in runs]) for name in SIGNALS}
+    return (
+        {name: np.array([x.min(), x.max(), x.max(), x.min()]) for name, x in values.items()},
+        {"error": half * np.array([1.0, 1.0, -1.0, -1.0])},
+    )
 
 
 def _signal(run: Rows, name: str, joint: int) -> Array:
