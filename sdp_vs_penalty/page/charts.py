@@ -165,8 +165,9 @@ def residual_chart(
     said = f"error of joint {joint + 1} [{unit}]" if error else SIGNALS[shown]
     axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(said)}
     made = _filled(_residual_frame(floor if error else None, len(reads) > 1), values, axes)
-    data = [{**d, "customdata": at} for d, at in zip(made["data"], instants, strict=True)]
-    return {**made, "data": data}
+    names = [d["name"] if error else d["name"].replace("error", SIGNALS[shown]) for d in made["data"]]
+    told = zip(made["data"], names, instants, strict=True)
+    return {**made, "data": [{**d, "name": name, "customdata": at} for d, name, at in told]}
 
 
 def correlation_chart(reads: Sequence[Mapping[str, Any]], joint: int) -> dict[str, Any]:
