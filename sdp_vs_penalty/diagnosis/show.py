@@ -19,6 +19,8 @@ GOOD, NO_MODEL = 5.0, 50.0
 _LEVELS = {"good": "good", "usable": "usable", "bad": "do not use"}
 #: What is said where no motion repeats: the residual was taken for noise, which it then equals.
 NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
+#: Share by which a joint's error has to rise to be called out.
+_RISES = 0.1
 #: Below this share of new motion, errors say more of repeatability than of other motions.
 MOSTLY_NEW = 0.5
 #: Events that are listed one by one; more would hide the findings.
@@ -63,6 +65,20 @@ def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None, r2: A
     times = low if low == high else f"{low} to {high}"
     verb = "exceeds" if len(above) == 1 else "exceed"
     return f"{text}; {show.joints((above + 1).tolist())} {verb} the noise floor {times} times."
+
+
+def risen(before: ArrayLike, after: ArrayLike) -> str:
+    """One sentence where a bigger model has larger errors (n,) on some joints than before, or ""."""
+    old, new = np.asarray(before, dtype=float), np.asarray(after, dtype=float)
+    worse = np.flatnonzero(new > (1.0 + _RISES) * old)
+    if not len(worse):
+        return ""
+    share = np.divide(new, old, out=np.full(len(new), np.inf), where=old > 0.0)[worse].max() - 1.0
+    most = f" by {'up to ' if len(worse) > 1 else ''}{100.0 * share:.0f} %" if np.isfinite(share) else ""
+    return (
+        f"The error of {show.joints((worse + 1).tolist())} rises{most}: add fewer effects, or look "
+        "there before using the model."
+    )
 
 
 def repeatability_warning(new_share: float | None) -> str | None:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.explanations import negligible
-from sdp_vs_penalty.diagnosis.show import event_lines, fit_level, fit_verdict
+from sdp_vs_penalty.diagnosis.show import event_lines, fit_level, fit_verdict, risen
 from sdp_vs_penalty.diagnosis.verdict import FALSE_UNKNOWN, remainder
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 
@@ -125,6 +125,13 @@ def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:
     assert remainder(fit, rows, noise, fit.torque).p == 1.0
     rows.keep[:] = False
     np.testing.assert_array_equal(remainder(fit, rows, noise, fit.torque).share, [-1.0, -1.0])
+
+
+def test_an_error_that_rises_is_called_out() -> None:
+    """Five hundredths more are no sentence, a third more on one joint is, whatever the others gain."""
+    assert risen([1.0, 2.0], [1.05, 1.0]) == ""
+    assert risen([1.0, 2.0, 0.0], [1.34, 1.0, 0.0]).startswith("The error of joint 1 rises by 34 %: ")
+    assert "joints 1 and 2 rises: " in risen([0.0, 1.0], [1.0, 1.2])
 
 
 def test_many_events_are_one_line() -> None:
