@@ -36,7 +36,8 @@ class Measured:
 def measured_curves(
     state: SearchState, left: Remainder, doubted: Sequence[int] = (), test: TestRun | None = None
 ) -> Measured:
-    """The curves of those joints on which the search leaves error that repeats, or that it doubts.
+    """The curves of those joints on which the search leaves error that repeats, or that it doubts, and
+    those that stand instead of two findings or more.
 
     left : what is known of the rest; where nothing repeats, so that nothing is, all joints are looked
     at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
@@ -49,15 +50,19 @@ def measured_curves(
     seed, model = state.stage.seed, state.stage.candidacy.model
     variables = Variables(state.stage.rows, model.robot, [*model.effects, *state.effects])
     doubtful = {*doubted, *_not_seen_to_repeat(state, variables)}
-    joints = sorted({*left.joints, *doubtful, *_several(state)})
-    if state.stage.noise.source == RESIDUAL:
-        joints = list(range(state.stage.rows.n))
+    unexplained = (
+        set(range(state.stage.rows.n)) if state.stage.noise.source == RESIDUAL else set(left.joints)
+    )
+    unexplained |= doubtful
+    joints = sorted(unexplained.union(_several(state)))
     if not joints:
         return Measured()
     places = list(range(len(state.picks)))
     judge, every, replaced = Judge.of(state, test), list[Curve](), set[int]()
     for joint in joints:
-        beside, found, judged = search_curves(state, variables, joint, seed, judge)
+        beside, found, judged = state, list[FoundCurve](), judge.beside(state)
+        if joint in unexplained:  # else nothing is left beside what was named
+            beside, found, judged = search_curves(state, variables, joint, seed, judge)
         named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
         # What acts on other joints as well is not replaced by a curve of this one.
         acting = state.stage.candidates.acting
