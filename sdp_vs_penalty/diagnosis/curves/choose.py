@@ -183,7 +183,6 @@ def search_curves(
     state: SearchState,
     variables: Variables,
     joint: int,
-    seed: int,
     judge: Judge,
     shown: Set[tuple[str, ...]] = frozenset(),
 ) -> tuple[SearchState, list[FoundCurve], Judge]:
@@ -192,7 +191,7 @@ def search_curves(
     follow, as findings passed the test of signs that follow nothing else: which function of it that is
     the other tests decide (a closed procedure, Marcus, Peritz, Gabriel 1976)."""
     found: list[FoundCurve] = []
-    judge = judge.beside(state)
+    judge, seed = judge.beside(state), state.stage.seed
     while len(found) < _MOST:
         look = Look(state, variables)
         close = _convincing(look, joint, [f.fitted for f in found], seed + len(found), shown)

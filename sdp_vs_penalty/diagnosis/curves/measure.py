@@ -47,47 +47,61 @@ def measured_curves(
     chance where every curve is a law; where what follows the position is doubted, unless curves explain
     it up to its noise.
     """
-    seed, model = state.stage.seed, state.stage.candidacy.model
-    variables = Variables(state.stage.rows, model.robot, [*model.effects, *state.effects])
+    rows, model = state.stage.rows, state.stage.candidacy.model
+    variables = Variables(rows, model.robot, [*model.effects, *state.effects])
     doubtful = {*doubted, *_not_seen_to_repeat(state, variables)}
-    unexplained = (
-        set(range(state.stage.rows.n)) if state.stage.noise.source == RESIDUAL else set(left.joints)
-    )
-    unexplained |= doubtful
+    nothing_known = state.stage.noise.source == RESIDUAL
+    unexplained = doubtful.union(range(rows.n) if nothing_known else left.joints)
     joints = sorted(unexplained.union(_several(state)))
     if not joints:
         return Measured()
     places = list(range(len(state.picks)))
     judge, every, replaced = Judge.of(state, test), list[Curve](), set[int]()
     for joint in joints:
-        beside, found, judged = state, list[FoundCurve](), judge.beside(state)
+        told: _Searched = state, [], judge.beside(state)
         if joint in unexplained:  # else nothing is left beside what was named
-            beside, found, judged = search_curves(state, variables, joint, seed, judge)
-        named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
+            told = search_curves(state, variables, joint, judge)
+        named = [p.candidate for p, _ in zip(state.picks, places, strict=False)]
         # What acts on other joints as well is not replaced by a curve of this one.
         acting = state.stage.candidates.acting
-        own = [k for k, h in named.items() if acting[h.key] == {joint} == set(h.effect.joints)]
+        own = [k for k, h in enumerate(named) if acting[h.key] == {joint} == set(h.effect.joints)]
         if joint in doubtful:  # a function of the position in parts; what else is named stays
             own = [k for k in own if follows_alone(named[k].effect, "q")] or own
-        if own:
-            kept = tuple(p for k, p in zip(places, state.picks, strict=False) if k not in own)
-            bare = state.with_picks((*kept, *state.picks[len(places) :]))
-            shown = _followed([named[k].effect for k in own], joint)
-            alone, instead, other = search_curves(bare, variables, joint, seed, judge, shown)
-            better = cost(beside, joint, found) - cost(alone, joint, instead) > TOLD_APART
-            if all(f.law for f in instead):
-                better = better and not judged.surely_below(other, joint)
-            else:  # a shape that nothing recognises has no credit of its own
-                better = better and other.error(joint) <= judged.error(joint)
-            if joint in doubtful and _explains(alone, joint):
-                better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
-            if instead and better:
-                beside, found, judged = alone, instead, other
-                replaced |= set(own)
-                places = [k for k in places if k not in own]
-        state, judge = beside, judged
+        if own and (instead := _instead(state, variables, joint, own, judge, told, joint in doubtful)):
+            told = instead
+            replaced |= {places[k] for k in own}
+            places = [place for k, place in enumerate(places) if k not in own]
+        state, found, judge = told
         every += map(_told, found)
     return Measured(tuple(every), frozenset(replaced))
+
+
+#: A state with the curves of a joint, these, and what judges them.
+_Searched = tuple[SearchState, list[FoundCurve], Judge]
+
+
+def _instead(
+    state: SearchState,
+    variables: Variables,
+    joint: int,
+    own: Sequence[int],
+    judge: Judge,
+    told: _Searched,
+    doubted: bool,
+) -> _Searched | None:
+    """The curves that stand in the place of a joint's ``own`` picks, if that is better than ``told``."""
+    beside, found, judged = told
+    bare = state.with_picks([p for k, p in enumerate(state.picks) if k not in own])
+    shown = _followed([state.effects[k] for k in own], joint)
+    alone, instead, other = search_curves(bare, variables, joint, judge, shown)
+    better = cost(beside, joint, found) - cost(alone, joint, instead) > TOLD_APART
+    if all(f.law for f in instead):
+        better = better and not judged.surely_below(other, joint)
+    else:  # a shape that nothing recognises has no credit of its own
+        better = better and other.error(joint) <= judged.error(joint)
+    if doubted and _explains(alone, joint):
+        better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
+    return (alone, instead, other) if instead and better else None
 
 
 def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
