@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,17 +19,9 @@ CORRELATED = 0.8
 LAW = 0.01
 #: ... and of a law that the smaller one refines: what bends it in another way is nearly the same.
 FINER_LAW = 0.03
-
-
-@dataclass(frozen=True)
-class Company:
-    """What stands beside a pick: correlated : other picks that take most of its energy; overshadowed :
-    a larger pick on its joints whose own error it may be; drowned : more error than it explains is left
-    on its joints by everything."""
-
-    correlated: tuple[Pick, ...]
-    overshadowed: Pick | None
-    drowned: bool
+#: How many times what a pick explains may be left on its joint: with more, the error without a name
+#: falls by less than a tenth, and the pick is a part of that error rather than a name for it.
+UNNAMED = 4.0
 
 
 def merged(state: SearchState) -> SearchState:
@@ -108,23 +100,43 @@ def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
     return None
 
 
-def company(state: SearchState, k: int) -> Company:
-    """What stands beside pick k."""
-    pick, own = state.picks[k], joints_of(state.fit, state.picks[k].candidate)
-    shared = {
-        m: np.intersect1d(own, joints_of(state.fit, p.candidate)).size > 0
-        for m, p in enumerate(state.picks)
-        if m != k
-    }
-    others = [m for m, touches in shared.items() if touches]
-    correlated = tuple(state.picks[m] for m in others if _taken(state, k, m) > CORRELATED)
-    larger = max((state.picks[m] for m in others), key=lambda p: p.gain, default=None)
-    small = larger is not None and pick.gain < _own_error(pick, larger) * larger.gain
+def believable(state: SearchState) -> SearchState:
+    """The search without picks that may be what others leave, the smallest first: those that explain
+    less than a larger law on their joints may err by, or than the error that has no name there."""
+    for pick in sorted(state.picks, key=lambda p: p.gain):
+        k = next(m for m, p in enumerate(state.picks) if p is pick)
+        if _of_another_law(state, k) or _drowned(state, k):
+            state = state.with_picks(state.without(k).picks)
+    return state
+
+
+def correlated(state: SearchState, k: int) -> tuple[Pick, ...]:
+    """Other picks on the joints of pick k that take most of its energy."""
+    return tuple(state.picks[m] for m in _beside(state, k) if _taken(state, k, m) > CORRELATED)
+
+
+def _beside(state: SearchState, k: int) -> list[int]:
+    """The other picks that act on a joint of pick k."""
+    own = joints_of(state.fit, state.picks[k].candidate)
+    acting = ((m, joints_of(state.fit, p.candidate)) for m, p in enumerate(state.picks) if m != k)
+    return [m for m, joints in acting if np.intersect1d(own, joints).size]
+
+
+def _of_another_law(state: SearchState, k: int) -> bool:
+    """Whether pick k gains no more than the law of a larger one on its joints may leave."""
+    pick, others = state.picks[k], (state.picks[m] for m in _beside(state, k))
+    larger = max(others, key=lambda p: p.gain, default=None)
+    return larger is not None and pick.gain < _own_error(pick, larger) * larger.gain
+
+
+def _drowned(state: SearchState, k: int) -> bool:
+    """Whether most of what pick k explains is on joints on which far more than that is left."""
     fit = state.fit
     least, level2 = fit.degrees * fit.weighting.noise_variance, fit.weighting.level**2
-    left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0) / level2
-    drowned = float(left[own].sum()) > pick.gain
-    return Company(correlated, larger if small else None, drowned)
+    left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0)
+    explained = np.maximum(state.without(k).fit.joint_chi2 - fit.joint_chi2, 0.0)
+    told = np.sum(np.where(UNNAMED * explained > left, explained, 0.0) / level2)
+    return bool(told < 0.5 * np.sum(explained / level2))
 
 
 def _own_error(pick: Pick, larger: Pick) -> float:
