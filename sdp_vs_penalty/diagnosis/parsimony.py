@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted, accepted_beside, joints_of
+from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.scoring import evidence
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
@@ -25,7 +26,7 @@ UNNAMED = 4.0
 
 
 def merged(state: SearchState) -> SearchState:
-    """Pairs of correlated picks on a joint replaced by one candidate that explains as much.
+    """Pairs of picks that say the same replaced by one candidate that explains as much.
 
     A sigmoid of 200 N m beside a Stribeck friction of -200 N m is neither: it is what their difference
     looks like. One law with the evidence of both, or nearly, is named instead.
@@ -74,26 +75,37 @@ def _texts(state: SearchState, pair: tuple[int, int]) -> frozenset[str]:
 
 
 def _pairs(state: SearchState) -> list[tuple[int, int]]:
-    """Correlated picks on the same single joint."""
-    out = []
-    for b in range(len(state.picks)):
-        for a in range(b):
-            one, other = (state.picks[k].candidate.key[1] for k in (a, b))
-            if one is not None and one == other and _taken(state, a, b) > CORRELATED:
-                out.append((a, b))
-    return out
+    """Correlated picks on the same single joint, and causes of the whole robot beside what a rival of
+    the whole robot would explain: a tilt beside a spring, both of a wrong geometry."""
+    every = [(a, b) for b in range(len(state.picks)) for a in range(b)]
+    joints = [p.candidate.key[1] for p in state.picks]
+    alike = [
+        _taken(state, a, b) > CORRELATED
+        if joints[a] is not None and joints[a] == joints[b]
+        else None in (joints[a], joints[b]) and bool(_of_whole_robot(state, a, b))
+        for a, b in every
+    ]
+    return [pair for pair, same in zip(every, alike, strict=True) if same]
+
+
+def _of_whole_robot(state: SearchState, a: int, b: int) -> list[Key]:
+    """The rivals of two picks that are causes of the whole robot."""
+    rivals = (r for k in (a, b) for r in state.picks[k].rivals)
+    return list(dict.fromkeys(r.key for r in rivals if r.key[1] is None))
 
 
 def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
     """The search with one pick in the place of two, if one does."""
     without = state.without(b).without(a)
-    joint = state.picks[a].candidate.key[1]
-    assert joint is not None
-    columns = [state.picks[k].candidate.columns for k in (a, b)]
-    both = without.fit.extended(*columns)
+    one, other = (state.picks[k].candidate for k in (a, b))
+    both = without.fit.extended(one.columns, other.columns)
     gain = without.fit.likelihood_gain(both.joint_chi2)
-    needed = float(evidence(gain, sum(c.shape[1] for c in columns))) - TOLD_APART
-    for candidate in without.contenders(on=frozenset([joint]))[:1]:
+    needed = float(evidence(gain, one.columns.shape[1] + other.columns.shape[1])) - TOLD_APART
+    if one.key[1] is not None and one.key[1] == other.key[1]:
+        found = without.contenders(on=frozenset([one.key[1]]))[:1]
+    else:
+        found = [c for key in _of_whole_robot(state, a, b) for c in without.contenders(only=key)]
+    for candidate in found:
         if candidate.evidence > needed:
             pick = accepted_beside(without, candidate)
             return without.with_picks((*without.picks, pick)) if pick else None

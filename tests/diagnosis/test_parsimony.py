@@ -25,6 +25,7 @@ def state_of(*picks: tuple[int | None, float], left: float = 0.0) -> Any:
                 key=(f"effect {k}", joint), effect=SimpleNamespace(name="", refines=())
             ),
             gain=gain,
+            rivals=(),
         )
         for k, (joint, gain) in enumerate(picks)
     ]
@@ -63,6 +64,9 @@ def test_one_law_is_sought_for_correlated_picks_of_one_joint(taken: set[frozense
     assert parsimony._pairs(state) == [(0, 1)]
     taken.add(frozenset((1, 5)))
     assert parsimony._pairs(state) == [(0, 1), (1, 5)]
+    # A tilt beside a spring that a wrong geometry explains as well: of the whole robot, like the tilt.
+    state.picks[2].rivals = (SimpleNamespace(key=("kinematic_error", None)),)
+    assert parsimony._pairs(state) == [(0, 1), (2, 3), (2, 4), (1, 5)]
 
 
 def test_what_stands_beside_a_pick(taken: set[frozenset[int]]) -> None:
