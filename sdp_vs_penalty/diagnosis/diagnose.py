@@ -137,7 +137,7 @@ def conclude(
     measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
     findings = explanations.doubtful(stood_in(findings, measured), doubted)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
-    if left.remains or doubted or measured.curves:
+    if left.matters or doubted or measured.curves:
         verdict = UNKNOWN
     return Diagnosis(
         verdict,
@@ -151,10 +151,13 @@ def conclude(
         stage.rows.cutoff,
         explanations.remarks(
             stage.noise.source,
-            tuple(doubted.values()),
+            (
+                *doubted.values(),
+                explanations.standstill(held_out.moving, held_out.ladder[-1]),
+                explanations.negligible(left),
+            ),
             held_out.source,
             new_share,
-            explanations.standstill(held_out.moving, held_out.ladder[-1]),
         ),
         held_out.before if retuned else held_out.ladder[0],
         held_out.source,
@@ -162,7 +165,8 @@ def conclude(
         new_share,
         retuned,
         measured.curves,
-        tuple(carriers(stage.rows, stage.residual_beside(state.effects))) if left.remains else (),
+        tuple(carriers(stage.rows, stage.residual_beside(state.effects), left.matters)),
+        tuple((j + 1, float(left.repeats[j])) for j in left.matters),
     )
 
 

@@ -11,6 +11,7 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
+from sdp_vs_penalty.diagnosis.verdict import Remainder
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
@@ -107,17 +108,27 @@ def standstill(moving: Array, every: Array) -> str:
     )
 
 
+def negligible(left: Remainder) -> str:
+    """One sentence where error surely repeats that hardly matters, else nothing."""
+    if not left.remains or left.matters:
+        return ""
+    return (
+        f"What else repeats on {show.joints([j + 1 for j in left.joints])} hardly matters: it raises no "
+        f"joint's error by more than {100.0 * left.raised.max():.2g} % above the noise."
+    )
+
+
 def remarks(
-    noise_source: str, doubted: Sequence[str], held_out: str, new_share: float | None, stands: str = ""
+    noise_source: str, said: Sequence[str], held_out: str, new_share: float | None
 ) -> tuple[str, ...]:
-    """Sentences about the diagnosis as a whole; stands : of :func:`standstill`."""
+    """Sentences about the diagnosis as a whole; said : of this one alone, empty ones are dropped."""
     out = []
     if noise_source == "residual":
         out.append(
             "No motion repeats, so noise and model error cannot be separated: the noise shown is the "
             "error itself. Record a run with more than one period."
         )
-    out += [*doubted, stands] if stands else doubted
+    out += [text for text in said if text]
     if warning := repeatability_warning(new_share):
         out.append(warning)
     if held_out == "folds":

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
@@ -157,8 +158,8 @@ class Diagnosis(Shown):
     has no name, as functions of one variable or two;
     remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
     new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched;
-    left : where something unknown remains, the variables that carry most of it (joint from 1, variable,
-    RMS of the error that follows it).
+    remains : the joints (from 1) on which something unknown repeats, with its RMS [N m or N]; left : the
+    variables that carry most of it (joint, variable, RMS of the error that follows it).
     """
 
     verdict: str
@@ -178,6 +179,7 @@ class Diagnosis(Shown):
     retuned: tuple[Retune, ...] = ()
     curves: tuple[Curve, ...] = ()
     left: tuple[tuple[int, str, float], ...] = ()
+    remains: tuple[tuple[int, float], ...] = ()
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
@@ -212,7 +214,17 @@ class Diagnosis(Shown):
         found = [(f.effect, f.joints, f.confidence) for f in self.effects]
         constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
         known = self.noise_source == "repetition"
-        return diagnosis_verdict(self.verdict == UNKNOWN, found, known, constants)
+        return diagnosis_verdict(self.unknown, found, known, constants)
+
+    @property
+    def unknown(self) -> str:
+        """What no effect explains, with its joints and size; "" where nothing of the kind is left."""
+        if self.verdict != UNKNOWN:
+            return ""
+        where = f" on {show.joints([j for j, _ in self.remains])}" if self.remains else ""
+        size = max((rms for _, rms in self.remains), default=0.0)
+        upto = f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})" if size else ""
+        return f"something{where} that no effect of the library explains{upto}"
 
     @property
     def advice(self) -> str:
@@ -286,6 +298,7 @@ class Diagnosis(Shown):
             "remarks": list(self.remarks),
             "new_motion_share": self.new_motion_share,
             "left": [{"joint": j, "variable": name, "rmse": rms} for j, name, rms in self.left],
+            "remains": [{"joint": j, "rmse": rms} for j, rms in self.remains],
         }
 
     @classmethod
@@ -311,6 +324,7 @@ class Diagnosis(Shown):
             tuple(map(Retune.from_dict, data.get("retuned", ()))),
             tuple(map(Curve.from_dict, data.get("curves", ()))),
             tuple((int(x["joint"]), str(x["variable"]), float(x["rmse"])) for x in data.get("left", ())),
+            tuple((int(x["joint"]), float(x["rmse"])) for x in data.get("remains", ())),
         )
 
 

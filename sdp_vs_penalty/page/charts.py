@@ -55,7 +55,7 @@ def torque_chart(
 def _torque_frame(names: tuple[str, ...]) -> dict[str, Any]:
     zeros = np.zeros((2, 1))
     run = Curves(np.zeros(2), zeros, dict.fromkeys(names, zeros))
-    return _ready(styled(torque_figure([run], [0], [""], beside=False), 420))
+    return _ready(styled(torque_figure([run], 0, "", beside=False), 420))
 
 
 def asked_span(event: Any) -> tuple[float, float] | bool | None:

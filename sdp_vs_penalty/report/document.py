@@ -23,7 +23,8 @@ a { color: inherit; } a:focus-visible, summary:focus-visible { outline: 3px soli
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.88rem; margin: 0.6rem 0; }
 th, td { padding: 0.25rem 0.7rem 0.25rem 0; text-align: left; border-bottom: 1px solid var(--line);
   vertical-align: top; } .number { text-align: right; font-variant-numeric: tabular-nums; }
-figure { margin: 1rem 0; } figcaption { font-size: 0.88rem; opacity: 0.8; }
+figure { margin: 1rem 0; } figure + figure { margin-top: 0; }
+figcaption { font-size: 0.88rem; opacity: 0.8; }
 pre { background: var(--soft); padding: 0.8rem; overflow-x: auto; font-size: 0.85rem; }
 .finding { border-left: 4px solid var(--line); padding: 0.3rem 0.8rem; margin: 0.5rem 0;
   background: var(--soft); }
@@ -41,16 +42,39 @@ pre { background: var(--soft); padding: 0.8rem; overflow-x: auto; font-size: 0.8
 }
 """
 
-#: Draws the first figure once the text is there, the others one by one: it can be read meanwhile.
+#: Draws a figure once it is about to be seen, and one at a time: the text can be read meanwhile.
 _DRAW = """
 (() => {
-  const waiting = [...document.querySelectorAll(".plot")];
-  const draw = () => {
-    const place = waiting.shift();
+  const waiting = new Set(document.querySelectorAll(".plot")), near = [], groups = {};
+  const draw = place => {
+    if (!waiting.delete(place)) return;
     const given = JSON.parse(place.nextElementSibling.textContent);
     Plotly.newPlot(place, given.data, given.layout, {displayModeBar: false, responsive: true});
-    const linked = given.layout.meta && given.layout.meta.linked;
+    const {linked, group} = given.layout.meta || {};
     if (linked) link(place, linked);
+    if (group) join(place, groups[group] ||= {places: [], span: {}, hidden: []});
+  };
+  // Figures of a group show the same stretch of time and hide the same names.
+  const join = (place, group) => {
+    if (Object.keys(group.span).length) Plotly.relayout(place, group.span);
+    for (const [change, traces] of group.hidden) Plotly.restyle(place, change, traces);
+    group.places.push(place);
+    const tell = async (what, ...change) => {
+      if (group.telling) return;
+      group.telling = true;
+      for (const other of group.places) if (other !== place) await Plotly[what](other, ...change);
+      group.telling = false;
+    };
+    place.on("plotly_relayout", change => {
+      const span = Object.fromEntries(Object.entries(change).filter(([name]) => name[0] === "x"));
+      if (!Object.keys(span).length || group.telling) return;
+      group.span = span;
+      tell("relayout", span);
+    });
+    place.on("plotly_restyle", ([change, traces]) => {
+      if (!group.telling) group.hidden.push([change, traces]);
+      tell("restyle", change, traces);
+    });
   };
   // Of every so many traces the first and the last show the same rows, selected together.
   const link = (place, every) => {
@@ -69,13 +93,19 @@ _DRAW = """
     place.on("plotly_deselect", () => mark());
   };
   const next = () => {
-    if (waiting.length) { draw(); setTimeout(next, 30); }
+    draw(near.shift());
+    if (near.length) setTimeout(next, 30);
   };
+  const seen = new IntersectionObserver(entries => {
+    const come = entries.filter(entry => entry.isIntersecting).map(entry => entry.target);
+    come.forEach(place => seen.unobserve(place));
+    if (near.push(...come) === come.length && come.length) setTimeout(next);
+  }, {rootMargin: "100%"});
   addEventListener("beforeprint", () => {
     document.querySelectorAll("details").forEach(part => { part.open = true; });
-    while (waiting.length) draw();
+    [...waiting].forEach(draw);
   });
-  requestAnimationFrame(() => setTimeout(next));
+  waiting.forEach(place => seen.observe(place));
 })();
 """
 
@@ -95,5 +125,13 @@ def page(title: str, sections: Sequence[Section], script: str) -> str:
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
         f"<body><main><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</main>"
         # Last, so that text and tables are there before four megabytes of script are read.
-        f"<script>{script}</script><script>{_DRAW}</script></body></html>\n"
+        f"<script>{_unwrapped(script)}</script><script>{_DRAW}</script></body></html>\n"
     )
+
+
+def _unwrapped(script: str) -> str:
+    """Plotly's script without the function around it, which a browser would read twice."""
+    head, begins, rest = script.partition("() => {\n")
+    body, ends, _ = rest.rpartition("return Plotly;")
+    known = begins and ends and body.startswith('"use strict";var Plotly=')
+    return f"{head[: head.find('*/') + 2]}\n{body}" if known else script

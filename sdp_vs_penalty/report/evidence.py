@@ -104,5 +104,6 @@ def provenance(material: Material) -> Section:
         ):
             rows.append((name, what, value))
     body = table(("model", "what", "which"), rows, numbers_from=3)
-    body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
+    if material.commands:
+        body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
     return Section("provenance", "Provenance", body)

@@ -20,6 +20,7 @@ from sdp_vs_penalty.report.plots import (
 )
 from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.show import plain_unit
 from sdp_vs_penalty.signals.preprocessing import Rows
 
 #: Lags of a correlation.
@@ -92,7 +93,7 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
             joints.append(
                 {"label": label, "method": "update", "args": [{"visible": visible}, {"shapes": band}]}
             )
-    said = {"error": f"error [{', '.join(dict.fromkeys(units))}]", **SIGNALS}
+    said = {"error": f"error [{', '.join(dict.fromkeys(map(plain_unit, units)))}]", **SIGNALS}
 
     def axis(which: str) -> list[dict[str, Any]]:
         return [
@@ -105,7 +106,7 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
         ]
 
     menus: list[dict[str, Any]] = [
-        {"buttons": buttons, "active": active, "x": 0.22 * k, "y": 1.18, "xanchor": "left"}
+        {"buttons": buttons, "active": active, "x": 0.34 * k, "y": 1.18, "xanchor": "left"}
         for k, (buttons, active) in enumerate([(joints, 0), (axis("x"), 1), (axis("y"), 0)])
     ]
     # The script of the page marks what is selected in one panel in the other as well.
@@ -185,7 +186,7 @@ def findings(material: Material) -> Section:
                 f.effect,
                 ", ".join(map(str, f.joints)) or "all",
                 f.confidence,
-                f"{number(f.size)} ± {number(f.std, 2)} {f.unit}",
+                f"{number(f.size)} ± {number(f.std, 2)} {plain_unit(f.unit)}",
                 ", ".join(f.indistinguishable_from) or "-",
                 *(number(x, 3) for x in fall),
                 number(found.noise_floor[joint], 3),

@@ -158,7 +158,7 @@ def arm(material: Material) -> Section:
         "Links on the arm",
         text(" ".join(plausibility(estimate)))
         + table(LINK_HEADS, link_rows(estimate))
-        + figure(plot, caption, 520),
+        + figure(plot, caption, 460),
     )
 
 
@@ -168,7 +168,7 @@ def friction(material: Material) -> Section:
     body = text("Torque of all effects that follow the velocity alone; shaded: 95 % intervals.")
     for c in curves:
         plot = friction_figure(c.velocity, c.torque, NORMAL_95 * c.std, c.joint, units[c.joint])
-        body += figure(plot, f"Joint {c.joint + 1}", 260)
+        body += figure(plot, "", 250)
     if not curves:
         body = text("The model has no friction that follows the velocity alone.")
     return Section("friction", "Friction", body)

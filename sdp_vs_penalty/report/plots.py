@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.show import plain_unit
 
 #: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on white and black.
 MEASURED = "#888888"
@@ -52,28 +53,19 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     return x[keep], y[keep]
 
 
-def torque_figure(
-    runs: Sequence[Curves],
-    joints: Sequence[int],
-    units: Sequence[str],
-    beside: bool = True,
-) -> Any:
-    """Measured and modelled torque of joints (from 0) and what is left, run after run.
+def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = True) -> Any:
+    """Measured and modelled torque of a joint (from 0) and what is left, run after run.
 
-    units : of every joint; beside : what is left stands at the right of the torques, else below them.
+    beside : what is left stands at the right of the torques, else below them.
     """
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
-    n = len(joints)
     if beside:
-        shape = {"rows": n, "cols": 2, "column_widths": [0.62, 0.38], "horizontal_spacing": 0.07}
+        plot = make_subplots(1, 2, column_widths=[0.62, 0.38], horizontal_spacing=0.08)
     else:
-        shape = {"rows": 2 * n, "cols": 1}
-    plot = make_subplots(shared_xaxes=True, vertical_spacing=0.12 / n, **shape)
-
-    def place(k: int, what: int) -> dict[str, int]:
-        return {"row": k + 1, "col": what} if beside else {"row": 2 * k + what, "col": 1}
+        plot = make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.12)
+    places = ({"row": 1, "col": 1}, {"row": 1, "col": 2} if beside else {"row": 2, "col": 1})
 
     def curve(t: Array, values: Array, name: str, colour: str, width: float, shown: bool) -> Scatter:
         x, y = envelope(t, values)
@@ -82,26 +74,18 @@ def torque_figure(
 
     start = 0.0
     for index, run in enumerate(runs):
-        t = run.t - run.t[0] + start
+        t, measured = run.t - run.t[0] + start, run.torque[:, joint]
         start = float(t[-1]) + 1.0
-        for k, j in enumerate(joints):
-            first = index == 0 and k == 0
-            plot.add_trace(curve(t, run.torque[:, j], "measured", MEASURED, 2.0, first), **place(k, 1))
-            for m, (name, modelled) in enumerate(run.modelled.items()):
-                colour = COLOURS[m % len(COLOURS)]
-                plot.add_trace(curve(t, modelled[:, j], name, colour, 1.2, first), **place(k, 1))
-                left = run.torque[:, j] - modelled[:, j]
-                plot.add_trace(curve(t, left, name, colour, 1.2, False), **place(k, 2))
-    for k, j in enumerate(joints):
-        plot.update_yaxes(title_text=f"joint {j + 1} [{units[j]}]", **place(k, 1))
-        if not beside:
-            plot.update_yaxes(title_text=f"left [{units[j]}]", **place(k, 2))
+        plot.add_trace(curve(t, measured, "measured", MEASURED, 2.0, index == 0), **places[0])
+        for m, (name, modelled) in enumerate(run.modelled.items()):
+            colour, y = COLOURS[m % len(COLOURS)], modelled[:, joint]
+            plot.add_trace(curve(t, y, name, colour, 1.2, index == 0), **places[0])
+            plot.add_trace(curve(t, measured - y, name, colour, 1.2, False), **places[1])
+    plot.update_yaxes(title_text=f"joint {joint + 1} [{plain_unit(unit)}]", **places[0])
+    plot.update_xaxes(title_text="time [s]", **places[1])
     if beside:
-        plot.update_xaxes(title_text="time [s]", **place(n - 1, 1))
-        plot.update_xaxes(title_text="time [s]; measured - modelled", **place(n - 1, 2))
-    else:
-        plot.update_xaxes(title_text="time [s]", **place(n - 1, 2))
-    return plot
+        return plot.update_xaxes(title_text="time [s]", **places[0])
+    return plot.update_yaxes(title_text=f"left [{plain_unit(unit)}]", **places[1])
 
 
 def ladder_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequence[str]) -> Any:
@@ -115,7 +99,7 @@ def ladder_figure(names: Sequence[str], rmse: Sequence[ArrayLike], units: Sequen
                 x=list(names),
                 y=[float(np.asarray(errors)[j]) for errors in rmse],
                 mode="lines+markers",
-                name=f"joint {j + 1} [{unit}]" if unit else f"joint {j + 1}",
+                name=f"joint {j + 1} [{plain_unit(unit)}]" if unit else f"joint {j + 1}",
                 line={
                     "color": COLOURS[j % len(COLOURS)],
                     "dash": "dot" if j >= len(COLOURS) else "solid",
@@ -191,7 +175,8 @@ def missing_figure(curve: Curve, units: Sequence[str], along: Sequence[Array] = 
     of the joints' torques; along : the variables along these."""
     from plotly.graph_objects import Figure, Histogram, Scatter
 
-    names, unit = [f"{v} [{Variable.parse(v).unit(units)}]" for v in curve.of], units[curve.joint - 1]
+    names = [f"{v} [{plain_unit(Variable.parse(v).unit(units))}]" for v in curve.of]
+    unit = plain_unit(units[curve.joint - 1])
     rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
     if len(names) == 1:
         plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
@@ -219,12 +204,12 @@ def friction_figure(
     plot = band_figure(velocity, torque, np.subtract(torque, half), np.add(torque, half))
     speed = "m/s" if unit == "N" else "rad/s"
     plot.update_xaxes(title_text=f"velocity [{speed}]")
-    plot.update_yaxes(title_text=f"joint {joint + 1} [{unit}]")
+    plot.update_yaxes(title_text=f"joint {joint + 1} [{plain_unit(unit)}]")
     return plot
 
 
 def styled(plot: Any, height: int) -> Any:
-    """The plot in colours that suit a light and a dark page alike."""
+    """The plot in colours that suit a light and a dark page alike, its menus not on its legend."""
     plot.update_layout(
         height=height,
         margin={"l": 55, "r": 15, "t": 30, "b": 45},
@@ -234,6 +219,8 @@ def styled(plot: Any, height: int) -> Any:
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
         hovermode="closest",
     )
+    if plot.layout.updatemenus:
+        plot.update_layout(legend={"y": -80.0 / height, "yanchor": "top"})
     axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
     plot.update_xaxes(**axis)
     plot.update_yaxes(**axis)

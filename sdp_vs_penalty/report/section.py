@@ -80,15 +80,23 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, numbers_
 _SHEET = 820
 
 
-def figure(plot: Any, caption: str, height: int) -> str:
-    """A plotly figure as data, which the page's script draws: first those that are seen first."""
+#: Height [px] of the figure of one joint's torque.
+JOINT_HEIGHT = 215
+
+
+def figure(plot: Any, caption: str, height: int, group: str = "") -> str:
+    """A plotly figure as data, which the page's script draws when it is about to be seen; those of a
+    group are zoomed in time together, and a name that is hidden in one is hidden in all."""
+    if group:
+        plot.update_layout(meta={"group": group})
     # Plotly writes "<", ">" and "/" inside texts as escapes: no text can end the script element.
     data = styled(plot, height).to_json()
     shrunk = f"--on-paper:{min(1.0, _SHEET / height):.3f}"
     return (
         f'<figure style="{shrunk}"><div class="plot" style="height:{height}px"></div>'
         f'<script type="application/json">{data}</script>'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
+        + (f"<figcaption>{escape(caption)}</figcaption>" if caption else "")
+        + "</figure>"
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.comparison import predicted
@@ -14,7 +13,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.report.plots import POINTS, Curves, ladder_figure, torque_figure
-from sdp_vs_penalty.report.section import Material, Section, figure, number, table, text
+from sdp_vs_penalty.report.section import JOINT_HEIGHT, Material, Section, figure, number, table, text
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -71,44 +70,42 @@ def torques(material: Material) -> Section:
         )
         for index, run in enumerate(next(iter(material.rows.values())))
     ]
-    plot = torque_figure(runs, range(n), units)
-    start = 0.0
-    for index, run in enumerate(runs):
-        t = run.t - run.t[0] + start
-        keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
-        _add_band(plot, material, index, t, keep)
-        start = float(t[-1]) + 1.0
-    caption = "Left: measured and modelled torque. Right: the residuals. Click a name to hide it."
-    caption += (
-        f" Shaded: where 95 % of the errors of {material.last_name} should lie, given its parameters' "
-        "uncertainty and what it left of its own training runs."
+    body = text(
+        "Left: measured and modelled torque. Right: the residuals. Click a name to hide it, drag to "
+        f"look closer. Shaded: where 95 % of the errors of {material.last_name} should lie, given its "
+        "parameters' uncertainty and what it left of its own training runs."
     )
-    return Section("torques", "Measured against modelled", figure(plot, caption, 90 + 150 * n))
+    bands = _bands(material)
+    for j in range(n):
+        plot = torque_figure(runs, j, units[j])
+        for t, half in bands:
+            _add_band(plot, t, half[:, j])
+        body += figure(plot, "", JOINT_HEIGHT, "torques")
+    return Section("torques", "Measured against modelled", body)
 
 
-def _add_band(plot: Any, material: Material, index: int, t: Array, keep: NDArray[np.intp]) -> None:
-    """The last model's band around a zero error, beside the errors."""
+def _bands(material: Material) -> list[tuple[Array, Array]]:
+    """Of each run instants (m,) on the figures' axis and half the last model's band (m, n) there."""
+    last, known = material.last, material.last.uncertainty
+    bands, start = [], 0.0
+    for rows in material.rows[material.last_name]:
+        t = rows.motion.t - rows.motion.t[0] + start
+        keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), POINTS)).astype(int))
+        few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
+        half = NORMAL_95 * np.hypot(known.band(last.theta, few)[1], known.noise)
+        bands.append((t[keep], half))
+        start = float(t[-1]) + 1.0
+    return bands
+
+
+def _add_band(plot: Any, t: Array, half: Array) -> None:
+    """A band around a zero error, beside the errors."""
     from plotly.graph_objects import Scatter
 
-    last, known = material.last, material.last.uncertainty
-    rows = material.rows[material.last_name][index]
-    few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
-    half = NORMAL_95 * np.hypot(known.band(last.theta, few)[1], known.noise)
-    for j in range(half.shape[1]):
-        for bound, fill in ((half[:, j], None), (-half[:, j], "tonexty")):
-            plot.add_trace(
-                Scatter(
-                    x=t[keep],
-                    y=bound,
-                    line={"width": 0},
-                    fill=fill,
-                    fillcolor="rgba(128,128,128,0.25)",
-                    showlegend=False,
-                    hoverinfo="skip",
-                ),
-                row=j + 1,
-                col=2,
-            )
+    shade = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
+    for bound, fill in ((half, None), (-half, "tonexty")):
+        band = Scatter(x=t, y=bound, fill=fill, fillcolor="rgba(128,128,128,0.25)", **shade)
+        plot.add_trace(band, row=1, col=2)
 
 
 def ladder(material: Material) -> Section:
@@ -120,7 +117,7 @@ def ladder(material: Material) -> Section:
     floor = material.comparisons[-1].noise_floor
     rows = []
     for j, unit in enumerate(material.last.robot.torque_units):
-        cells: list[object] = [f"{j + 1} [{unit}]"]
+        cells: list[object] = [f"{j + 1} [{show.plain_unit(unit)}]"]
         for c in material.comparisons:
             cells += [number(c.rmse[j]), number(c.r2[j])]
         rows.append([*cells, "-" if floor is None else number(floor[j])])
@@ -158,7 +155,7 @@ def forward(material: Material) -> Section:
         cut |= not free.left and bool(run.t[-1] - t[-1] > 1.0)
         measured = np.column_stack([np.interp(t, run.t, x) for x in run.q.T])
         runs.append(Curves(t, measured, {material.last_name: q}))
-    n, spread = len(made.units), made.free[0].spread is not None
+    spread = made.free[0].spread is not None
     body = text(made.verdict) + table(*made.table(), numbers_from=2)
     body += text(
         "RMS errors in thousandths of the unit, driven by the measured torque alone: of the velocity "
@@ -167,11 +164,13 @@ def forward(material: Material) -> Section:
         f"{made.free[0].seconds:.3g} s"
         + (" (+-: half the 95 % band that the parameters' intervals make of it)." if spread else ".")
     )
-    plot = torque_figure(runs, range(n), made.units)
-    plot.update_xaxes(title_text="time [s]; measured - simulated", row=n, col=2)
-    caption = "Left: measured and simulated position of the free run, until the arm leaves the measured "
-    caption += "motion. Right: its error." + (" `report --forward` goes on to the run's end." * cut)
-    return Section("forward", title, body + figure(plot, caption, 90 + 150 * n))
+    body += text(
+        "Left: measured and simulated position of the free run, until the arm leaves the measured "
+        "motion. Right: its error." + " `report --forward` goes on to the run's end." * cut
+    )
+    for j, unit in enumerate(made.units):
+        body += figure(torque_figure(runs, j, unit), "", JOINT_HEIGHT, "forward")
+    return Section("forward", title, body)
 
 
 def failures(material: Material) -> Section:

@@ -121,20 +121,21 @@ class Following(Shown):
     @property
     def verdict(self) -> str:
         j = int(np.argmax(self.share))
-        share = f"{100.0 * self.share[j]:.3g} %"
+        x = float(self.share[j])
+        share = f"{100.0 * x:.3g} % of" if x < 2.0 else f"{x:.2g} times"
         worst = max(self.free, key=lambda f: float(f.rms.max()))
         k = int(np.argmax(worst.rms))
         stays = f"stays within {said(worst.rms[k], self.units[k])} RMS over {worst.seconds:.3g} s"
         if self.drive == "pd":
             return (
                 f"{self.grade.capitalize()} for simulation under control: joint {j + 1} needs {share} "
-                f"of its measured torque from the loop, the others less; the arm {stays}."
+                f"its measured torque from the loop, the others less; the arm {stays}."
             )
         first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
         end = f"leaves the measured motion after {first.seconds:.2g} s" if first.left else stays
         return (
             f"{self.grade.capitalize()} for prediction: {self.ahead.seconds:.3g} s ahead the worst "
-            f"joint, {j + 1}, is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} of the "
+            f"joint, {j + 1}, is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} the "
             f"error at constant velocity; the free run {end}."
         )
 

@@ -757,7 +757,7 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
     residual.update_xaxes(title_text="position").update_yaxes(title_text="error of joint 2 [N m]")
     curve = {"velocity": t, "torque": q[:, 0], "half": np.abs(dq[:, 0])}
     for made, plot, height in (
-        (torque_chart(run, 1, units), torque_figure([run], [1], units, beside=False), 420),
+        (torque_chart(run, 1, units), torque_figure([run], 1, units[1], beside=False), 420),
         (residual_chart([before, read], 1, "q", "N m", floor), residual, 320),
         (friction_chart(curve, 1, "N m"), friction_figure(**curve, joint=1, unit="N m"), 300),
     ):

@@ -42,7 +42,8 @@ def verb(
     from sdp_vs_penalty.report import check_name, report
 
     check_name(out)  # before the minutes that a report may take
-    estimates = {str(path): load_estimate(path) for path in models}
+    short = len({path.name for path in models}) == len(models)
+    estimates = {path.name if short else str(path): load_estimate(path) for path in models}
     robot = next(iter(estimates.values())).robot
     with console.progress("reading the measurements") as progress:
         whole = load_measurements(*data, names=robot.joint_names)
