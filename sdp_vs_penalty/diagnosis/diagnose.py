@@ -23,7 +23,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
-from sdp_vs_penalty.diagnosis.parsimony import believable, correlated
+from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -200,7 +200,9 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
     stands = float(np.mean(state.stage.rows.still > STILL))
     looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])), stands)
-    weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), looks_like)
+    over = overshadowed(state, k)
+    larger = "" if over is None else over.candidate.effect.name
+    weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), larger, looks_like)
     return Finding(
         h.effect.name,
         joints,

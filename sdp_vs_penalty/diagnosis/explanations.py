@@ -57,14 +57,16 @@ def sentence(
 
 
 def weaknesses(
-    rivals: bool, uncertain: bool, small: bool, shared: bool, looks_like: str
+    rivals: bool, uncertain: bool, small: bool, shared: bool, larger: str, looks_like: str
 ) -> tuple[str, ...]:
-    """Why a finding is weak, a phrase each; nothing for a confident one. looks_like : of the effect."""
+    """Why a finding is weak, a phrase each; nothing for a confident one. larger : the effect whose own
+    error it may be, if there is one; looks_like : of the effect."""
     reasons = {
         "another effect fits as well": rivals,
         "its size is uncertain by > 20 %": uncertain,
         "its gain is small": small,
         "other findings share most of its torque: only their sum is known": shared,
+        f"{larger} is so much larger that its own error may be this": bool(larger),
     }
     return (*(text for text, true in reasons.items() if true), *([looks_like] if looks_like else []))
 

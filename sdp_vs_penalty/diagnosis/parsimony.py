@@ -20,6 +20,8 @@ CORRELATED = 0.8
 LAW = 0.01
 #: ... and of a law that the smaller one refines: what bends it in another way is nearly the same.
 FINER_LAW = 0.03
+#: ... and up to which it is taken for a part of that law, where both change the same friction.
+PART = 0.005
 #: How many times what a pick explains may be left on its joint: with more, the error without a name
 #: falls by less than a tenth, and the pick is a part of that error rather than a name for it.
 UNNAMED = 4.0
@@ -113,11 +115,11 @@ def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
 
 
 def believable(state: SearchState) -> SearchState:
-    """The search without picks that may be what others leave, the smallest first: those that explain
-    less than a larger law on their joints may err by, or than the error that has no name there."""
+    """The search without picks that are a part of something larger, the smallest first: of a law of the
+    same friction, or of error on their joints that has no name."""
     for pick in sorted(state.picks, key=lambda p: p.gain):
         k = next(m for m, p in enumerate(state.picks) if p is pick)
-        if _of_another_law(state, k) or _drowned(state, k):
+        if _part_of_a_law(state, k) or _drowned(state, k):
             state = state.with_picks(state.without(k).picks)
     return state
 
@@ -134,11 +136,22 @@ def _beside(state: SearchState, k: int) -> list[int]:
     return [m for m, joints in acting if np.intersect1d(own, joints).size]
 
 
-def _of_another_law(state: SearchState, k: int) -> bool:
-    """Whether pick k gains no more than the law of a larger one on its joints may leave."""
-    pick, others = state.picks[k], (state.picks[m] for m in _beside(state, k))
+def overshadowed(state: SearchState, k: int) -> Pick | None:
+    """A larger pick on the joints of pick k whose own error that may be."""
+    others = (state.picks[m] for m in _beside(state, k))
     larger = max(others, key=lambda p: p.gain, default=None)
-    return larger is not None and pick.gain < _own_error(pick, larger) * larger.gain
+    if larger is None or state.picks[k].gain >= _own_error(state.picks[k], larger) * larger.gain:
+        return None
+    return larger
+
+
+def _part_of_a_law(state: SearchState, k: int) -> bool:
+    """Whether pick k is a small change of the friction that a much larger one changes, too."""
+    pick, larger = state.picks[k], overshadowed(state, k)
+    if larger is None or pick.gain >= PART * larger.gain:
+        return False
+    one, other = (p.candidate.effect for p in (pick, larger))
+    return not {one.name, *one.refines}.isdisjoint({other.name, *other.refines})
 
 
 def _drowned(state: SearchState, k: int) -> bool:

@@ -22,7 +22,7 @@ def state_of(*picks: tuple[int | None, float], left: float = 0.0) -> Any:
     made = [
         SimpleNamespace(
             candidate=SimpleNamespace(
-                key=(f"effect {k}", joint), effect=SimpleNamespace(name="", refines=())
+                key=(f"effect {k}", joint), effect=SimpleNamespace(name=f"effect {k}", refines=())
             ),
             gain=gain,
             rivals=(),
@@ -75,14 +75,15 @@ def test_what_stands_beside_a_pick(taken: set[frozenset[int]]) -> None:
     taken.add(frozenset((0, 1)))
     assert parsimony.correlated(state, 1) == (state.picks[0],)
     assert parsimony.correlated(state, 2) == ()
-    assert [parsimony._of_another_law(state, k) for k in range(3)] == [False, True, False]
+    assert [parsimony.overshadowed(state, k) for k in range(3)] == [None, state.picks[0], None]
     assert not any(parsimony._drowned(state, k) for k in range(3))
 
 
 def test_what_others_or_nothing_may_leave_is_not_offered(taken: set[frozenset[int]]) -> None:
-    picks = (0, 100.0), (0, 0.5 * parsimony.LAW * 100.0), (1, 1e6)
-    for share, kept in ((0.9, [0, 2]), (1.1, [2])):
+    picks = (0, 100.0), (0, 0.9 * parsimony.PART * 100.0), (1, 1e6)
+    for share, same, kept in ((0.0, "effect 0", [0, 2]), (0.0, "", [0, 1, 2]), (1.1, "", [2])):
         state = state_of(*picks, left=share * parsimony.UNNAMED * 100.0)
+        state.picks[1].candidate.effect.refines = (same,)
         assert parsimony.believable(state).picks == tuple(state.picks[k] for k in kept)
 
 
@@ -112,8 +113,8 @@ def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_else_looks_like_a_finding_makes_it_weak() -> None:
-    assert weaknesses(False, False, False, False, "") == ()
-    assert weaknesses(False, False, False, False, "it may stick") == ("it may stick",)
+    assert weaknesses(False, False, False, False, "", "") == ()
+    assert weaknesses(False, False, False, False, "", "it may stick") == ("it may stick",)
 
 
 def test_what_joints_share_comes_before_small_effects_on_one_of_them() -> None:
