@@ -10,7 +10,6 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Finding
-from sdp_vs_penalty.diagnosis.parsimony import Company
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
 from sdp_vs_penalty.diagnosis.verdict import Remainder
 from sdp_vs_penalty.effects import effect_types
@@ -36,7 +35,9 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
     return size, float(max(float(direction @ c @ direction), 0.0) ** 0.5)
 
 
-def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
+def sentence(
+    effect: Effect, size: float, std: float, rivals: Sequence[str], finer: Sequence[str] = ()
+) -> str:
     """What was found, in one or two sentences."""
     unit = show.plain_unit(effect.parameters[effect.sized_by][0].unit)
     where = (
@@ -50,26 +51,23 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
     text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
     if rivals:
         text += f" Indistinguishable in these data from {', '.join(rivals)}."
+    if finer:
+        text += f" A finer form of the same law explains as much: {', '.join(finer)}."
     return text
 
 
 def weaknesses(
-    holds: bool, rivals: bool, uncertain: bool, small: bool, beside: Company, looks_like: str
+    rivals: bool, uncertain: bool, small: bool, shared: bool, larger: str, looks_like: str
 ) -> tuple[str, ...]:
-    """Why a finding is weak, a phrase each; nothing for a confident one. looks_like : of the effect."""
-    larger = beside.overshadowed
+    """Why a finding is weak, a phrase each; nothing for a confident one. larger : the effect whose own
+    error it may be, if there is one; looks_like : of the effect."""
     reasons = {
         "another effect fits as well": rivals,
         "its size is uncertain by > 20 %": uncertain,
         "its gain is small": small,
-        "the error on held-out data does not fall": not holds,
-        "other findings share most of its torque: only their sum is known": bool(beside.correlated),
-        "more error than it explains is left on its joint": beside.drowned,
+        "other findings share most of its torque: only their sum is known": shared,
+        f"{larger} is so much larger that its own error may be this": bool(larger),
     }
-    if larger is not None:
-        reasons[f"{larger.candidate.effect.name} is so much larger that its own error may be this"] = (
-            True
-        )
     return (*(text for text, true in reasons.items() if true), *([looks_like] if looks_like else []))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +32,8 @@ class Finding:
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
     there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
     held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how :func:`add` takes the
-    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units.
+    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units;
+    finer : forms of the same law with more to them, which explain as much.
     """
 
     effect: str
@@ -50,6 +52,7 @@ class Finding:
     gain: float
     remarks: tuple[str, ...] = ()
     constants: str = ""
+    finer: tuple[str, ...] = ()
 
     @property
     def undecided(self) -> str | None:
@@ -67,7 +70,9 @@ class Finding:
     def cooled(self) -> str:
         """The run that tells what follows the gears' temperature from what follows the clock, if that is
         what is open."""
-        kinds = [effect_types()[r.split(":")[0]] for r in self.indistinguishable_from if r != CURVE]
+        kinds = [
+            effect_types()[re.split("[:@]", r)[0]] for r in self.indistinguishable_from if r != CURVE
+        ]
         if effect_types()[self.effect].follows_clock or not any(k.follows_clock for k in kinds):
             return ""
         return (
@@ -87,6 +92,7 @@ class Finding:
             "parameters": dict(self.parameters),
             "confidence": self.confidence,
             "indistinguishable_from": list(self.indistinguishable_from),
+            "finer": list(self.finer),
             "remarks": list(self.remarks),
             "constants": self.constants,
             "gain": self.gain,
@@ -114,6 +120,7 @@ class Finding:
             float(data["gain"]),
             _texts(data["remarks"]),
             str(data["constants"]),
+            _texts(data.get("finer", ())),
         )
 
 
