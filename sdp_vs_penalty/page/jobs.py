@@ -32,6 +32,7 @@ from sdp_vs_penalty.estimation.separation import separate as separation
 from sdp_vs_penalty.estimators import estimator_types, with_solver
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.page.archive import pack, unpack
+from sdp_vs_penalty.page.model_jobs import check_urdf, forward, pose, prove, verify
 from sdp_vs_penalty.page.options import number
 from sdp_vs_penalty.page.run_jobs import (
     Answer,
@@ -48,6 +49,7 @@ from sdp_vs_penalty.page.run_jobs import (
     simulate,
 )
 from sdp_vs_penalty.page.summary import summary, violation
+from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
@@ -132,6 +134,7 @@ def fit(request: Request, progress: Progress) -> Answer:
         progress=progress,
         gain_uncertainty=number(options, "gain_uncertainty", 0.0),
         known_loads=_known_loads(request, options.get("known_load")),
+        workers=Workers(int(number(options, "jobs", 1)), progress=progress),
     )
     seconds = time.perf_counter() - begin
     return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
@@ -332,5 +335,6 @@ JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
         *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
         *(save_session, open_session),
         *(extend, find, methods, take, report),
+        *(forward, prove, verify, pose, check_urdf),
     )
 }

@@ -210,6 +210,21 @@ class Session(Doing):
 
         self._start("Designing the run that would tell", do())
 
+    def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
+        """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
+
+        async def do() -> None:
+            model = self.model.file if self.model else None
+            window = self.options.get("window")
+            answer = await self._job(job, **{"model": model, "window": window, **on})
+            self._read.pop(str(answer.get("file")), None)
+            self.answers[job] = {**answer, "model": model}
+            for name in answer.get("files", ()):
+                if ready is not None:
+                    ready(name)
+
+        self._start(title, do())
+
     def undo(self) -> None:
         """One model back."""
         if self.busy or len(self.ladder) < 2:
