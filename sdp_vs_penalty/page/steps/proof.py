@@ -23,7 +23,7 @@ def _draw(view: View) -> None:
     session, model = view.session, view.session.model
     assert model is not None
     tag("p", CERTIFICATE, "soft")
-    table(["figure", model.label], model.about["certificate"], "Certificate", "numbers")
+    table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
     proved, told = session.answer("prove"), session.answers.get("verify")
     tag("h3", "Proof")
     tag(
