@@ -84,7 +84,6 @@ class TabState:
     curve_texts: list[str] = field(default_factory=list)
     found_for: int = 0
     found_in: float = 0.0
-    methods: list[dict[str, Any]] | None = None
     #: By job what was answered last, with the ``model`` that was asked about.
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     notice: Notice | None = None
@@ -204,5 +203,5 @@ class TabState:
         return text.replace(f"{self.folder}/", "")
 
     def forget_models(self) -> None:
-        self.ladder, self.findings, self.methods, self.answers = [], None, None, {}
+        self.ladder, self.findings, self.answers = [], None, {}
         self._read.clear()

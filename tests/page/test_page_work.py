@@ -205,12 +205,13 @@ def test_the_story_without_a_browser(
     assert again.ladder[1].comparison["rmse"] == pytest.approx(after, rel=1e-9)
     assert again.findings is not None
     assert again.findings.to_dict() == s.findings.to_dict()
-    asyncio.run(finish(s, lambda: s.compare_methods(["ols"], folds=True)))
-    assert s.methods is not None
+    asyncio.run(finish(s, lambda: s.ask("methods", "Comparing", methods=["ols"], folds=True)))
+    found = s.answer("methods")
+    assert found is not None
     runs = [tmp_path / f"{name}.csv" for name in "abc"]
     effects = estimate.model.effects
     unseen = cross_validate(two_link, runs, "ols", effects=effects).relative_error_percent
-    assert s.methods[0]["unseen"] == pytest.approx(unseen, rel=1e-9)
+    assert found["rows"][0]["unseen"] == pytest.approx(unseen, rel=1e-9)
     s.undo()
     assert len(s.ladder) == 1
     assert len(s.models) == 2
