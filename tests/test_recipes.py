@@ -23,6 +23,7 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.registration import by_word, written
 from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation.experiment import experiment
+from sdp_vs_penalty.solvers import solver_modules
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""
 
@@ -95,12 +96,14 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         (folder / f"{name}.py").write_text(content)
         monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
     estimator_types.cache_clear()
+    solver_modules.cache_clear()
     yield
     for package, name, _ in homes:
         sys.modules.pop(f"{package.__name__}.{name}", None)
         vars(package).pop(name, None)
     monkeypatch.undo()
     estimator_types.cache_clear()
+    solver_modules.cache_clear()
 
 
 def test_an_estimator_is_one_file(added: None) -> None:

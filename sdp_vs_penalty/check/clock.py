@@ -45,6 +45,10 @@ def _row(index: int) -> int:
     return int(index) + 2
 
 
+#: Fewest rows of a run that follows another in one file.
+_RUN = 50
+
+
 def _missing(run: Measurements) -> Issue | None:
     bad = np.flatnonzero(~_finite(run))
     if not len(bad):
@@ -146,8 +150,12 @@ def _backwards(run: Measurements) -> Issue | None:
     if not len(bad):
         return None
     typical = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    continuous = all(_continues(run, int(k)) for k in bad)
-    if continuous and typical > 0.0:
+    repair = _run_on
+    if typical > 0.0 and _anew(run.t, bad):
+        what = f"the clock begins anew {show.count(len(bad), 'time')}: several runs are in the file."
+        remedy = "let each begin a second after the end of the one before (or write a file each)"
+        repair = _one_after_another
+    elif typical > 0.0 and all(_continues(run, int(k)) for k in bad):
         what = (
             f"the clock is set back {show.count(len(bad), 'time')}, by up to {-steps[bad].min():.3g} "
             "s, while the motion continues without a break."
@@ -159,9 +167,10 @@ def _backwards(run: Measurements) -> Issue | None:
             "continue the motion."
         )
         remedy = "delete the rows whose time lies before that of an earlier row"
+        repair = _only_forward
     return Issue(
         "time runs backwards", "error", rows_text(_row(bad[0] + 1), len(bad)), what,
-        "certain: read from the file", remedy, _run_on if continuous else _only_forward,
+        "certain: read from the file", remedy, repair,
         {"rows": [_row(k + 1) for k in bad[:100]], "largest_s": float(-steps[bad].min())},
     )  # fmt: skip
 
@@ -170,6 +179,19 @@ def _only_forward(run: Measurements) -> Measurements:
     latest = np.maximum.accumulate(run.t)
     keep = np.concatenate([[True], run.t[1:] > latest[:-1]])
     return run.rows(keep)
+
+
+def _anew(t: Array, back: NDArray[np.intp]) -> bool:
+    """Whether every step back leads to the start of the clock, or before it, and a run follows."""
+    long = np.diff(back, prepend=0, append=len(t) - 1) > _RUN
+    return bool(np.all(long) and np.all(t[back + 1] - t[0] < 0.05 * (t[back] - t[0])))
+
+
+def _one_after_another(run: Measurements) -> Measurements:
+    """Steps back replaced by a gap, at which runs are split."""
+    steps = np.diff(run.t)
+    pause = max(1.0, 50.0 * float(np.median(steps[steps > 0.0])))
+    return stamps.with_steps(run, np.where(steps < 0.0, pause, steps))
 
 
 def _run_on(run: Measurements) -> Measurements:

@@ -49,7 +49,7 @@ class Grams:
         """Of each joint's columns (M, k) and the parameters (k,) that they belong to."""
         each = np.zeros((len(acting), p, p))
         for gram, (indices, columns) in zip(each, acting, strict=True):
-            gram[np.ix_(indices, indices)] = columns.T @ columns
+            gram[indices[:, None], indices] = columns.T @ columns
         return cls(each)
 
     @cached_property
@@ -67,8 +67,10 @@ class Grams:
         """(n, k) those that show in one joint alone, joint by joint; filled up where it has fewer."""
         alone = np.sum(self.sizes > 0.0, axis=0) == 1
         found = [np.flatnonzero(alone & (x > (1e-9) ** 2 * x.max(initial=0.0))) for x in self.sizes]
-        count = max(len(k) for k in found)
-        return np.array([np.pad(k, (0, count - len(k)), constant_values=-1) for k in found], np.intp)
+        out = np.full((len(found), max(len(k) for k in found)), -1)
+        for row, k in zip(out, found, strict=True):
+            row[: len(k)] = k
+        return out
 
     @cached_property
     def blocks(self) -> tuple[Array, Array, Array]:

@@ -233,10 +233,11 @@ def last_joint(physics: Physics, problem: Problem) -> Iterator[Issue]:
     yield Issue(
         "encoder offset", "warning", joints_text([j]),
         f"the weight of link {j + 1} lies {angle:.0f} degrees round its axis from where the problem's "
-        f"inertials have it: the zero of {joints_text([j])} differs from the robot's kinematics.",
+        f"inertials have it: the zero of {joints_text([j])} differs from the robot's kinematics, or it "
+        "carries a tool that the problem does not have.",
         "possible: the motion does not show it, the inertials of that link alone do",
         f"compare one pose with the robot; if the zero is wrong add {radians:+.3g} rad to q{j + 1}, "
-        "otherwise correct that link's inertial",
+        "otherwise correct that link's inertial (with its tool)",
         None, {"joints": [j + 1], "shifts": [radians]},
     )  # fmt: skip
 

@@ -225,7 +225,10 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
     low, high = (np.full(len(steps), np.nan) for _ in range(2))
     if not enough.any():
         return
-    low[enough], high[enough] = np.nanquantile(ratio[enough], [0.25, 0.75], axis=1)
+    for count in np.unique(tells[enough].sum(axis=1)):  # nanquantile takes the rows one by one
+        rows = np.flatnonzero(enough & (tells.sum(axis=1) == count))
+        known = ratio[rows][tells[rows]].reshape(-1, count)
+        low[rows], high[rows] = np.quantile(known, [0.25, 0.75], axis=1)
     ordinary = steps < 3.0 * np.median(steps)
     torn = np.flatnonzero(ordinary & (low > _TORN) & (high < 2.0 * low + 1.0))
     if not len(torn) or len(torn) > _FEW * len(steps):

@@ -21,7 +21,7 @@ from sdp_vs_penalty.cli.console import (
     say,
     table,
 )
-from sdp_vs_penalty.diagnosis.show import event_lines, new_motion
+from sdp_vs_penalty.diagnosis.show import event_lines, new_motion, risen
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.show import plain_unit
 
@@ -75,6 +75,8 @@ def certificate(result: Estimate) -> None:
         lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
     lines += determined(result)
     details(*zip(*lines, strict=True))
+    if result.unweighed:
+        explain(result.unweighed)
 
 
 def determined(result: Estimate) -> list[tuple[str, str]]:
@@ -124,8 +126,6 @@ def links(result: Estimate) -> None:
     ]
     heads = ("link", "mass", "nominal", "from", "gyration", "nominal", "body from")
     table("Links: mass [kg] and radius of gyration [m], identified and nominal", heads, rows)
-    if result.unweighed:
-        explain(result.unweighed)
 
 
 def comparison(results: Sequence[Comparison], units: Sequence[str], title: str = "RMSE") -> None:
@@ -295,6 +295,8 @@ def before_after(before: Comparison, after: Comparison, units: Sequence[str], wh
         rows.append([*cells, "-" if floor is None else number(floor[j])])
     heads = ("joint", "unit", "before", "after", "change", "noise floor")
     table(f"RMSE below {number(after.band_hz)} Hz", heads, rows, words=2)
+    if said := risen(before.rmse, after.rmse):
+        explain(said)
 
 
 def _short(x: float) -> str:

@@ -136,6 +136,35 @@ class ConstraintSet:
 
 
 @dataclass(frozen=True)
+class Alike:
+    """Equal cones of as many parameters: ``places`` (g,) among the constraints that they are of.
+
+    indices (g, k), constant (g, ...), coefficients (g, k, ...) : of each what :class:`Constraint` has.
+    """
+
+    cone: str
+    places: NDArray[np.intp]
+    indices: NDArray[np.intp]
+    constant: Array
+    coefficients: Array
+
+
+def alike(constraints: Sequence[Constraint]) -> list[Alike]:
+    """Constraints side by side, to be worked on at once, in the order in which each kind comes first."""
+    groups: dict[tuple[str, tuple[int, ...]], list[int]] = {}
+    for place, c in enumerate(constraints):
+        groups.setdefault((c.cone, c.coefficients.shape), []).append(place)
+    out = []
+    for (cone, _), places in groups.items():
+        own = [constraints[k] for k in places]
+        arrays = (
+            np.array([getattr(c, x) for c in own]) for x in ("indices", "constant", "coefficients")
+        )
+        out.append(Alike(cone, np.array(places), *arrays))
+    return out
+
+
+@dataclass(frozen=True)
 class ConstraintStack:
     """Equal cones of equal size side by side: F (g, ...) = constant + matrix theta."""
 

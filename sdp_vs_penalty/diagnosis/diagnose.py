@@ -11,6 +11,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.diagnosis import explanations
+from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.curves.measure import measured_curves, stood_in
 from sdp_vs_penalty.diagnosis.findings import (
     EFFECT_MISSING,
@@ -22,7 +23,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
-from sdp_vs_penalty.diagnosis.parsimony import company
+from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -136,7 +137,7 @@ def conclude(
     measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
     findings = explanations.doubtful(stood_in(findings, measured), doubted)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
-    if left.remains or doubted or measured.curves:
+    if left.matters or doubted or measured.curves:
         verdict = UNKNOWN
     return Diagnosis(
         verdict,
@@ -150,10 +151,13 @@ def conclude(
         stage.rows.cutoff,
         explanations.remarks(
             stage.noise.source,
-            tuple(doubted.values()),
+            (
+                *doubted.values(),
+                explanations.standstill(held_out.moving, held_out.ladder[-1]),
+                explanations.negligible(left),
+            ),
             held_out.source,
             new_share,
-            explanations.standstill(held_out.moving, held_out.ladder[-1]),
         ),
         held_out.before if retuned else held_out.ladder[0],
         held_out.source,
@@ -161,15 +165,18 @@ def conclude(
         new_share,
         retuned,
         measured.curves,
-        tuple(carriers(stage.rows, stage.residual_beside(state.effects))) if left.remains else (),
+        tuple(carriers(stage.rows, stage.residual_beside(state.effects), left.matters)),
+        tuple((j + 1, float(left.repeats[j])) for j in left.matters),
     )
 
 
 def _offered(found: Found, judge: OnFolds | OnTest) -> tuple[Found, HeldOut]:
-    """The search without the picks that raise their joints' error on data left out."""
+    """The search without the picks that may be what others leave, and those that do not lower their
+    joints' error on data left out."""
     while True:
+        found = replace(found, state=believable(found.state))
         held_out = judge.errors(found.state.picks)
-        kept = [p for p, rises in zip(found.state.picks, held_out.rises, strict=True) if not rises]
+        kept = [p for p, pays in zip(found.state.picks, held_out.pays, strict=True) if pays]
         if len(kept) == len(found.state.picks):
             return found, held_out
         found = replace(found, state=found.state.with_picks(kept))
@@ -182,18 +189,20 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     parameters = h.effect.parameters
     size, std = explanations.size_of(h.effect, beta, covariance)
     joints = () if h.effect.whole_robot else tuple(j + 1 for j in h.effect.joints)
-    beside = company(state, k)
-    # What a law is with time is no other law than the steady one that it starts from.
-    rivals_of_its_own = [r for r in pick.rivals if not (r.effect.follows_clock and refines(r, h))]
-    alike = [*rivals_of_its_own, *(p.candidate for p in beside.correlated)]
-    rivals = tuple(dict.fromkeys(_rival_name(h.key, r.key) for r in alike))
+    sharing = correlated(state, k)
+    # What a law is with time is no other law than the steady one that it starts from, and a finer form
+    # of it, which fits as well, does not speak against the plain one.
+    others = [r for r in pick.rivals if not refines(r, h)]
+    finer = [r.key[0] for r in pick.rivals if refines(r, h) and not r.effect.follows_clock]
+    alike = [*others, *(p.candidate for p in sharing)]
+    rivals = tuple(dict.fromkeys(_rival_name(h, r) for r in alike))
     uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
-    # That a finer form fits as well does not speak against the plain one.
-    as_plain = any(not refines(r, h) for r in pick.rivals)
     paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
     stands = float(np.mean(state.stage.rows.still > STILL))
     looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])), stands)
-    weak = explanations.weaknesses(held_out.holds[k], as_plain, uncertain, small, beside, looks_like)
+    over = overshadowed(state, k)
+    larger = "" if over is None else over.candidate.effect.name
+    weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), larger, looks_like)
     return Finding(
         h.effect.name,
         joints,
@@ -206,19 +215,22 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
         rivals,
         held_out.ladder[k],
         held_out.ladder[k + 1],
-        explanations.sentence(h.effect, size, std, rivals),
+        explanations.sentence(h.effect, size, std, rivals, finer),
         h.effect.text,
         pick.gain,
         weak,
         h.effect.constants,
+        tuple(dict.fromkeys(finer)),
     )
 
 
-def _rival_name(own: tuple[str, int | None], other: tuple[str, int | None]) -> str:
-    """The rival's name; with its joint where the name alone would be that of the finding."""
-    if other[0] == own[0] and other[1] is not None:
-        return f"{other[0]}:{other[1] + 1}"
-    return other[0]
+def _rival_name(own: Candidate, other: Candidate) -> str:
+    """The rival's name; with its joint, or its constants, where that alone would be the finding's."""
+    if other.key == own.key:
+        return other.effect.text
+    if other.key[0] == own.key[0] and other.key[1] is not None:
+        return f"{other.key[0]}:{other.key[1] + 1}"
+    return other.key[0]
 
 
 def invisible_effects(state: SearchState) -> tuple[Invisible, ...]:

@@ -10,8 +10,8 @@ import numpy as np
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Finding
-from sdp_vs_penalty.diagnosis.parsimony import Company
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
+from sdp_vs_penalty.diagnosis.verdict import Remainder
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
@@ -35,7 +35,9 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
     return size, float(max(float(direction @ c @ direction), 0.0) ** 0.5)
 
 
-def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
+def sentence(
+    effect: Effect, size: float, std: float, rivals: Sequence[str], finer: Sequence[str] = ()
+) -> str:
     """What was found, in one or two sentences."""
     unit = show.plain_unit(effect.parameters[effect.sized_by][0].unit)
     where = (
@@ -49,26 +51,23 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
     text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
     if rivals:
         text += f" Indistinguishable in these data from {', '.join(rivals)}."
+    if finer:
+        text += f" A finer form of the same law explains as much: {', '.join(finer)}."
     return text
 
 
 def weaknesses(
-    holds: bool, rivals: bool, uncertain: bool, small: bool, beside: Company, looks_like: str
+    rivals: bool, uncertain: bool, small: bool, shared: bool, larger: str, looks_like: str
 ) -> tuple[str, ...]:
-    """Why a finding is weak, a phrase each; nothing for a confident one. looks_like : of the effect."""
-    larger = beside.overshadowed
+    """Why a finding is weak, a phrase each; nothing for a confident one. larger : the effect whose own
+    error it may be, if there is one; looks_like : of the effect."""
     reasons = {
         "another effect fits as well": rivals,
         "its size is uncertain by > 20 %": uncertain,
         "its gain is small": small,
-        "the error on held-out data does not fall": not holds,
-        "other findings share most of its torque: only their sum is known": bool(beside.correlated),
-        "more error than it explains is left on its joint": beside.drowned,
+        "other findings share most of its torque: only their sum is known": shared,
+        f"{larger} is so much larger that its own error may be this": bool(larger),
     }
-    if larger is not None:
-        reasons[f"{larger.candidate.effect.name} is so much larger that its own error may be this"] = (
-            True
-        )
     return (*(text for text, true in reasons.items() if true), *([looks_like] if looks_like else []))
 
 
@@ -111,17 +110,27 @@ def standstill(moving: Array, every: Array) -> str:
     )
 
 
+def negligible(left: Remainder) -> str:
+    """One sentence where error surely repeats that hardly matters, else nothing."""
+    if not left.remains or left.matters:
+        return ""
+    return (
+        f"What else repeats on {show.joints([j + 1 for j in left.joints])} hardly matters: it raises no "
+        f"joint's error by more than {100.0 * left.raised.max():.2g} % above the noise."
+    )
+
+
 def remarks(
-    noise_source: str, doubted: Sequence[str], held_out: str, new_share: float | None, stands: str = ""
+    noise_source: str, said: Sequence[str], held_out: str, new_share: float | None
 ) -> tuple[str, ...]:
-    """Sentences about the diagnosis as a whole; stands : of :func:`standstill`."""
+    """Sentences about the diagnosis as a whole; said : of this one alone, empty ones are dropped."""
     out = []
     if noise_source == "residual":
         out.append(
             "No motion repeats, so noise and model error cannot be separated: the noise shown is the "
             "error itself. Record a run with more than one period."
         )
-    out += [*doubted, stands] if stands else doubted
+    out += [text for text in said if text]
     if warning := repeatability_warning(new_share):
         out.append(warning)
     if held_out == "folds":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.retunes import Retune
@@ -30,7 +32,8 @@ class Finding:
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
     there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
     held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how :func:`add` takes the
-    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units.
+    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units;
+    finer : forms of the same law with more to them, which explain as much.
     """
 
     effect: str
@@ -49,6 +52,7 @@ class Finding:
     gain: float
     remarks: tuple[str, ...] = ()
     constants: str = ""
+    finer: tuple[str, ...] = ()
 
     @property
     def undecided(self) -> str | None:
@@ -66,7 +70,9 @@ class Finding:
     def cooled(self) -> str:
         """The run that tells what follows the gears' temperature from what follows the clock, if that is
         what is open."""
-        kinds = [effect_types()[r.split(":")[0]] for r in self.indistinguishable_from if r != CURVE]
+        kinds = [
+            effect_types()[re.split("[:@]", r)[0]] for r in self.indistinguishable_from if r != CURVE
+        ]
         if effect_types()[self.effect].follows_clock or not any(k.follows_clock for k in kinds):
             return ""
         return (
@@ -86,6 +92,7 @@ class Finding:
             "parameters": dict(self.parameters),
             "confidence": self.confidence,
             "indistinguishable_from": list(self.indistinguishable_from),
+            "finer": list(self.finer),
             "remarks": list(self.remarks),
             "constants": self.constants,
             "gain": self.gain,
@@ -113,6 +120,7 @@ class Finding:
             float(data["gain"]),
             _texts(data["remarks"]),
             str(data["constants"]),
+            _texts(data.get("finer", ())),
         )
 
 
@@ -150,8 +158,8 @@ class Diagnosis(Shown):
     has no name, as functions of one variable or two;
     remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
     new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched;
-    left : where something unknown remains, the variables that carry most of it (joint from 1, variable,
-    RMS of the error that follows it).
+    remains : the joints (from 1) on which something unknown repeats, with its RMS [N m or N]; left : the
+    variables that carry most of it (joint, variable, RMS of the error that follows it).
     """
 
     verdict: str
@@ -171,6 +179,7 @@ class Diagnosis(Shown):
     retuned: tuple[Retune, ...] = ()
     curves: tuple[Curve, ...] = ()
     left: tuple[tuple[int, str, float], ...] = ()
+    remains: tuple[tuple[int, float], ...] = ()
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
@@ -205,7 +214,17 @@ class Diagnosis(Shown):
         found = [(f.effect, f.joints, f.confidence) for f in self.effects]
         constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
         known = self.noise_source == "repetition"
-        return diagnosis_verdict(self.verdict == UNKNOWN, found, known, constants)
+        return diagnosis_verdict(self.unknown, found, known, constants)
+
+    @property
+    def unknown(self) -> str:
+        """What no effect explains, with its joints and size; "" where nothing of the kind is left."""
+        if self.verdict != UNKNOWN:
+            return ""
+        where = f" on {show.joints([j for j, _ in self.remains])}" if self.remains else ""
+        size = max((rms for _, rms in self.remains), default=0.0)
+        upto = f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})" if size else ""
+        return f"something{where} that no effect of the library explains{upto}"
 
     @property
     def advice(self) -> str:
@@ -279,6 +298,7 @@ class Diagnosis(Shown):
             "remarks": list(self.remarks),
             "new_motion_share": self.new_motion_share,
             "left": [{"joint": j, "variable": name, "rmse": rms} for j, name, rms in self.left],
+            "remains": [{"joint": j, "rmse": rms} for j, rms in self.remains],
         }
 
     @classmethod
@@ -304,6 +324,7 @@ class Diagnosis(Shown):
             tuple(map(Retune.from_dict, data.get("retuned", ()))),
             tuple(map(Curve.from_dict, data.get("curves", ()))),
             tuple((int(x["joint"]), str(x["variable"]), float(x["rmse"])) for x in data.get("left", ())),
+            tuple((int(x["joint"]), float(x["rmse"])) for x in data.get("remains", ())),
         )
 
 

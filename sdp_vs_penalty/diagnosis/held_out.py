@@ -38,11 +38,10 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, STILL
 from sdp_vs_penalty.signals.segments import segmented
 
-#: By this share an error falls, rather than merely not rising.
-_FALLS = 0.001
-#: Where the noise is a guess, evidence counts the model's own error: what lowers its joints' errors by
-#: less than this share, summed over them, does not pay.
-_PAYS = 0.003
+#: What lowers its joints' errors by less than this share, summed over them, does not pay ...
+_PAYS = 0.001
+#: ... and where the noise is a guess: evidence counts the model's own error then.
+_PAYS_GUESSED = 0.003
 #: Outer folds at most: the search is repeated without each of them.
 _OUTER = 5
 
@@ -51,15 +50,14 @@ _OUTER = 5
 class HeldOut:
     """before (n,) : RMSE of each joint with the shape constants that the model was given; ladder
     (steps + 1, n) : with those that the search adopted, before the first effect and after each; source :
-    "test" or "folds"; holds (steps,) : whether the errors of the joints on which an effect acts fall, in
-    geometric mean, on rows from which its size was not estimated (the test run's, or folds left out) and
-    that are evidence; rises (steps,) : whether they rise there."""
+    "test" or "folds"; pays (steps,) : whether an effect lowers the errors of the joints that it acts on,
+    on rows from which its size was not estimated (the test run's, or folds left out) and that are
+    evidence; moving (n,) : RMSE of those rows after the last effect."""
 
     before: Array
     ladder: Array
     source: str
-    holds: tuple[bool, ...]
-    rises: tuple[bool, ...]
+    pays: tuple[bool, ...]
     moving: Array
 
 
@@ -87,7 +85,7 @@ class OnTest:
             return _squares(found.estimate, frozen, effects, split, chosen)[0]
 
         told = _told(picks, evidence, squares, found.state.stage.noise.source == RESIDUAL)
-        return HeldOut(before, every, "test", *told, evidence[-1])
+        return HeldOut(before, every, "test", told, evidence[-1])
 
     def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
         """The rows of both runs in the columns of the model and of all effects."""
@@ -163,7 +161,7 @@ class OnFolds:
         count, evident = keep.sum(axis=0), (keep & _evident(stage)).sum(axis=0)
         evidence = _rmse(same, evident)
         told = _told(picks, evidence, squares, stage.noise.source == RESIDUAL)
-        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told, evidence[-1])
+        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", told, evidence[-1])
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
@@ -264,30 +262,24 @@ def _told(
     ladder: Array,
     squares: Callable[[Sequence[int]], Array],
     guessed: bool = False,
-) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
-    """Of each pick whether the errors of the joints on which it acts fall in geometric mean, and whether
-    they rise, or where the noise is ``guessed`` do not fall enough to pay. ladder (steps + 1, n) : with
-    the first picks; squares : (n,) of any picks, by which those are judged beside all others that add
-    nothing where they stand: some need a later one."""
-    steps = zip(picks, ladder[:-1], ladder[1:], strict=True)
+) -> tuple[bool, ...]:
+    """Of each pick whether the errors of the joints on which it acts fall by what pays. ladder
+    (steps + 1, n) : with the first picks; squares : (n,) of any picks, by which those are judged beside
+    all others that do not pay where they stand: some need a later one."""
+    needed, steps = _PAYS_GUESSED if guessed else _PAYS, zip(picks, ladder[:-1], ladder[1:], strict=True)
     change = [_change(pick, before, after) for pick, before, after in steps]
-    kept, rises = list(range(len(picks))), [False] * len(picks)
-    needed = [
-        _PAYS / len(before[_acts(p)]) if guessed else -_FALLS
-        for p, before in zip(picks, ladder, strict=False)
-    ]
-    doubtful = (k for k, c in enumerate(change) if c >= -max(_FALLS, needed[k]))
-    for k in sorted(doubtful, key=lambda k: -change[k]):
+    kept = list(range(len(picks)))
+    for k in sorted((k for k in kept if change[k] >= -needed), key=lambda k: -change[k]):
         others = [m for m in kept if m != k]
-        change[k] = 0.5 * _change(picks[k], squares(others), squares(kept))
-        if change[k] > -needed[k]:
-            kept, rises[k] = others, True
-    return tuple(c < -_FALLS for c in change), tuple(rises)
+        if 0.5 * _change(picks[k], squares(others), squares(kept)) >= -needed:
+            kept = others
+    return tuple(k in kept for k in range(len(picks)))
 
 
 def _change(pick: Pick, before: Array, after: Array) -> float:
+    """The logarithms' change, summed over the joints on which a pick acts."""
     before, after = (np.maximum(x[_acts(pick)], 1e-300) for x in (before, after))
-    return float(np.mean(np.log(after / before)))
+    return float(np.sum(np.log(after / before)))
 
 
 def _acts(pick: Pick) -> list[int] | slice:

@@ -6,7 +6,7 @@ search's white rows before the first name is given, and again beside the picks.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -188,21 +188,22 @@ def widened(first: Estimate, now: Estimate, state: SearchState) -> list[ShapeEst
     return out
 
 
-def doubted(first: Estimate, now: Estimate, state: SearchState) -> SearchState | None:
-    """The search without the picks that may only mend a constant gone astray, if there are any.
+def doubted(first: Estimate, now: Estimate, state: SearchState) -> Iterator[SearchState]:
+    """The search without the picks that may only mend a constant gone astray, if there are any: first
+    without those that turn over velocities, like the constant, then without those with a memory, too, on
+    joints whose constant has moved.
 
     A constant is first profiled beside a joint's other errors, which may carry it away from where it is
     with all of them explained: a law of the same velocities and the constant then make good each other.
     """
     joints, laws = moved(first, now), {(o.effect.name, o.joint) for o in _constants(now)}
-    kept = [
-        p
-        for p in state.picks
-        if (own := _picked(p.candidate.effect)) is None
-        or own.joint not in joints
-        or not any((name, own.joint) in laws for name in own.effect.refines)
-    ]
-    return state.with_picks(kept) if len(kept) < len(state.picks) else None
+    own = [(p, p.candidate.effect, _picked(p.candidate.effect)) for p in state.picks]
+    mending = [(p, e, o.joint) for p, e, o in own if o and any((n, o.joint) in laws for n in e.refines)]
+    turning = [p for p, e, _ in mending if not e.has_memory]
+    both = [p for p, e, j in mending if j in joints or not e.has_memory]
+    for out in (turning, both) if len(both) > len(turning) else (turning,):
+        if out:
+            yield state.with_picks([p for p in state.picks if not any(p is o for o in out)])
 
 
 def _compressed(

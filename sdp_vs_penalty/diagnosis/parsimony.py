@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted, accepted_beside, joints_of
+from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.scoring import evidence
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
@@ -19,21 +20,15 @@ CORRELATED = 0.8
 LAW = 0.01
 #: ... and of a law that the smaller one refines: what bends it in another way is nearly the same.
 FINER_LAW = 0.03
-
-
-@dataclass(frozen=True)
-class Company:
-    """What stands beside a pick: correlated : other picks that take most of its energy; overshadowed :
-    a larger pick on its joints whose own error it may be; drowned : more error than it explains is left
-    on its joints by everything."""
-
-    correlated: tuple[Pick, ...]
-    overshadowed: Pick | None
-    drowned: bool
+#: ... and up to which it is taken for a part of that law, where both change the same friction.
+PART = 0.005
+#: How many times what a pick explains may be left on its joint: with more, the error without a name
+#: falls by less than a tenth, and the pick is a part of that error rather than a name for it.
+UNNAMED = 4.0
 
 
 def merged(state: SearchState) -> SearchState:
-    """Pairs of correlated picks on a joint replaced by one candidate that explains as much.
+    """Pairs of picks that say the same replaced by one candidate that explains as much.
 
     A sigmoid of 200 N m beside a Stribeck friction of -200 N m is neither: it is what their difference
     looks like. One law with the evidence of both, or nearly, is named instead.
@@ -82,49 +77,91 @@ def _texts(state: SearchState, pair: tuple[int, int]) -> frozenset[str]:
 
 
 def _pairs(state: SearchState) -> list[tuple[int, int]]:
-    """Correlated picks on the same single joint."""
-    out = []
-    for b in range(len(state.picks)):
-        for a in range(b):
-            one, other = (state.picks[k].candidate.key[1] for k in (a, b))
-            if one is not None and one == other and _taken(state, a, b) > CORRELATED:
-                out.append((a, b))
-    return out
+    """Correlated picks on the same single joint, and causes of the whole robot beside what a rival of
+    the whole robot would explain: a tilt beside a spring, both of a wrong geometry."""
+    every = [(a, b) for b in range(len(state.picks)) for a in range(b)]
+    joints = [p.candidate.key[1] for p in state.picks]
+    alike = [
+        _taken(state, a, b) > CORRELATED
+        if joints[a] is not None and joints[a] == joints[b]
+        else None in (joints[a], joints[b]) and bool(_of_whole_robot(state, a, b))
+        for a, b in every
+    ]
+    return [pair for pair, same in zip(every, alike, strict=True) if same]
+
+
+def _of_whole_robot(state: SearchState, a: int, b: int) -> list[Key]:
+    """The rivals of two picks that are causes of the whole robot."""
+    rivals = (r for k in (a, b) for r in state.picks[k].rivals)
+    return list(dict.fromkeys(r.key for r in rivals if r.key[1] is None))
 
 
 def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
     """The search with one pick in the place of two, if one does."""
     without = state.without(b).without(a)
-    joint = state.picks[a].candidate.key[1]
-    assert joint is not None
-    columns = [state.picks[k].candidate.columns for k in (a, b)]
-    both = without.fit.extended(*columns)
+    one, other = (state.picks[k].candidate for k in (a, b))
+    both = without.fit.extended(one.columns, other.columns)
     gain = without.fit.likelihood_gain(both.joint_chi2)
-    needed = float(evidence(gain, sum(c.shape[1] for c in columns))) - TOLD_APART
-    for candidate in without.contenders(on=frozenset([joint]))[:1]:
+    needed = float(evidence(gain, one.columns.shape[1] + other.columns.shape[1])) - TOLD_APART
+    if one.key[1] is not None and one.key[1] == other.key[1]:
+        found = without.contenders(on=frozenset([one.key[1]]))[:1]
+    else:
+        found = [c for key in _of_whole_robot(state, a, b) for c in without.contenders(only=key)]
+    for candidate in found:
         if candidate.evidence > needed:
             pick = accepted_beside(without, candidate)
             return without.with_picks((*without.picks, pick)) if pick else None
     return None
 
 
-def company(state: SearchState, k: int) -> Company:
-    """What stands beside pick k."""
-    pick, own = state.picks[k], joints_of(state.fit, state.picks[k].candidate)
-    shared = {
-        m: np.intersect1d(own, joints_of(state.fit, p.candidate)).size > 0
-        for m, p in enumerate(state.picks)
-        if m != k
-    }
-    others = [m for m, touches in shared.items() if touches]
-    correlated = tuple(state.picks[m] for m in others if _taken(state, k, m) > CORRELATED)
-    larger = max((state.picks[m] for m in others), key=lambda p: p.gain, default=None)
-    small = larger is not None and pick.gain < _own_error(pick, larger) * larger.gain
+def believable(state: SearchState) -> SearchState:
+    """The search without picks that are a part of something larger, the smallest first: of a law of the
+    same friction, or of error on their joints that has no name."""
+    for pick in sorted(state.picks, key=lambda p: p.gain):
+        k = next(m for m, p in enumerate(state.picks) if p is pick)
+        if _part_of_a_law(state, k) or _drowned(state, k):
+            state = state.with_picks(state.without(k).picks)
+    return state
+
+
+def correlated(state: SearchState, k: int) -> tuple[Pick, ...]:
+    """Other picks on the joints of pick k that take most of its energy."""
+    return tuple(state.picks[m] for m in _beside(state, k) if _taken(state, k, m) > CORRELATED)
+
+
+def _beside(state: SearchState, k: int) -> list[int]:
+    """The other picks that act on a joint of pick k."""
+    own = joints_of(state.fit, state.picks[k].candidate)
+    acting = ((m, joints_of(state.fit, p.candidate)) for m, p in enumerate(state.picks) if m != k)
+    return [m for m, joints in acting if np.intersect1d(own, joints).size]
+
+
+def overshadowed(state: SearchState, k: int) -> Pick | None:
+    """A larger pick on the joints of pick k whose own error that may be."""
+    others = (state.picks[m] for m in _beside(state, k))
+    larger = max(others, key=lambda p: p.gain, default=None)
+    if larger is None or state.picks[k].gain >= _own_error(state.picks[k], larger) * larger.gain:
+        return None
+    return larger
+
+
+def _part_of_a_law(state: SearchState, k: int) -> bool:
+    """Whether pick k is a small change of the friction that a much larger one changes, too."""
+    pick, larger = state.picks[k], overshadowed(state, k)
+    if larger is None or pick.gain >= PART * larger.gain:
+        return False
+    one, other = (p.candidate.effect for p in (pick, larger))
+    return not {one.name, *one.refines}.isdisjoint({other.name, *other.refines})
+
+
+def _drowned(state: SearchState, k: int) -> bool:
+    """Whether most of what pick k explains is on joints on which far more than that is left."""
     fit = state.fit
     least, level2 = fit.degrees * fit.weighting.noise_variance, fit.weighting.level**2
-    left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0) / level2
-    drowned = float(left[own].sum()) > pick.gain
-    return Company(correlated, larger if small else None, drowned)
+    left = np.where(fit.joint_chi2 > MISFIT * least, fit.joint_chi2 - least, 0.0)
+    explained = np.maximum(state.without(k).fit.joint_chi2 - fit.joint_chi2, 0.0)
+    told = np.sum(np.where(UNNAMED * explained > left, explained, 0.0) / level2)
+    return bool(told < 0.5 * np.sum(explained / level2))
 
 
 def _own_error(pick: Pick, larger: Pick) -> float:

@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.stage import Stage
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import FAINT, RESIDUAL, SAME_PHASE, differences, rate_features
+from sdp_vs_penalty.signals.noise import FAINT, RESIDUAL, SAME_PHASE, STILL, differences, rate_features
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -39,7 +39,8 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     rows, noise = stage.rows, stage.noise
     n, M = rows.n, len(rows.t)
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
-    left = remainder(fit, rows, noise)
+    residual = stage.residual_beside(state.effects)
+    left = remainder(fit, rows, noise, residual)
     mask, faint = np.zeros((2, M, n), bool)
     rates = rate_features(rows)
     for j in range(n):
@@ -55,11 +56,12 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
             faint[:, j] = found | local_excess(FAINT * steady, rows.pieces(j), n, degrees)
     repeats = _repeating(mask, faint, stage)
     mask &= ~repeats
+    repeats &= rows.still <= STILL
     if repeats.any():
         where = {*left.joints, *np.flatnonzero(repeats.any(axis=0)).tolist()}
         left = replace(left, remains=True, joints=tuple(sorted(where)))
     if mask.any():
-        without = remainder(fit, rows, noise, mask)
+        without = remainder(fit, rows, noise, residual, mask)
         if without.remains:
             mask[:] = False
         else:

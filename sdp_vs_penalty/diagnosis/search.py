@@ -92,13 +92,15 @@ def search(
         if _lost(again, state):
             break
         now, state = other, again
-    rest = None if frozen else doubted(estimate, now, state)
-    other = None if rest is None else adopted(now, rest, profiled(estimate, now, rest))
-    if rest is not None and other is not None:
+    for rest in () if frozen else doubted(estimate, now, state):
+        other = adopted(now, rest, profiled(estimate, now, rest))
+        if other is None:
+            continue
         again = search_through(rest.on(staged(other), moved(now, other)))
         if _plainer(again, state):
             now, state = other, again
             shapes = profiled(estimate, now, state)
+            break
     wide = [] if frozen else widened(estimate, now, state)
     if wide:
         kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]

@@ -19,6 +19,8 @@ GOOD, NO_MODEL = 5.0, 50.0
 _LEVELS = {"good": "good", "usable": "usable", "bad": "do not use"}
 #: What is said where no motion repeats: the residual was taken for noise, which it then equals.
 NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
+#: Share by which a joint's error has to rise to be called out.
+_RISES = 0.1
 #: Below this share of new motion, errors say more of repeatability than of other motions.
 MOSTLY_NEW = 0.5
 #: Events that are listed one by one; more would hide the findings.
@@ -63,6 +65,20 @@ def fit_verdict(relative_percent: float, rmse: Array, floor: Array | None, r2: A
     times = low if low == high else f"{low} to {high}"
     verb = "exceeds" if len(above) == 1 else "exceed"
     return f"{text}; {show.joints((above + 1).tolist())} {verb} the noise floor {times} times."
+
+
+def risen(before: ArrayLike, after: ArrayLike) -> str:
+    """One sentence where a bigger model has larger errors (n,) on some joints than before, or ""."""
+    old, new = np.asarray(before, dtype=float), np.asarray(after, dtype=float)
+    worse = np.flatnonzero(new > (1.0 + _RISES) * old)
+    if not len(worse):
+        return ""
+    share = np.divide(new, old, out=np.full(len(new), np.inf), where=old > 0.0)[worse].max() - 1.0
+    most = f" by {'up to ' if len(worse) > 1 else ''}{100.0 * share:.0f} %" if np.isfinite(share) else ""
+    return (
+        f"The error of {show.joints((worse + 1).tolist())} rises{most}: add fewer effects, or look "
+        "there before using the model."
+    )
 
 
 def repeatability_warning(new_share: float | None) -> str | None:
@@ -113,13 +129,13 @@ def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
 
 
 def diagnosis_verdict(
-    unknown: bool,
+    unknown: str,
     found: Sequence[tuple[str, Sequence[int], str]],
     noise_known: bool,
     retuned: Sequence[tuple[str, Sequence[int], str]] = (),
 ) -> str:
-    """What is missing, in one sentence; ``found`` : effect, joints (from 1), confidence of each;
-    ``retuned`` : the same of shape constants that should change."""
+    """What is missing, in one sentence; ``unknown`` : what no effect explains; ``found`` :
+    effect, joints (from 1), confidence of each; ``retuned`` : the same of shape constants to change."""
     confident = [f for f in found if f[2] == "confident"]
     names = _named(confident or found)
     weak = len(found) - len(confident)
@@ -127,8 +143,9 @@ def diagnosis_verdict(
     counts += [f"{weak} weak"] if weak else []
     counted = f"{names} ({' and '.join(counts)} finding{'s' if len(found) != 1 else ''})"
     if unknown:
-        text = "Missing: something that no effect of the library explains"
-        return f"{text}; also {counted}." if found else f"{text}."
+        if confident:
+            return f"Missing: {counted}; besides, {unknown}."
+        return f"Missing: {unknown}{f'; possibly {counted}' if found else ''}."
     if found:
         text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
         if retuned:

@@ -199,9 +199,11 @@ def where_it_fails(
     return out
 
 
-def carriers(rows: SegmentedRuns, error: Array, most: int = 3) -> list[tuple[int, str, float]]:
-    """The variables that carry most of an error (M, n): joint (from 1), variable, and the RMS [N m or N]
-    of that joint's error that follows a smooth function of it on stretches left out."""
+def carriers(
+    rows: SegmentedRuns, error: Array, joints: Iterable[int], most: int = 3
+) -> list[tuple[int, str, float]]:
+    """The variables that carry most of the error (M, n) of some joints (from 0): joint (from 1),
+    variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
     folds, keep = phase_folds(rows, clocks_of(rows)), np.asarray(rows.keep.all(axis=1), bool)
     states = _states(rows)
     kinds = {"q": "position", "dq": "velocity"}
@@ -211,7 +213,7 @@ def carriers(rows: SegmentedRuns, error: Array, most: int = 3) -> list[tuple[int
         for short, name in kinds.items()
     }
     found = []
-    for j in range(rows.n):
+    for j in joints:
         own = error[:, j] - error[keep, j].mean()
         size = float(np.sqrt(np.mean(own[keep] ** 2)))
         for name, features in {**hats, f"ddq{j + 1}": _hats(states["acceleration"][:, j])}.items():

@@ -9,8 +9,10 @@ import numpy as np
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
-from sdp_vs_penalty.effects.torque_delay import EARLY
 from sdp_vs_penalty.robot.robot import Robot
+
+#: Friction turns round before a joint that sticks or bends does: its torque comes early.
+EARLY = "a joint that sticks or bends before it moves looks as early"
 
 
 class GlobalDelay(Effect):

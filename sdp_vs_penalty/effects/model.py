@@ -51,14 +51,14 @@ class Model:
     changes: bool = False
 
     def __post_init__(self) -> None:
-        names = [p.name for p in self.parameters]
-        for name in names:
-            if names.count(name) > 1 and not self.changes:
-                effect = next(p.effect for p in self.parameters if p.name == name)
+        seen: set[str] = set()
+        for p in () if self.changes else self.parameters:
+            if p.name in seen:
                 raise InputError(
-                    f"parameter {name} appears twice", f"list effect {effect} only once per joint"
+                    f"parameter {p.name} appears twice", f"list effect {p.effect} only once per joint"
                 )
-        if not names:
+            seen.add(p.name)
+        if not self.parameters:
             raise InputError("The model has no effect", "name at least one, such as rigid_body")
 
     @cached_property

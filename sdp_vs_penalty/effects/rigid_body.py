@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,7 @@ class RigidBody(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(name, unit, self.name, link)
-            for link in range(1, self.robot.links + 1)
-            for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
-        )
+        return _parameters(self.robot.links)
 
     def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
         """None of its own: the links' bounds are the problem's."""
@@ -46,3 +43,12 @@ class RigidBody(Effect):
             indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
             blocks.append(Block(joint, indices, regressor[:, joint, indices]))
         return blocks
+
+
+@cache
+def _parameters(links: int) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(name, unit, RigidBody.name, link)
+        for link in range(1, links + 1)
+        for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
+    )

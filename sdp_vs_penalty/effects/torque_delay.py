@@ -8,20 +8,18 @@ from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
 
-#: Friction turns round before a joint that sticks or bends does: its torque comes early.
-EARLY = "a joint that sticks or bends before it moves looks as early"
-
 
 class TorqueDelay(JointEffect):
     name = "torque_delay"
     equation = "T_d (tau_hat(t - T) - tau_hat(t)) / T"
     explanation = (
         "This joint's torque is logged T_d later than its position: a filter in the drive, a slower "
-        "bus. Negative: earlier. T is T_d."
+        "bus. No one channel is early: what a late position brings about, all joints feel. T is T_d."
     )
     reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     symbol = "T_d"
     units = ("s", "s")
+    lower = 0.0
     needs_torque = True
     forward = "channel"
     has_memory = True  # the time derivative looks at neighbouring samples
@@ -30,9 +28,6 @@ class TorqueDelay(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return -motion.late_torque_rate(self.shape["T"])[:, joint]
-
-    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
-        return EARLY if size < 0.0 else ""
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()

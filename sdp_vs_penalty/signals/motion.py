@@ -204,10 +204,13 @@ def _straight(rows: Array, beside: float) -> Array:
 
 def _passes(rows: Array, beside: float) -> bool:
     """Whether the line from the first row to the last passes all between them within ``beside``."""
-    along = rows[-1] - rows[0]
+    away = rows - rows[0]
+    along = away[-1].copy()
     length = float(along @ along)
-    share = np.clip((rows - rows[0]) @ along / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(rows))
-    return bool(np.all(np.abs(rows - rows[0] - share[:, None] * along) <= beside))
+    if length > 0.0:
+        share = np.minimum(np.maximum(away @ along / length, 0.0), 1.0)
+        away -= share[:, None] * along
+    return bool(np.abs(away).max() <= beside)
 
 
 def _filled(lines: Iterable[Array], spacing: float) -> Array:

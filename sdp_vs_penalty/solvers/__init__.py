@@ -14,6 +14,7 @@ import importlib
 import importlib.util
 import shutil
 import subprocess
+from functools import cache
 from importlib import metadata
 from types import ModuleType
 
@@ -21,6 +22,7 @@ from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.registration import marked
 
 
+@cache
 def solver_modules() -> dict[str, ModuleType]:
     """Every solver of the library by name; :func:`absent` says which are not installed."""
     return marked(__name__, __path__)

@@ -19,10 +19,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.constraints.constraint import Alike, Constraint, ConstraintSet, alike
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers import verified
@@ -80,11 +81,21 @@ def dual_evidence(
     entropy_slopes : (links, 4, 4) positive definite S with which -log det P >= log det S + 4 -
         tr(S P) is used; P(theta)^-1 by default, the dual's own S where a solver gives it.
     """
-    balanced = [_balanced(c, m, bound) for c, m in zip(constraints.convex, multipliers, strict=True)]
-    constraints = ConstraintSet(tuple(c for c, _, _ in balanced))
-    dual = [project(c.cone, multiplier) for c, multiplier, _ in balanced]
-    spread = _spread(constraints)
-    rows = _AffineMap.of(constraints, len(bound))
+    groups = [
+        _balanced(group, np.array([multipliers[k] for k in group.places]), bound)
+        for group in alike(constraints.convex)
+    ]
+    dual = [project(group.cone, scaled) for group, scaled, _ in groups]
+    balanced = list(constraints.convex)
+    scales: list[Array | None] = [None] * len(balanced)
+    for group, _, t in groups:
+        for i, k in enumerate(group.places):
+            own = {"constant": group.constant[i], "coefficients": group.coefficients[i]}
+            balanced[k] = replace(balanced[k], **own)
+            scales[k] = None if t is None else t[i]
+    spread = _spread([group for group, _, _ in groups])
+    order = np.concatenate([np.arange(0), *(group.places for group, _, _ in groups)])
+    rows = _AffineMap.of(ConstraintSet(tuple(balanced[k] for k in order)), len(bound))
     tangents = _Tangent.candidates(objective, theta, bound, entropy_slopes)
     tangent = max(tangents, key=lambda t: t.bound(rows, dual)[0]) if len(tangents) > 1 else tangents[0]
     best, kept = -np.inf, list(dual)
@@ -97,35 +108,36 @@ def dual_evidence(
             break
         # What is left of the slope goes into the multipliers of each link's 4x4 matrix, which can
         # hold any of it; projecting them back onto the cone leaves less.
-        for k, inverse in spread.items():
-            c = constraints.convex[k]
-            correction = np.tensordot(leftover[c.indices], inverse, axes=(0, 0))
-            dual[k] = project(c.cone, dual[k] + correction)
-    scales = tuple(t for _, _, t in balanced)
+        for k, (members, indices, inverse) in spread.items():
+            correction = np.einsum("gk,gkab->gab", leftover[indices], inverse)
+            dual[k] = dual[k].copy()
+            dual[k][members] = project("psd", dual[k][members] + correction)
+    places = np.argsort(order).tolist()
+    flat = [multiplier for group in kept for multiplier in group]
     return DualEvidence(
-        constraints.convex, tuple(kept), scales, tangent.y, tangent.entropy_slopes, tangent.push
+        tuple(balanced),
+        tuple(flat[k] for k in places),
+        tuple(scales),
+        tangent.y,
+        tangent.entropy_slopes,
+        tangent.push,
     )
 
 
-def _balanced(
-    constraint: Constraint, multiplier: Array, bound: Array
-) -> tuple[Constraint, Array, Array | None]:
-    """T F T, T^-1 S T^-1 and the diagonal of T: F with a diagonal of size one.
+def _balanced(group: Alike, multipliers: Array, bound: Array) -> tuple[Alike, Array, Array | None]:
+    """T F T, T^-1 S T^-1 and the diagonal (g, d) of T: each F with a diagonal of size one.
 
     Otherwise what is near depends on units. T holds powers of two: no rounding changes the constraint.
     """
-    if constraint.cone != "psd":
-        return constraint, multiplier, None
-    terms = np.abs(np.diagonal(constraint.coefficients, axis1=1, axis2=2))
-    size = bound[constraint.indices] @ terms + np.abs(np.diagonal(constraint.constant))
+    if group.cone != "psd":
+        return group, multipliers, None
+    terms = np.abs(np.diagonal(group.coefficients, axis1=2, axis2=3))
+    size = (bound[group.indices][:, None] @ terms)[:, 0]
+    size += np.abs(np.diagonal(group.constant, axis1=1, axis2=2))
     t = 2.0 ** -np.round(0.5 * np.log2(np.where(size > 0.0, size, 1.0)))
-    both = np.outer(t, t)
-    balanced = replace(
-        constraint,
-        constant=constraint.constant * both,
-        coefficients=constraint.coefficients * both,
-    )
-    return balanced, multiplier / both, t
+    both = t[:, :, None] * t[:, None]
+    constant, coefficients = group.constant * both, group.coefficients * both[:, None]
+    return replace(group, constant=constant, coefficients=coefficients), multipliers / both, t
 
 
 #: Most rounds of pushing the dual's residual into the multipliers; each gives a valid bound, and one
@@ -163,17 +175,17 @@ class _Tangent:
         used: list[Array] = []
         if objective.entropy is not None:
             entropy = objective.entropy
-            for k, (link, p0) in enumerate(zip(entropy.links, entropy.nominal, strict=True)):
-                inverse = np.linalg.inv(link.value(theta))
-                s = inverse if entropy_slopes is None else entropy_slopes[k]
-                if np.linalg.eigvalsh(s)[0] <= 0.0:
-                    s = inverse
-                used.append(np.asarray(s))
-                # -log det P + tr(P0^-1 P) + log det P0 - 4 >= log det (S P0) + tr((P0^-1 - S) P)
-                constant += entropy.weight * float(np.linalg.slogdet(s @ p0)[1])
-                difference = entropy.weight * (np.linalg.inv(p0) - s)
-                slope[link.indices] += link.adjoint(difference)
-                constant += float(np.sum(difference * link.constant))
+            inverse = np.linalg.inv(np.array([link.value(theta) for link in entropy.links]))
+            s = inverse if entropy_slopes is None else np.asarray(entropy_slopes)
+            definite = np.linalg.eigvalsh(s)[:, 0] > 0.0
+            s = np.where(definite[:, None, None], s, inverse)
+            used = list(s)
+            # -log det P + tr(P0^-1 P) + log det P0 - 4 >= log det (S P0) + tr((P0^-1 - S) P)
+            constant += entropy.weight * float(np.linalg.slogdet(s @ entropy.nominal)[1].sum())
+            difference = entropy.weight * (np.linalg.inv(entropy.nominal) - s)
+            for link, part in zip(entropy.links, difference, strict=True):
+                slope[link.indices] += link.adjoint(part)
+                constant += float(np.sum(part * link.constant))
         y = data.R @ theta - data.rho
         pushes = _pseudo_inverses(limit[:, None] * (2.0 * data.R.T), _CUTS)
         return [cls(constant, slope, data, y, limit, tuple(used), push) for push in pushes]
@@ -236,25 +248,23 @@ def _pseudo_inverses(matrix: Array, cuts: Sequence[float]) -> list[Array]:
     return out
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=1024)
 def _inverse_map(coefficients: bytes) -> Array:
     """(10, 4, 4) from coefficients (10, 4, 4): the pseudo-inverse, which few kinds of demand share."""
     flat = np.frombuffer(coefficients).reshape(10, 16)
     return np.asarray(np.linalg.pinv(flat), float).T.reshape(10, 4, 4)
 
 
-def _spread(constraints: ConstraintSet) -> dict[int, Array]:
-    """For one 4x4 constraint a link the map (10, 4, 4) from a slope e to E with <F_i, E> = e_i."""
-    out: dict[int, Array] = {}
-    owner: dict[int, int] = {}
-    for k, c in enumerate(constraints.convex):
-        if c.cone != "psd" or len(c.indices) != 10 or c.constant.shape != (4, 4):
-            continue
-        # The last demand on a link (its minimum thickness) is the one that is active.
-        out.pop(owner.get(int(c.indices[0]), -1), None)
-        owner[int(c.indices[0])] = k
-        out[k] = _inverse_map(np.ascontiguousarray(c.coefficients).tobytes())
-    return out
+def _spread(groups: Sequence[Alike]) -> dict[int, tuple[list[int], NDArray[np.intp], Array]]:
+    """For one 4x4 constraint a link the map (10, 4, 4) from a slope e to E with <F_i, E> = e_i: by its
+    group which members these are, their parameters, and the maps."""
+    for k, group in enumerate(groups):
+        if group.cone == "psd" and group.coefficients.shape[1:] == (10, 4, 4):
+            # The last demand on a link (its minimum thickness) is the one that is active.
+            members = sorted({int(first): i for i, first in enumerate(group.indices[:, 0])}.values())
+            maps = [_inverse_map(np.ascontiguousarray(group.coefficients[i]).tobytes()) for i in members]
+            return {k: (members, group.indices[members], np.array(maps))}
+    return {}
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:

@@ -6,11 +6,12 @@ gamma_n |a|.|b| (Higham, Accuracy and Stability of Numerical Algorithms, 2002, s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -80,21 +81,35 @@ def total(numbers: Enclosure) -> Enclosure:
 
 
 def inner(exact: Array, numbers: Enclosure) -> Enclosure:
-    """(k,) inner products of exact arrays (k, ...) with one enclosed array (...)."""
-    rows = np.asarray(exact, Long).reshape(len(exact), -1)
-    made = product(rows, numbers.value.ravel())
-    carried = product(np.abs(rows), numbers.radius.ravel()).upper
-    return Enclosure(made.value, up(made.radius + carried))
+    """(g, k) inner products of exact arrays (g, k, ...) with enclosed arrays (g, ...)."""
+    rows = np.asarray(exact, Long).reshape(*exact.shape[:2], -1)
+    value, radius = (x.reshape(len(x), -1, 1) for x in (numbers.value, numbers.radius))
+    made, carried = product(rows, value), product(np.abs(rows), radius).upper
+    return Enclosure(made.value[..., 0], up(made.radius + carried)[..., 0])
 
 
-def in_cone(cone: str, multiplier: Array) -> Enclosure:
-    """A multiplier that lies in its (self-dual) cone exactly, near the one given."""
+def scattered(size: int, parts: Sequence[tuple[NDArray[np.intp], Enclosure]]) -> Enclosure:
+    """(size,) sums of enclosed numbers (...), each added at its index (...)."""
+    value, absolute, radius = (np.zeros(size, Long) for _ in range(3))
+    count = np.zeros(size, int)
+    for indices, terms in parts:
+        np.add.at(value, indices, terms.value)
+        np.add.at(absolute, indices, np.abs(terms.value))
+        np.add.at(radius, indices, terms.radius)
+        np.add.at(count, indices, 1)
+    gamma = 2 * (count + 2) * ROUNDOFF
+    return Enclosure(value, up(gamma * absolute + (1 + gamma) * radius))
+
+
+def in_cone(cone: str, multipliers: Array) -> Enclosure:
+    """Multipliers (g, ...) that lie in their (self-dual) cone exactly, near those given."""
     if cone == "psd":
-        eigenvalues, vectors = np.linalg.eigh(0.5 * (multiplier + multiplier.T))
-        factor = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-        return product(factor, factor.T)
+        eigenvalues, vectors = np.linalg.eigh(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2)))
+        factor = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
+        return product(factor, np.swapaxes(factor, 1, 2))
     if cone == "soc":
-        norm = np.sqrt(product(multiplier[1:], multiplier[1:]).upper)
-        axis = max(Long(multiplier[0]), norm * (1 + 4 * ROUNDOFF) + TINY)
-        return Enclosure.exact(np.concatenate([[axis], np.asarray(multiplier[1:], Long)]))
-    return Enclosure.exact(np.maximum(multiplier, 0.0))
+        across = np.asarray(multipliers[:, 1:], Long)
+        norm = np.sqrt(product(across[:, None], across[:, :, None]).upper[:, :, 0])
+        axis = np.maximum(np.asarray(multipliers[:, :1], Long), norm * (1 + 4 * ROUNDOFF) + TINY)
+        return Enclosure.exact(np.hstack([axis, across]))
+    return Enclosure.exact(np.maximum(multipliers, 0.0))

@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.constraints.constraint import Constraint
+from sdp_vs_penalty.constraints.constraint import Alike, Constraint, alike
 from sdp_vs_penalty.regression.regression import nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
@@ -126,10 +126,7 @@ def least_squares_sdp(
     pieces = _RowBuilder(p + r)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     pieces.dense("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
-    placed = []
-    for constraint in constraints:
-        start, cone_scale = pieces.constraint(constraint, centre, scale, reference)
-        placed.append(Placed(constraint, start, cone_scale))
+    placed = pieces.constraints(constraints, centre, scale, reference)
     quadratic = np.concatenate([np.zeros(p), 2.0 * np.ones(r)])
     linear = np.zeros(p + r)
     entropy_rows: tuple[int, ...] = ()
@@ -144,9 +141,7 @@ def least_squares_sdp(
         linear = np.concatenate([linear, extra])
         linear[logs] = -weight
     conic = pieces.problem(sparse.diags(quadratic).tocsc(), linear)
-    return SdpProblem(
-        conic, centre, scale, loss_scale, tuple(placed), offset, objective.entropy, entropy_rows
-    )
+    return SdpProblem(conic, centre, scale, loss_scale, placed, offset, objective.entropy, entropy_rows)
 
 
 def _entropy_offset(entropy: Entropy, centre: Array) -> float:
@@ -166,17 +161,14 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: A
     """
     p = len(scale)
     pieces = _RowBuilder(p + 1)
-    placed = []
-    for constraint in constraints:
-        start, cone_scale = pieces.constraint(constraint, np.zeros(p), scale, reference, slack=p)
-        placed.append(Placed(constraint, start, cone_scale))
+    placed = pieces.constraints(constraints, np.zeros(p), scale, reference, slack=p)
     top = np.zeros((1, p + 1))
     top[0, p] = 1.0
     pieces.dense("nonnegative", top, np.ones(1))
     linear = np.zeros(p + 1)
     linear[p] = -1.0
     conic = pieces.problem(sparse.csc_matrix((p + 1, p + 1)), linear)
-    return SdpProblem(conic, np.zeros(p), scale, 1.0, tuple(placed))
+    return SdpProblem(conic, np.zeros(p), scale, 1.0, placed)
 
 
 class _RowBuilder:
@@ -203,44 +195,36 @@ class _RowBuilder:
         self.cones.append(cone)
         self.count += len(b)
 
-    def constraint(
+    def constraints(
         self,
-        c: Constraint,
+        constraints: Sequence[Constraint],
         centre: Array,
         theta_scale: Array,
         reference: Array,
         slack: int | None = None,
-    ) -> tuple[int, Array]:
-        """Append F(theta) [- t e] in its cone; returns the first row and the cone's scaling."""
-        at, middle = c.value(reference), c.value(centre)
-        local = theta_scale[c.indices]
-        start = self.count
-        if c.cone == "psd":
-            d = len(c.constant)
-            scale = _whitening(at) if slack is None else np.diag(_sizes(at))
-            constant = svec(scale @ middle @ scale.T)
-            columns = svec(scale @ c.coefficients @ scale.T) * local[:, None]
-            direction = svec(np.eye(d))
-            cone = Cone("psd", d)
-        else:
-            size = np.abs(c.coefficients * local[:, None]).max(axis=0) + np.abs(c.constant)
-            size = np.where(size > 0.0, size, 1.0)
-            if c.cone == "soc":
-                size = np.full(len(size), size.max())
-            scale = 1.0 / size
-            constant = middle * scale
-            columns = c.coefficients * scale * local[:, None]
-            direction = c.identity
-            cone = Cone(c.cone, len(constant))
-        k, row = np.nonzero(columns)
-        i, j, v = row, c.indices[k], -columns[k, row]
-        if slack is not None:
-            where = np.flatnonzero(direction)
-            i = np.concatenate([i, where])
-            j = np.concatenate([j, np.full(len(where), slack)])
-            v = np.concatenate([v, direction[where]])
-        self._add(i, j, v, constant, cone)
-        return start, scale
+    ) -> tuple[Placed, ...]:
+        """Append each F(theta) [- t e] in its cone."""
+        at = [c.value(reference) for c in constraints]
+        middle = at if np.array_equal(centre, reference) else [c.value(centre) for c in constraints]
+        scaled: list[tuple[Array, Array, Array]] = [()] * len(constraints)  # type: ignore[list-item]
+        for group in alike(constraints):
+            around, central = (np.array([x[k] for k in group.places]) for x in (at, middle))
+            made = _scaled(group, theta_scale, around, central, whiten=slack is None)
+            for place, *one in zip(group.places.tolist(), *made, strict=True):
+                scaled[place] = (one[0], one[1], one[2])
+        placed = []
+        for c, (scale, constant, columns) in zip(constraints, scaled, strict=True):
+            k, row = np.nonzero(columns)
+            i, j, v = row, c.indices[k], -columns[k, row]
+            if slack is not None:
+                direction = svec(c.identity) if c.cone == "psd" else c.identity
+                where = np.flatnonzero(direction)
+                i = np.concatenate([i, where])
+                j = np.concatenate([j, np.full(len(where), slack)])
+                v = np.concatenate([v, direction[where]])
+            placed.append(Placed(c, self.count, scale))
+            self._add(i, j, v, constant, Cone(c.cone, len(c.constant)))
+        return tuple(placed)
 
     def log_det(
         self, entropy: Entropy, centre: Array, theta_scale: Array
@@ -290,34 +274,55 @@ class _RowBuilder:
         )
 
 
+def _scaled(
+    group: Alike, theta_scale: Array, at: Array, middle: Array, whiten: bool
+) -> tuple[Array, Array, Array]:
+    """Of each constraint the cone's scaling (:class:`Placed`), F(centre) and the columns, scaled.
+
+    at, middle (g, ...) : F at the reference, from which matrices are seen, and at the centre.
+    """
+    local = theta_scale[group.indices]
+    if group.cone == "psd":
+        scale = _whitening(at) if whiten else _sizes(at)[:, :, None] * np.eye(at.shape[-1])
+        turned = np.swapaxes(scale, 1, 2)
+        columns = svec(scale[:, None] @ group.coefficients @ turned[:, None]) * local[:, :, None]
+        return scale, svec(scale @ middle @ turned), columns
+    size = np.abs(group.coefficients * local[:, :, None]).max(axis=1) + np.abs(group.constant)
+    size = np.where(size > 0.0, size, 1.0)
+    if group.cone == "soc":
+        size = np.repeat(size.max(axis=1, keepdims=True), size.shape[1], axis=1)
+    scale = 1.0 / size
+    return scale, middle * scale, group.coefficients * scale[:, None] * local[:, :, None]
+
+
 def moving_scale(constraints: Sequence[Constraint], reference: Array, bound: Array) -> Array:
     """(p,) units of theta, at most ``bound``, that move no matrix far in its size at the reference."""
     moves = np.zeros(len(bound))
-    for c in constraints:
-        if c.cone == "psd":
-            t = _whitening(c.value(reference))
-            size = np.linalg.norm(t @ c.coefficients @ t.T, axis=(1, 2))
-            moves[c.indices] = np.maximum(moves[c.indices], size)
+    matrices = [c for c in constraints if c.cone == "psd"]
+    for group in alike(matrices):
+        t = _whitening(np.array([matrices[k].value(reference) for k in group.places]))[:, None]
+        size = np.linalg.norm(t @ group.coefficients @ np.swapaxes(t, 2, 3), axis=(2, 3))
+        np.maximum.at(moves, group.indices, size)
     return np.asarray(_FARTHEST / np.maximum(moves, _FARTHEST / bound))
 
 
-def _whitening(value: Array) -> Array:
-    """T (d, d) with T F T^T = 1 for a positive definite F: the cone as seen from a point inside it.
+def _whitening(values: Array) -> Array:
+    """T (g, d, d) with T F T^T = 1 for positive definite F: the cones as seen from points inside them.
 
     A link's matrix has its mass in one corner and moments of a thousandth in the others, coupled by
     a centre of mass many times its thickness away; a solver that sees it as the identity gains one
     to two digits of the certified gap. Directions in which F is singular are stretched at most 1e3
     times.
     """
-    size = _sizes(value)
-    eigenvalues, vectors = np.linalg.eigh(value * np.outer(size, size))
-    root = np.sqrt(np.maximum(eigenvalues, 1e-6)) if eigenvalues[-1] > 0.0 else np.ones(len(value))
-    return np.asarray((vectors / root) @ vectors.T * size)
+    size = _sizes(values)
+    eigenvalues, vectors = np.linalg.eigh(values * (size[:, :, None] * size[:, None]))
+    root = np.where(eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0)
+    return np.asarray((vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None])
 
 
-def _sizes(value: Array) -> Array:
-    """(d,) the scaling that brings the diagonal to one; for a matrix that need not be definite."""
-    diagonal = np.abs(np.diagonal(value))
+def _sizes(values: Array) -> Array:
+    """(g, d) the scaling that brings diagonals to one; for matrices that need not be definite."""
+    diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
     return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
 
 

@@ -24,14 +24,12 @@ class Entropy:
     nominal: Array  # (links, 4, 4)
 
     def value(self, theta: Array) -> float:
-        total = 0.0
-        for link, p0 in zip(self.links, self.nominal, strict=True):
-            root = np.linalg.inv(np.linalg.cholesky(p0))
-            ratios = np.linalg.eigvalsh(root @ link.value(theta) @ root.T)
-            if ratios[0] <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
-                return np.inf
-            total += float(np.sum(ratios - np.log(ratios) - 1.0))
-        return self.weight * total
+        root = np.linalg.inv(np.linalg.cholesky(self.nominal))
+        matrices = np.array([link.value(theta) for link in self.links])
+        ratios = np.linalg.eigvalsh(root @ matrices @ np.swapaxes(root, 1, 2))
+        if ratios.min() <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
+            return np.inf
+        return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))
 
     def gradient(self, theta: Array) -> Array:
         out = np.zeros(len(theta))

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.constraints.constraint import Alike, Constraint, ConstraintSet, alike
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.enclosure import (
     ROUNDOFF,
@@ -30,6 +30,7 @@ from sdp_vs_penalty.solvers.enclosure import (
     in_cone,
     inner,
     product,
+    scattered,
     total,
     up,
 )
@@ -40,44 +41,45 @@ class _Affine:
     """constant + slope^T theta, collected with its rounding errors."""
 
     def __init__(self, size: int) -> None:
+        self.size = size
         self.constant = Enclosure.exact(0.0)
-        self.value = np.zeros(size, Long)
-        self.radius = np.zeros(size, Long)
+        self._terms: list[tuple[NDArray[np.intp], Enclosure]] = []
 
-    def subtract(self, constraint: Constraint, multiplier: Enclosure) -> None:
-        """Take away <S, F(theta)>, which is not negative."""
-        self.constant = self.constant - total(inner(constraint.constant[None], multiplier))
-        self.add(constraint.indices, inner(-constraint.coefficients, multiplier))
+    def subtract(self, group: Alike, multipliers: Enclosure) -> None:
+        """Take away each <S, F(theta)>, which is not negative."""
+        self.constant = self.constant - total(inner(group.constant[:, None], multipliers))
+        self.add(group.indices, inner(-group.coefficients, multipliers))
 
     def add(self, indices: NDArray[np.intp], terms: Enclosure) -> None:
-        """Indices do not repeat within a constraint."""
-        both = Enclosure(self.value[indices], self.radius[indices]) + terms
-        self.value[indices], self.radius[indices] = both.value, both.radius
+        self._terms.append((indices, terms))
 
     @property
     def slope(self) -> Enclosure:
-        return Enclosure(self.value, self.radius)
+        return scattered(self.size, self._terms)
 
 
 def _entropy_tangent(affine: _Affine, entropy: Entropy, slopes: Sequence[Array]) -> None:
     """Add -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly."""
-    for link, p0, raw in zip(entropy.links, entropy.nominal, slopes, strict=True):
-        factor = np.linalg.cholesky(0.5 * (raw + raw.T))
-        inverse, logdet0 = _nominal(p0)
-        logs = np.log(np.asarray(np.diagonal(factor), Long))
-        log_det = Enclosure(2 * logs, up(16 * ROUNDOFF * (np.abs(logs) + 1)))
-        constant = total(log_det) + Enclosure.exact(logdet0)
-        affine.constant = affine.constant + constant.times(entropy.weight)
-        difference = Enclosure.exact(inverse) - product(factor, factor.T)
-        offset = total(inner(link.constant[None], difference))
-        affine.constant = affine.constant + offset.times(entropy.weight)
-        affine.add(link.indices, inner(link.coefficients, difference).times(entropy.weight))
+    inverse, logdet0 = _nominal(entropy.nominal)
+    raw = np.asarray(slopes)
+    factor = np.linalg.cholesky(0.5 * (raw + np.swapaxes(raw, 1, 2)))
+    logs = np.log(np.asarray(np.diagonal(factor, axis1=1, axis2=2), Long))
+    log_det = Enclosure(2 * logs, up(16 * ROUNDOFF * (np.abs(logs) + 1)))
+    constant = total(log_det) + total(Enclosure.exact(logdet0))
+    difference = Enclosure.exact(inverse) - product(factor, np.swapaxes(factor, 1, 2))
+    for group in alike(entropy.links):
+        own = Enclosure(difference.value[group.places], difference.radius[group.places])
+        constant = constant + total(inner(group.constant[:, None], own))
+        affine.add(group.indices, inner(group.coefficients, own).times(entropy.weight))
+    affine.constant = affine.constant + constant.times(entropy.weight)
 
 
-def _nominal(p0: Array) -> tuple[Array, float]:
-    """P_0^-1 and log det P_0 as the doubles that define the entropy, for both bounds alike."""
-    inverse = np.linalg.inv(p0)
-    return 0.5 * (inverse + inverse.T), float(np.linalg.slogdet(p0)[1])
+def _nominal(p0: Array) -> tuple[Array, Array]:
+    """P_0^-1 and log det P_0 of (links, 4, 4) as the doubles that define the entropy, for both bounds
+    alike."""
+    inverse = np.asarray(np.linalg.inv(p0), float)
+    log_det = np.asarray(np.linalg.slogdet(p0)[1], float)
+    return 0.5 * (inverse + np.swapaxes(inverse, 1, 2)), log_det
 
 
 def lower_bound(
@@ -98,17 +100,18 @@ def lower_bound(
     """
     data = objective.least_squares
     affine = _Affine(len(bound))
-    for constraint, raw in zip(constraints, multipliers, strict=True):
-        affine.subtract(constraint, in_cone(constraint.cone, raw))
+    for group in alike(constraints):
+        affine.subtract(group, in_cone(group.cone, np.array([multipliers[k] for k in group.places])))
     if objective.entropy is not None:
         _entropy_tangent(affine, objective.entropy, entropy_slopes)
     pull = 2 * np.asarray(data.R.T, Long)
     shifted = np.asarray(y, Long)
+    slope = affine.slope
     if correct is not None:
         for _ in range(3):
-            leftover = affine.value + pull @ shifted
+            leftover = slope.value + pull @ shifted
             shifted = shifted - correct @ np.asarray(bound * leftover, float)
-    left = affine.slope + product(pull, shifted)
+    left = slope + product(pull, shifted)
     constant = affine.constant + product([Long(data.residual_norm)], [Long(data.residual_norm)])
     constant = constant - product(2 * shifted, np.asarray(data.rho, Long))
     constant = constant - product(shifted, shifted)
@@ -218,13 +221,12 @@ def upper_bound(objective: Objective, theta: Array) -> float:
 def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
     exact = [Fraction(float(x)) for x in theta]
     value = Enclosure.exact(0.0)
-    for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
+    for link, inverse, logdet0 in zip(entropy.links, *_nominal(entropy.nominal), strict=True):
         matrix = _exact_value(link, exact)
         determinant = math.prod(_pivots(matrix), start=Fraction(1))
         if determinant <= 0:
             return Enclosure.exact(np.inf)
         log_det = Long(_log(determinant))
-        inverse, logdet0 = _nominal(p0)
         trace = sum(
             (Fraction(float(inverse[a, b])) * matrix[a][b] for a in range(4) for b in range(4)),
             Fraction(0),
@@ -233,7 +235,7 @@ def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
         part = Enclosure(trace_long, 2.0**-52 * abs(trace_long)) - Enclosure(
             log_det, Long(2.0**-50) * (abs(log_det) + 1)
         )
-        value = value + (part + Enclosure.exact(logdet0 - 4.0)).times(entropy.weight)
+        value = value + (part + Enclosure.exact(float(logdet0) - 4.0)).times(entropy.weight)
     return value
 
 

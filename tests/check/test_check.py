@@ -95,6 +95,12 @@ def shifted_clock(seconds: float) -> Spoil:
     return spoil
 
 
+def two_runs(run: Measurements) -> Measurements:
+    both = rows(run, np.concatenate([np.arange(len(run.t)), np.arange(len(run.t) // 2)]))
+    q = both.q + 0.1 * (np.arange(len(both.t)) < len(run.t))[:, None] * np.eye(run.n)[0]
+    return replace(both, q=q)
+
+
 def gap(run: Measurements) -> Measurements:
     middle = len(run.t) // 2
     return rows(run, np.delete(np.arange(len(run.t)), slice(middle, middle + 800)))
@@ -185,6 +191,7 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
     "torque delayed by 60 ms": (delayed, "delay", "later", "warning"),
     "clock set ahead": (shifted_clock(1.5), "clock step", "jumps ahead by up to 1.5", "warning"),
     "clock set back": (shifted_clock(-1.5), "time runs backwards", "set back", "error"),
+    "two runs": (two_runs, "time runs backwards", "several runs", "error"),
     "missing samples": (gap, "gap in time", "0.8", "warning"),
     "rows twice": (repeated, "repeated time", "copies", "error"),
     "not a number": (holed, "missing numbers", "2 rows", "error"),
@@ -262,6 +269,17 @@ def test_what_is_mended_is_clean(
     assert not again.problems, [f.what for f in again.problems]
     assert again.unexplained is not None
     assert again.unexplained < 1.2 * unspoiled
+
+
+def test_runs_in_one_file_are_put_one_after_another(
+    checked: Callable[[str], Report], simulated: tuple[Problem, Measurements]
+) -> None:
+    """No row is lost, and the gap between them splits them for everything that follows."""
+    problem, run = simulated
+    mended = checked("two runs").mended
+    assert len(mended.t) == len(two_runs(run).t)
+    assert np.diff(mended.t).min() > 0.0
+    assert [f.kind for f in check(problem, mended)[0].problems] == ["gap in time"]
 
 
 @pytest.mark.parametrize(

@@ -277,8 +277,7 @@ def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> n
 
     pieces = _RowBuilder(p)
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
-    for c in demands.convex:
-        pieces.constraint(c, np.zeros(p), np.ones(p), inside)
+    pieces.constraints(demands.convex, np.zeros(p), np.ones(p), inside)
     direction = np.zeros(p)
     direction[rng.integers(p)] = rng.choice([-1.0, 1.0])
     from scipy import sparse

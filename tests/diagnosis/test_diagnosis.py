@@ -70,7 +70,7 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     assert set(data) == {
         *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
         *("held_out_source", "held_out_rmse_before", "held_out_rmse", "invisible", "events", "remarks"),
-        *("new_motion_share", "retuned", "curves", "left"),
+        *("new_motion_share", "retuned", "curves", "left", "remains"),
     }
     assert data["held_out_source"] == "test"
     # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.
@@ -83,7 +83,7 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     for finding in data["effects"]:
         assert bool(finding["remarks"]) == (finding["confidence"] == "weak")
     assert set(data["effects"][0]) == {
-        *("number", "text", "std", "parameters", "gain", "remarks", "constants"),
+        *("number", "text", "std", "parameters", "gain", "remarks", "constants", "finer"),
         "effect",
         "joints",
         "shape",
@@ -289,7 +289,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found: Diagnosis)
     assert "cooled down" in warm.cooled
 
 
-def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None:
+def test_a_finding_lowers_the_error_where_the_effect_acts() -> None:
     from types import SimpleNamespace
 
     from sdp_vs_penalty.diagnosis.held_out import _told
@@ -300,13 +300,12 @@ def test_confidence_asks_for_an_error_that_falls_where_the_effect_acts() -> None
         )
 
     ladder = np.array([[1.0, 1.0, 1.0], [1.0, 0.9, 1.1]])
-    told = {(1,): (True, False), (0,): (False, False), (2,): (False, True), (0, 2): (False, True)}
-    for joints, expected in told.items():
-        ((falls,), (rises,)) = _told([pick(joints)], ladder, lambda chosen: ladder[len(chosen)] ** 2)
-        assert (falls, rises) == expected
+    for joints, expected in {(1,): True, (0,): False, (2,): False, (0, 2): False}.items():
+        (pays,) = _told([pick(joints)], ladder, lambda chosen: ladder[len(chosen)] ** 2)
+        assert pays == expected
     # Of several joints the errors count together, each by its own size.
     ladder = np.array([[1.0, 1.0, 9.0], [1.0, 0.8, 9.9]])
-    assert _told([pick((), whole=True)], ladder, np.zeros) == ((True,), (False,))
+    assert _told([pick((), whole=True)], ladder, np.zeros) == (True,)
 
 
 def test_a_finding_that_needs_a_later_one_is_judged_beside_it() -> None:
@@ -319,8 +318,8 @@ def test_a_finding_that_needs_a_later_one_is_judged_beside_it() -> None:
     # The second helps beside the third only, the first never does.
     error = {(): 1.0, (0,): 1.1, (0, 1): 1.2, (0, 1, 2): 0.5, (1, 2): 0.4, (2,): 0.6}
     ladder = np.array([[error[tuple(range(k))]] for k in range(4)])
-    holds, rises = _told(picks, ladder, lambda chosen: np.array([error[tuple(chosen)] ** 2]))
-    assert (holds, rises) == ((False, True, True), (True, False, False))
+    pays = _told(picks, ladder, lambda chosen: np.array([error[tuple(chosen)] ** 2]))
+    assert pays == (False, True, True)
 
 
 def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:

@@ -12,8 +12,9 @@ from sdp_vs_penalty.diagnosis import held_out, ladder, parsimony
 from sdp_vs_penalty.diagnosis.explanations import weaknesses
 
 
-def state_of(*picks: tuple[int | None, float]) -> Any:
-    """A search with picks on joints, each with its gain; on two joints nothing is left but noise."""
+def state_of(*picks: tuple[int | None, float], left: float = 0.0) -> Any:
+    """A search with picks on two joints, each with its gain, which is what it explains; so much is left
+    on either beyond the noise."""
     weighting = SimpleNamespace(noise_variance=np.ones(2), level=np.ones(2))
     fit = SimpleNamespace(
         degrees=np.array([100.0, 100.0]), weighting=weighting, joint_chi2=np.full(2, 100.0)
@@ -21,13 +22,29 @@ def state_of(*picks: tuple[int | None, float]) -> Any:
     made = [
         SimpleNamespace(
             candidate=SimpleNamespace(
-                key=(f"effect {k}", joint), effect=SimpleNamespace(name="", refines=())
+                key=(f"effect {k}", joint), effect=SimpleNamespace(name=f"effect {k}", refines=())
             ),
             gain=gain,
+            rivals=(),
         )
         for k, (joint, gain) in enumerate(picks)
     ]
-    return SimpleNamespace(picks=tuple(made), fit=fit)
+
+    def with_picks(picks: Any) -> Any:
+        left = fit.joint_chi2.copy()
+        for pick in made:
+            if not any(pick is p for p in picks):
+                joint = pick.candidate.key[1]
+                left[slice(None) if joint is None else joint] += pick.gain
+        return SimpleNamespace(
+            picks=tuple(picks),
+            fit=SimpleNamespace(degrees=fit.degrees, weighting=weighting, joint_chi2=left),
+            with_picks=with_picks,
+            without=lambda k: with_picks([*picks[:k], *picks[k + 1 :]]),
+        )
+
+    fit.joint_chi2 += left
+    return with_picks(made)
 
 
 @pytest.fixture
@@ -47,21 +64,27 @@ def test_one_law_is_sought_for_correlated_picks_of_one_joint(taken: set[frozense
     assert parsimony._pairs(state) == [(0, 1)]
     taken.add(frozenset((1, 5)))
     assert parsimony._pairs(state) == [(0, 1), (1, 5)]
+    # A tilt beside a spring that a wrong geometry explains as well: of the whole robot, like the tilt.
+    state.picks[2].rivals = (SimpleNamespace(key=("kinematic_error", None)),)
+    assert parsimony._pairs(state) == [(0, 1), (2, 3), (2, 4), (1, 5)]
 
 
 def test_what_stands_beside_a_pick(taken: set[frozenset[int]]) -> None:
-    """What takes its energy, what explains far more on its joint, and what nothing explains there."""
+    """What takes its energy, and what explains far more on its joint."""
     state = state_of((0, 100.0), (0, 0.5 * parsimony.LAW * 100.0), (1, 1e6))
     taken.add(frozenset((0, 1)))
-    small, large = parsimony.company(state, 1), parsimony.company(state, 0)
-    assert small.correlated == (state.picks[0],)
-    assert small.overshadowed is state.picks[0]
-    assert large.overshadowed is None
-    assert parsimony.company(state, 2).correlated == ()
-    assert not small.drowned
-    state.fit.joint_chi2[0] = 100.0 * (parsimony.MISFIT + 1.0)
-    assert parsimony.company(state, 1).drowned
-    assert not parsimony.company(state, 2).drowned
+    assert parsimony.correlated(state, 1) == (state.picks[0],)
+    assert parsimony.correlated(state, 2) == ()
+    assert [parsimony.overshadowed(state, k) for k in range(3)] == [None, state.picks[0], None]
+    assert not any(parsimony._drowned(state, k) for k in range(3))
+
+
+def test_what_others_or_nothing_may_leave_is_not_offered(taken: set[frozenset[int]]) -> None:
+    picks = (0, 100.0), (0, 0.9 * parsimony.PART * 100.0), (1, 1e6)
+    for share, same, kept in ((0.0, "effect 0", [0, 2]), (0.0, "", [0, 1, 2]), (1.1, "", [2])):
+        state = state_of(*picks, left=share * parsimony.UNNAMED * 100.0)
+        state.picks[1].candidate.effect.refines = (same,)
+        assert parsimony.believable(state).picks == tuple(state.picks[k] for k in kept)
 
 
 def test_a_finer_law_is_held_to_more_beside_the_law_that_it_refines() -> None:
@@ -90,9 +113,8 @@ def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_else_looks_like_a_finding_makes_it_weak() -> None:
-    alone = parsimony.Company((), None, False)
-    assert weaknesses(True, False, False, False, alone, "") == ()
-    assert weaknesses(True, False, False, False, alone, "it may stick") == ("it may stick",)
+    assert weaknesses(False, False, False, False, "", "") == ()
+    assert weaknesses(False, False, False, False, "", "it may stick") == ("it may stick",)
 
 
 def test_what_joints_share_comes_before_small_effects_on_one_of_them() -> None:

@@ -10,11 +10,13 @@ import pytest
 from scipy import stats
 
 from sdp_vs_penalty.diagnosis.events import Event
-from sdp_vs_penalty.diagnosis.show import event_lines, fit_level, fit_verdict
+from sdp_vs_penalty.diagnosis.explanations import negligible
+from sdp_vs_penalty.diagnosis.show import event_lines, fit_level, fit_verdict, risen
 from sdp_vs_penalty.diagnosis.verdict import FALSE_UNKNOWN, remainder
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
 
 RATE, SECONDS, LATE = 20.0, 30.0, 0.9
+FLOOR = np.array([0.2, 3.0])
 
 
 def left(repeating: float, sign: float = 1.0, seed: int = 0) -> tuple[Any, Any, Any]:
@@ -35,15 +37,18 @@ def left(repeating: float, sign: float = 1.0, seed: int = 0) -> tuple[Any, Any, 
     Q = np.linalg.qr(rng.normal(size=(4 * M, 7)))[0]
     level = rng.uniform(0.5, 2.0, 2)
     residual = (white / level).T.ravel()
-    fit = SimpleNamespace(residual=residual, Q=Q, weighting=SimpleNamespace(level=level))
+    torque = FLOOR * white
+    fit = SimpleNamespace(residual=residual, Q=Q, weighting=SimpleNamespace(level=level), torque=torque)
     segments = [SimpleNamespace(t=t), SimpleNamespace(t=100.0 + t)]
-    rows = SimpleNamespace(n=2, t=np.tile(t, 2), keep=keep, segments=segments, rate=RATE)
+    still = np.zeros((2 * M, 2))
+    rows = SimpleNamespace(n=2, t=np.tile(t, 2), keep=keep, segments=segments, rate=RATE, still=still)
     repeat = SimpleNamespace(rows=np.arange(M), other=1, later=100.0 + t + LATE / RATE)
     noise = SimpleNamespace(
         source=REPETITION,
         degrees=np.array([300.0, 400.0]),
         repeats=[repeat],
         worth=np.ones(keep.shape),
+        floor=FLOOR,
     )
     return fit, rows, noise
 
@@ -79,26 +84,54 @@ def expected(fit: Any, rows: Any, noise: Any) -> tuple[np.ndarray, list[float]]:
 def test_what_comes_back_remains(repeating: float, sign: float, remains: bool) -> None:
     """Noise is new each time; an error of the model comes back as it was, not turned round."""
     given = left(repeating, sign)
-    found = remainder(*given)
+    found = remainder(*given, given[0].torque)
     shares, p = expected(*given)
     np.testing.assert_allclose(found.share, shares, rtol=1e-9)
     assert found.p == pytest.approx(min(1.0, 4.0 * min(p)), rel=1e-6)
     assert found.remains == remains == (found.p < FALSE_UNKNOWN)
-    assert found.joints == ((0,) if remains else ())
+    assert found.joints == ((0,) if remains else ()) == found.matters
+    if repeating != 0.3:  # a wave of that amplitude, in N m
+        assert found.repeats[0] == pytest.approx(FLOOR[0] * repeating / np.sqrt(2.0), abs=0.05)
+
+
+def test_what_surely_repeats_may_hardly_matter() -> None:
+    """Noise that is loud where the error is not: sure in white values, little in N m."""
+    fit, rows, noise = left(1.0)
+    found = remainder(fit, rows, noise, 0.1 * fit.torque)
+    assert found.remains
+    assert found.matters == ()
+    assert "on joint 1 hardly matters" in negligible(found)
+    assert negligible(remainder(fit, rows, noise, fit.torque)) == ""
+
+
+def test_what_friction_holds_at_rest_is_no_evidence() -> None:
+    """It comes back with the motion and is no function of it."""
+    fit, rows, noise = left(1.0)
+    rows.still[:, 0] = 1.0
+    found = remainder(fit, rows, noise, fit.torque)
+    assert not found.remains
+    assert found.repeats[0] == 0.0
 
 
 def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:
     fit, rows, noise = left(0.0)
-    whole = remainder(fit, rows, noise).share
+    whole = remainder(fit, rows, noise, fit.torque).share
     fit.residual[:20] += 1e3  # of joint 1
     ignore = np.zeros_like(rows.keep)
     ignore[:20, 0] = True
-    assert remainder(fit, rows, noise).remains
-    np.testing.assert_allclose(remainder(fit, rows, noise, ignore).share, whole, atol=0.1)
+    assert remainder(fit, rows, noise, fit.torque).remains
+    np.testing.assert_allclose(remainder(fit, rows, noise, fit.torque, ignore).share, whole, atol=0.1)
     noise.source = RESIDUAL
-    assert remainder(fit, rows, noise).p == 1.0
+    assert remainder(fit, rows, noise, fit.torque).p == 1.0
     rows.keep[:] = False
-    np.testing.assert_array_equal(remainder(fit, rows, noise).share, [-1.0, -1.0])
+    np.testing.assert_array_equal(remainder(fit, rows, noise, fit.torque).share, [-1.0, -1.0])
+
+
+def test_an_error_that_rises_is_called_out() -> None:
+    """Five hundredths more are no sentence, a third more on one joint is, whatever the others gain."""
+    assert risen([1.0, 2.0], [1.05, 1.0]) == ""
+    assert risen([1.0, 2.0, 0.0], [1.34, 1.0, 0.0]).startswith("The error of joint 1 rises by 34 %: ")
+    assert "joints 1 and 2 rises: " in risen([0.0, 1.0], [1.0, 1.2])
 
 
 def test_many_events_are_one_line() -> None:

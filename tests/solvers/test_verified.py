@@ -188,14 +188,13 @@ def test_entropic_bounds_meet() -> None:
 @pytest.mark.parametrize("cone", ["psd", "soc", "nonnegative"])
 def test_garbage_multipliers_are_moved_into_their_cone_exactly(cone: str) -> None:
     rng = np.random.default_rng(0)
-    for _ in range(20):
-        raw = rng.normal(size=(4, 4) if cone == "psd" else 4)
-        moved = verified.in_cone(cone, raw)
+    raw = rng.normal(size=(20, 4, 4) if cone == "psd" else (20, 4))
+    for moved in verified.in_cone(cone, raw).value:
         if cone == "psd":
             # up to the radius, which covers what the product V V^T rounds
-            assert np.linalg.eigvalsh(moved.value.astype(float))[0] > -1e-14
+            assert np.linalg.eigvalsh(moved.astype(float))[0] > -1e-14
             continue
-        exact = [Fraction(float(x)) for x in moved.value]
+        exact = [Fraction(float(x)) for x in moved]
         slack = Fraction(1, 2**52)
         if cone == "soc":
             assert (exact[0] + slack) ** 2 >= sum(x**2 for x in exact[1:])

@@ -197,8 +197,8 @@ def _verdict(session: Session) -> Verdict | None:
     if found is None:
         return None
     left = sum(f.text not in session.added for f in found.effects)
-    if found.verdict == "unknown_effect":
-        return Verdict("usable", "Something is missing that no effect of the library explains.")
+    if found.unknown:
+        return Verdict("usable", f"Missing: {found.unknown}.")
     if left:
         return Verdict("usable", f"{show.count(left, 'missing effect')} can be added.")
     if found.noise_source != "repetition":

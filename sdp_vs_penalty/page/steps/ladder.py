@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty.diagnosis.show import risen
 from sdp_vs_penalty.page.charts import ladder_chart
 from sdp_vs_penalty.page.controls import button, chart, details, table, tag
 from sdp_vs_penalty.page.session import Session
@@ -91,6 +92,8 @@ def _verdict(session: Session) -> Verdict | None:
     before = session.ladder[-2].comparison["relative_error_percent"]
     if not last < before:
         said += " The last step did not pay on all joints together: undo it, or look at its joint."
+    elif worse := risen(*(rung.comparison["rmse"] for rung in session.ladder[-2:])):
+        said += f" {worse}"
     return Verdict(level, said)
 
 

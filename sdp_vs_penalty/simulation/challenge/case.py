@@ -25,7 +25,7 @@ from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import Logged, World, draw_motion, draw_world, log_run
 
 Record = dict[str, Any]
-_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from")
+_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from", "finer")
 
 
 @dataclass(frozen=True)
