@@ -18,7 +18,7 @@ from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.page.run_jobs import Answer, Progress, Request, runs_of
 from sdp_vs_penalty.page.summary import placed
 from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.solvers import verify_proof
+from sdp_vs_penalty.solvers.proof import verdict
 
 
 def forward(request: Request, progress: Progress) -> Answer:
@@ -78,7 +78,7 @@ def prove(request: Request, progress: Progress) -> Answer:
 
 def verify(request: Request, progress: Progress) -> Answer:
     """What `sdp-vs-penalty verify` says of a proof."""
-    holds, said = verify_proof.verdict(request["proof"])
+    holds, said = verdict(request["proof"])
     return {"holds": holds, "said": said}
 
 

@@ -140,21 +140,6 @@ def check(proof):
     return p["lower"], p["upper"]
 
 
-def verdict(path):
-    """Whether the proof in a file holds, and the sentence that says so. Raises OSError."""
-    try:
-        with open(path, encoding="utf-8") as file:
-            found = check(json.load(file))
-    except OSError:
-        raise
-    except Exception as error:
-        return False, f"refused: {path}: {error or type(error).__name__}"
-    if found is None:
-        return True, f"accepted: {path}: no parameters satisfy all constraints"
-    low, high = (float(x) for x in found)
-    return True, f"accepted: {path}: the optimum lies in [{low!r}, {high!r}]"
-
-
 if __name__ == "__main__":
     try:
         with open(sys.argv[1], encoding="utf-8") as file:

@@ -98,14 +98,15 @@ def test_what_changes_nothing_is_what_the_verbs_say(
     sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
 ) -> None:
     """Run forward, proof, posed problem and inertials: the numbers of the functions behind the verbs."""
-    for run, name in zip(hidden.runs[:2], ("a.csv", "test.csv"), strict=True):
+    names = ("a.csv", "b.csv", "test.csv")  # two for two processes
+    for run, name in zip(hidden.runs[:3], names, strict=True):
         save(run, tmp_path / name)
     made: list[str] = []
 
     async def story() -> Session:
         s = sessions.new()
         await finish(s, lambda: s.choose_robot("two_link"))
-        for name in ("a.csv", "test.csv"):
+        for name in names:
             drop(s, tmp_path / name)
         await finish(s, s.read_arrived)
         s.effects, s.options = ["rigid_body", "viscous_friction"], {"window": "0:8", "jobs": "2"}

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.errors import InputError
 
 
 def verb(
@@ -23,16 +23,14 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.solvers import verify_proof
+    from sdp_vs_penalty.solvers.proof import verdict
 
     files = [f for p in proofs for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])]
     if not files:
         raise InputError("no file named *proof.json in this folder", "name the proofs", proofs[0])
     refused = 0
     for path in files:
-        try:
-            holds, text = verify_proof.verdict(path)
-        except OSError as error:
-            raise unreadable(error, path) from error
+        holds, text = verdict(path)
         refused += not holds
         console.say(text)
     console.warn(f"checker: {verify_proof.__file__}")
