@@ -308,14 +308,6 @@ def test_what_is_no_variable_is_refused(text: str) -> None:
         Variable.parse(text)
 
 
-def test_a_function_of_a_part_is_a_function_of_the_whole() -> None:
-    parse = Variable.parse
-    pair = [parse("q5"), parse("q6")]
-    assert all(parse(v).within(pair) for v in ("q5", "q5+q6", "phase(7 q6)"))
-    assert not any(parse(v).within(pair) for v in ("dq5", "q4+q5", "sign(dq5)"))
-    assert parse("sign(dq5)").within([parse("dq5")])
-
-
 def test_what_follows_the_position_alone_does_so() -> None:
     names = ("joint_spring", "torque_ripple", "viscous_friction", "position_dependent_friction")
     effects = parse_effects(names, robots()["arm"])
