@@ -111,7 +111,8 @@ class Arm {
       scene.renderer.setClearColor(0, 0); // the page's own colour, light or dark
       scene.renderer.render = (world, camera) => {
         const there = [...scene.objects.values()].filter((o) => o.mesh?.parent).length;
-        const state = `${camera.matrixWorld.elements} ${this.drawn} ${there} ${scene.renderer.domElement.width}`;
+        const now = Math.floor(performance.now() / 1000); // a browser may lose what was drawn
+        const state = `${camera.matrixWorld.elements} ${this.drawn} ${there} ${scene.renderer.domElement.width} ${now}`;
         const hidden = scene.$el.offsetParent === null; // what was drawn is lost with the canvas's place
         if (!hidden && state !== last) draw(world, camera);
         last = hidden ? "" : state;
