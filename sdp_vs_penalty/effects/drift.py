@@ -40,10 +40,10 @@ class Drift(JointEffect):
         return ("form", "T") if self.exponential else ("form",)
 
     def course(self, motion: Motion) -> Array:
-        """How the effect follows time: minutes-long trends, linear [s] or saturating [-]. In a run older
-        than t0 what settles is as at t0: exp(-t / T) would grow without end."""
+        """How the effect follows time: minutes-long trends, linear [s] or saturating [-]. What settles
+        fades before t0 as after it: in an older run exp(-t / T) would grow without end."""
         t = motion.t - self.shape["t0"]
-        return np.exp(-np.maximum(t, 0.0) / self.shape["T"]) if self.exponential else t
+        return np.exp(-np.abs(t) / self.shape["T"]) if self.exponential else t
 
 
 def hidden_drift(effect: str, joint: int, rng: np.random.Generator, friction: bool) -> HiddenEffect:
