@@ -47,7 +47,10 @@ def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
 def written(folders: Iterable[Path], *names: str) -> Iterator[tuple[str, ...]]:
     """The texts assigned to all of ``names`` side by side, in a file or a class, without an import."""
     for file in sorted(path for folder in folders for path in folder.glob("*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        text = file.read_text(encoding="utf-8")
+        if not all(name in text for name in names):
+            continue
+        tree = ast.parse(text)
         scopes: list[ast.Module | ast.ClassDef] = [tree]
         for scope in scopes + [node for node in tree.body if isinstance(node, ast.ClassDef)]:
             texts = {

@@ -20,9 +20,9 @@ def listing(kind: str) -> Listing:
 _SHORT = {"effects": (0, 1), "solvers": (0, 1, 3), "engines": (0, 1, 3), "datasets": (0, 2, 3)}
 
 
-def short_listing(kind: str) -> Listing:
-    """The columns to choose by: a line or two a name in 80 columns."""
-    headings, rows = listing(kind)
+def short(kind: str, whole: Listing) -> Listing:
+    """Of a listing the columns to choose by: a line or two a name in 80 columns."""
+    headings, rows = whole
     columns = _SHORT.get(kind, range(len(headings)))
     return tuple(headings[k] for k in columns), [tuple(row[k] for k in columns) for row in rows]
 

@@ -135,7 +135,7 @@ def conclude(
     doubted = explanations.doubts(findings)
     rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
     measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
-    findings = explanations.doubtful(stood_in(findings, measured), doubted)
+    findings = stood_in(explanations.doubtful(findings, doubted), measured)
     verdict = EFFECT_MISSING if findings else NOTHING_MISSING
     if left.matters or doubted or measured.curves:
         verdict = UNKNOWN

@@ -13,8 +13,6 @@ from sdp_vs_penalty.effects.effect import Array, Motion
 #: What a curve can run over, in the order of the numbers that saved models have for it; "none" as the
 #: second of a pair is no second variable.
 WORDS = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)", "temp", "none", "phase")
-#: What a function of a variable is a function of as well.
-_FINER = {"abs(ddq)": "ddq", "sign(dq)": "dq", "phase": "q"}
 
 
 @dataclass(frozen=True)
@@ -89,9 +87,3 @@ class Variable:
         rates = {"q": position, "dq": f"{position}/s", "ddq": f"{position}/s^2", "t": "s", "temp": "K"}
         more = {"abs(ddq)": rates["ddq"], "tau": torque_units[self.joint], "phase": "rad"}
         return (rates | more).get(self.word, "-")
-
-    def within(self, others: Sequence[Variable]) -> bool:
-        """Whether every function of it is a function of the others as well."""
-        finer = Variable(_FINER.get(self.word, self.word), self.joint)
-        parts = (finer, *([Variable(self.word, self.other)] if self.other >= 0 else []))
-        return self in others or all(part in others for part in parts)

@@ -13,8 +13,10 @@ from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.report.plots import (
+    COLOURS,
     SIGNALS,
     Curves,
+    correlation_figure,
     envelope,
     friction_figure,
     ladder_figure,
@@ -32,10 +34,11 @@ def torque_chart(
     joint: int,
     units: Sequence[str],
     span: tuple[float, float] | None = None,
+    marked: Sequence[float] = (),
 ) -> dict[str, Any]:
     """Measured and modelled torque of one joint (from 0), and below it what is left.
 
-    span : the seconds to look at; a long run shows more detail there.
+    span : the seconds to look at; a long run shows more detail there; marked : instants [s] to ring.
     """
     t, unit, cut = run.t - run.t[0], units[joint], slice(None)
     ranges = {}
@@ -48,7 +51,14 @@ def torque_chart(
     values = [envelope(t[cut], y) for y in (measured, *(y for pair in both for y in pair))]
     axes = {"xaxis": ranges, "xaxis2": ranges}
     axes |= {"yaxis": _title(f"joint {joint + 1} [{unit}]"), "yaxis2": _title(f"left [{unit}]")}
-    return _filled(_torque_frame(tuple(run.modelled)), values, axes)
+    made = _filled(_torque_frame(tuple(run.modelled)), values, axes)
+    if marked:
+        rows = np.searchsorted(t, marked).clip(0, len(t) - 1)
+        left = (run.torque - list(run.modelled.values())[-1])[rows, joint]
+        ring: dict[str, Any] = {"mode": "markers", "name": "selected", "xaxis": "x2", "yaxis": "y2"}
+        ring["marker"] = {"size": 7, "symbol": "circle-open", "color": COLOURS[3]}
+        made["data"] = [*made["data"], {**ring, "x": _short(t[rows]), "y": _short(left)}]
+    return made
 
 
 @lru_cache(32)
@@ -74,6 +84,16 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
             low, high = (float(end) for end in ends if end is not None)
             return low, high
     return False
+
+
+def asked_instants(event: Any) -> tuple[float, ...]:
+    """The instants [s] that a plotly_selected event has of a :func:`residual_chart`.
+
+    >>> asked_instants([2.5, None, 1, 2.5])
+    (1.0, 2.5)
+    """
+    given = event if isinstance(event, list) else []
+    return tuple(sorted({float(x) for x in given if isinstance(x, int | float)}))
 
 
 def ladder_chart(
@@ -121,29 +141,51 @@ def residual_chart(
     reads: Sequence[Mapping[str, Any]],
     joint: int,
     signal: str,
+    shown: str,
     unit: str,
     floor: float | None,
     span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
-    """What one or two models leave of a joint's torque, the last one's reversals ringed, against one of
-    SIGNALS; span : only these seconds of the run."""
+    """What one or two models leave of a joint's torque ("error"), the last one's reversals ringed, or
+    one of SIGNALS, against one of SIGNALS; span : only these seconds of the run."""
     read = reads[-1]
     t = read["t"] - read["t"][0]
     cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
     if len(t[cut]) < 2:
         cut = slice(None)
-    x = (read[signal] if signal == "t" else read[signal][:, joint])[cut]
-    lefts = [(r["torque"][:, joint] - r["modelled"][:, joint])[cut] for r in reads]
+
+    def along(r: Mapping[str, Any], name: str) -> Array:
+        return np.asarray(t if name == "t" else r[name][:, joint])[cut]
+
+    error = shown == "error"
+    x, lefts = along(read, signal), [_error(r, joint)[cut] if error else along(r, shown) for r in reads]
     keep, turns = scatter_rows(read["dq"][cut, joint])
     values = [(x[keep], left[keep]) for left in lefts] + [(x[turns], lefts[-1][turns])]
-    axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(f"error of joint {joint + 1} [{unit}]")}
-    return _filled(_residual_frame(floor, len(reads) > 1), values, axes)
+    instants = [*(_short(t[cut][keep]) for _ in lefts), _short(t[cut][turns])]
+    said = f"error of joint {joint + 1} [{unit}]" if error else SIGNALS[shown]
+    axes = {"xaxis": _title(SIGNALS[signal]), "yaxis": _title(said)}
+    made = _filled(_residual_frame(floor if error else None, len(reads) > 1), values, axes)
+    names = [d["name"] if error else d["name"].replace("error", SIGNALS[shown]) for d in made["data"]]
+    told = zip(made["data"], names, instants, strict=True)
+    return {**made, "data": [{**d, "name": name, "customdata": at} for d, name, at in told]}
+
+
+def correlation_chart(reads: Sequence[Mapping[str, Any]], joint: int) -> dict[str, Any]:
+    """Of what one or two models leave of a joint's torque, with itself and with the velocity."""
+    names = ("error of the first model", "error")[-len(reads) :]
+    lefts = {name: _error(r, joint) for name, r in zip(names, reads, strict=True)}
+    return _ready(styled(correlation_figure(reads[-1]["t"], lefts, reads[-1]["dq"][:, joint]), 260))
+
+
+def _error(read: Mapping[str, Any], joint: int) -> Array:
+    return np.asarray(read["torque"][:, joint] - read["modelled"][:, joint])
 
 
 @lru_cache(32)
 def _residual_frame(floor: float | None, two: bool) -> dict[str, Any]:
     zeros = np.zeros(2)
-    return _ready(styled(residual_figure(zeros, zeros, zeros, floor, zeros if two else None), 320))
+    plot = _ready(styled(residual_figure(zeros, zeros, zeros, floor, zeros if two else None), 320))
+    return {**plot, "layout": {**plot["layout"], "dragmode": "select"}}
 
 
 def merged(first: Curves, last: Curves) -> Curves:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.report.plots import (
     COLOURS,
     SIGNALS,
+    correlation_figure,
     ladder_figure,
     missing_figure,
     noise_band,
@@ -22,9 +24,6 @@ from sdp_vs_penalty.report.section import Material, Section, figure, number, tab
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 from sdp_vs_penalty.signals.preprocessing import Rows
-
-#: Lags of a correlation.
-_LAGS = 40
 
 
 def explorer(material: Material) -> Section:
@@ -56,6 +55,7 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
         name: [r.torque - predicted(r, estimate.theta) for r in material.rows[name]]
         for name, estimate in material.models.items()
     }
+    said = {"error": f"error [{', '.join(dict.fromkeys(map(plain_unit, units)))}]", **SIGNALS}
     # Of each trace of the upper panel what it shows when a signal is chosen for an axis.
     shown: dict[str, list[Array]] = {name: [] for name in ("error", *SIGNALS)}
     upper: list[int] = []
@@ -82,25 +82,35 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
                         upper.append(len(plot.data) - 1)
                         for signal, values in {**signals, "error": y}.items():
                             shown[signal].append(values[rows])
-    floor, of_run = material.comparisons[-1].noise_floor, 3 * len(errors)
+    floor, of_run, points = material.comparisons[-1].noise_floor, 3 * len(errors), len(plot.data)
     bands = [[] if floor is None else noise_band(1.96 * floor[j], "y2") for j in range(n)]
+    above = [] if floor is None else [_band(runs, j, 1.96 * floor[j]) for j in range(n)]
+    upper += range(points, points + n if above else points)
+    grey: dict[str, Any] = {"mode": "lines", "line_width": 0, "fill": "toself", "hoverinfo": "skip"}
+    for j, (across, up) in enumerate(above):
+        trace = Scatter(x=across["q"], y=up["error"], fillcolor="rgba(128,128,128,0.2)", **grey)
+        plot.add_trace(trace.update(visible=j == 0, showlegend=False), row=1, col=1)
     joints = []
     for j, band in enumerate(bands):
         every = range(j * len(runs), (j + 1) * len(runs))
         for places in [every, *([k] for k in every if len(runs) > 1)]:
-            visible = [k // of_run in places for k in range(len(plot.data))]
+            visible = [k // of_run in places for k in range(points)]
+            visible += [k == j for k in range(len(plot.data) - points)]
             label = f"joint {j + 1}" + (f", run {places[0] % len(runs) + 1}" if places != every else "")
             joints.append(
                 {"label": label, "method": "update", "args": [{"visible": visible}, {"shapes": band}]}
             )
-    said = {"error": f"error [{', '.join(dict.fromkeys(map(plain_unit, units)))}]", **SIGNALS}
 
     def axis(which: str) -> list[dict[str, Any]]:
         return [
             {
                 "label": word,
                 "method": "update",
-                "args": [{which: shown[s]}, {f"{which}axis.title.text": word}, upper],
+                "args": [
+                    {which: [*shown[s], *(band[which == "y"].get(s, [None] * 4) for band in above)]},
+                    {f"{which}axis.title.text": word},
+                    upper,
+                ],
             }
             for s, word in said.items()
         ]
@@ -117,6 +127,16 @@ def _scatter(material: Material, n: int, units: tuple[str, ...] | list[str]) -> 
     return plot
 
 
+def _band(runs: Sequence[Rows], joint: int, half: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The corners of a noise's band for each signal across, and where the error stands up; elsewhere it
+    is none."""
+    values = {name: np.concatenate([_signal(run, name, joint) for run in runs]) for name in SIGNALS}
+    return (
+        {name: np.array([x.min(), x.max(), x.max(), x.min()]) for name, x in values.items()},
+        {"error": half * np.array([1.0, 1.0, -1.0, -1.0])},
+    )
+
+
 def _signal(run: Rows, name: str, joint: int) -> Array:
     """(M,) of SIGNALS along a run."""
     if name == "t":
@@ -125,35 +145,18 @@ def _signal(run: Rows, name: str, joint: int) -> Array:
     return values[:, joint]
 
 
-def correlation(a: Array, b: Array, lags: int = _LAGS) -> Array:
-    """(lags + 1,) of a(t) with b(t + lag), normalised by the lengths of both."""
-    a, b = a - a.mean(), b - b.mean()
-    scale = np.sqrt((a @ a) * (b @ b))
-    if scale == 0.0:
-        return np.zeros(lags + 1)
-    return np.array([float(a[: len(a) - k] @ b[k:]) for k in range(lags + 1)]) / scale
-
-
 def _correlations(material: Material, n: int) -> Any:
-    from plotly.graph_objects import Figure, Scatter
-
-    plot = Figure()
-    # Filtered rows are oversampled twice: every second one is a sample of its own.
     at = int(np.argmax([len(r.torque) for r in material.rows[material.last_name]]))
-    longest = material.rows[material.last_name][at]
-    dq, t = longest.motion.dq[::2], longest.motion.t[::2]
-    lags = min(_LAGS, len(t) // 4)
-    x = np.arange(lags + 1) * float(np.median(np.diff(t)))
-    for j in range(n):
-        for m, (name, estimate) in enumerate(material.models.items()):
-            run = material.rows[name][at]
-            left = (run.torque - predicted(run, estimate.theta))[::2, j]
-            colour = COLOURS[m % len(COLOURS)]
-            for what, other, dash in (("itself", left, "solid"), ("the velocity", dq[:, j], "dot")):
-                line = {"color": colour, "dash": dash}
-                y, called = correlation(left, other, lags), f"{name}: with {what}"
-                plot.add_trace(Scatter(x=x, y=y, name=called, mode="lines", line=line, visible=j == 0))
-    each = 2 * len(material.models)
+    runs = {name: material.rows[name][at] for name in material.models}
+    lefts = {name: r.torque - predicted(r, material.models[name].theta) for name, r in runs.items()}
+    motion = runs[material.last_name].motion
+    plots = [
+        correlation_figure(motion.t, {name: left[:, j] for name, left in lefts.items()}, motion.dq[:, j])
+        for j in range(n)
+    ]
+    for plot in plots[1:]:
+        plots[0].add_traces(plot.update_traces(visible=False).data)
+    each = 2 * len(runs)
     buttons = [
         {
             "label": f"joint {j + 1}",
@@ -162,13 +165,8 @@ def _correlations(material: Material, n: int) -> Any:
         }
         for j in range(n)
     ]
-    plot.update_layout(
-        shapes=noise_band(1.96 / np.sqrt(max(len(t), 1))),
-        updatemenus=[{"buttons": buttons, "x": 0.0, "y": 1.2, "xanchor": "left"}],
-    )
-    plot.update_xaxes(title_text="lag [s]")
-    plot.update_yaxes(title_text="correlation", range=[-1.05, 1.05])
-    return plot
+    menu = {"buttons": buttons, "x": 0.0, "y": 1.2, "xanchor": "left"}
+    return plots[0].update_layout(updatemenus=[menu])
 
 
 def findings(material: Material) -> Section:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +15,12 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.bases import Axis
+from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, _falls
 from sdp_vs_penalty.diagnosis.curves.laws import dictionary
+from sdp_vs_penalty.diagnosis.curves.measure import Measured, stood_in
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.effects import effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Motion
@@ -169,6 +172,31 @@ def test_a_cubic_is_a_curve_with_its_law_and_no_spring_beside_a_ripple() -> None
     amplitude, law, *_ = curve.formula.split()
     assert (float(amplitude), law) == (pytest.approx(0.5 * SIZE, rel=0.05), f"q{JOINT + 1}^3")
     assert not found.beside_curves
+
+
+def test_a_wave_of_two_joints_is_one_law_of_both() -> None:
+    """Beside the noise that each leaves it explains more than a wave of their sum, which comes near."""
+    found = diagnosed(lambda m: np.sin(3.9 * m.q[:, JOINT] + 3.0 * m.q[:, 0])).found
+    curve = found.curves[0]
+    assert set(curve.of) == {"q1", f"q{JOINT + 1}"}
+    assert curve.formula is not None
+    numbers = [float(x) for x in re.findall(r"\d+\.?\d*(?= q\d)", curve.formula)]
+    assert sorted(numbers) == pytest.approx([3.0, 3.9], rel=0.05)
+
+
+def test_what_a_curve_was_measured_beside_belongs_to_it() -> None:
+    """Waves that are doubted stay in the model unless a curve stands instead of them."""
+    wave = Finding(
+        *("torque_ripple", (1,), {"k": 7.0}, 0.1, "N m", 0.01, {}, "weak", (CURVE,)),
+        *(np.ones(2), 0.5 * np.ones(2), "a wave", "torque_ripple:1@k=7", 30.0),
+    )
+    x = np.linspace(0.0, 1.0, 5)
+    curve = Curve(1, ("q1",), x, x, x - 0.1, x + 0.1, 0.6, None, 0.2, 0.1)
+    assert stood_in((wave,), Measured()) == (wave,)
+    (beside,) = stood_in((wave,), Measured((curve,)))
+    assert CURVE not in beside.indistinguishable_from
+    first, last = stood_in((wave, wave), Measured((curve,), frozenset({1})))
+    assert (CURVE in first.indistinguishable_from, CURVE in last.indistinguishable_from) == (False, True)
 
 
 def test_an_error_that_falls_in_one_stretch_only_has_not_fallen() -> None:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.check.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
@@ -31,6 +32,7 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.page import archive, uploads, worker
 from sdp_vs_penalty.page.charts import (
     asked_span,
+    correlation_chart,
     friction_chart,
     missing_chart,
     residual_chart,
@@ -51,6 +53,7 @@ from sdp_vs_penalty.report.plots import (
     styled,
     torque_figure,
 )
+from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
 
 #: A job of seconds.
@@ -90,6 +93,75 @@ async def finish(session: Session, act: Callable[[], None]) -> None:
 
 def drop(session: Session, path: Path, name: str | None = None) -> None:
     session.arrived[name or path.name] = path
+
+
+def test_what_changes_nothing_is_what_the_verbs_say(
+    sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
+) -> None:
+    """Run forward, proof, posed problem and inertials: the numbers of the functions behind the verbs."""
+    names = ("a.csv", "b.csv", "test.csv")  # two for two processes
+    for run, name in zip(hidden.runs[:3], names, strict=True):
+        save(run, tmp_path / name)
+    made: list[str] = []
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        for name in names:
+            drop(s, tmp_path / name)
+        await finish(s, s.read_arrived)
+        s.effects, s.options = ["rigid_body", "viscous_friction"], {"window": "0:8", "jobs": "2"}
+        await finish(s, s.identify)
+        await finish(s, lambda: s.ask("forward", "Running forward", drive="torque"))
+        await finish(s, lambda: s.ask("prove", "Proving", made.append))
+        await finish(s, lambda: s.ask("pose", "Posing", made.append, name="problem.cbf"))
+        proof = json.loads((s.folder / "proof.json").read_text())
+        (s.folder / "false.json").write_text(json.dumps({**proof, "lower": "1000000"}))
+        wrong = {"proof": str(s.folder / "false.json")}
+        await finish(s, lambda: s.ask("verify", "Checking", **wrong))
+        return s
+
+    s = asyncio.run(story())
+    assert s.model is not None
+    model = load_estimate(s.model.file)
+    ahead = s.answer("forward")
+    assert ahead is not None
+    assert ahead["verdict"] == follow(model, tmp_path / "test.csv").verdict
+    arrays = s.arrays(ahead["file"], 0)
+    assert arrays["poses"].shape[1] == 2 * two_link.robot.n
+    assert arrays["simulated"][0] == pytest.approx(arrays["measured"][0])
+    assert made == ["proof.json", "problem.cbf", "problem.cbf.json"]
+    proved = s.answer("prove")
+    assert proved is not None
+    assert proved["holds"]
+    low, high = json.loads(proved["said"].rpartition(" in ")[2])
+    assert low <= model.certificate.upper * (1 + 1e-9)
+    assert high >= model.certificate.lower * (1 - 1e-9)
+    about = json.loads((s.folder / "problem.cbf.json").read_text())
+    assert about["lower"] <= about["upper"]
+    assert not s.answers["verify"]["holds"]
+    s.forget_models()
+    assert s.answer("forward") is None
+
+
+def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions: Sessions, tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "my_arm.urdf").read_text()
+    wrong = re.sub(r'izz="[^"]*"', 'izz="50"', text, count=1)
+    (tmp_path / "arm.urdf").write_text(wrong)
+    made: list[str] = []
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot(str(tmp_path / "arm.urdf"), "arm.urdf"))
+        await finish(s, lambda: s.ask("check_urdf", "Checking", made.append))
+        return s
+
+    s = asyncio.run(story())
+    found = s.answers["check_urdf"]
+    assert not found["possible"]
+    assert "physically impossible" in found["said"][0]
+    assert made == ["fixed.urdf"]
+    assert all(c.consistent for c in check_urdf(s.folder / "fixed.urdf"))
 
 
 def test_the_story_without_a_browser(
@@ -135,12 +207,13 @@ def test_the_story_without_a_browser(
     assert again.ladder[1].comparison["rmse"] == pytest.approx(after, rel=1e-9)
     assert again.findings is not None
     assert again.findings.to_dict() == s.findings.to_dict()
-    asyncio.run(finish(s, lambda: s.compare_methods(["ols"], folds=True)))
-    assert s.methods is not None
+    asyncio.run(finish(s, lambda: s.ask("methods", "Comparing", methods=["ols"], folds=True)))
+    found = s.answer("methods")
+    assert found is not None
     runs = [tmp_path / f"{name}.csv" for name in "abc"]
     effects = estimate.model.effects
     unseen = cross_validate(two_link, runs, "ols", effects=effects).relative_error_percent
-    assert s.methods[0]["unseen"] == pytest.approx(unseen, rel=1e-9)
+    assert found["rows"][0]["unseen"] == pytest.approx(unseen, rel=1e-9)
     s.undo()
     assert len(s.ladder) == 1
     assert len(s.models) == 2
@@ -758,11 +831,12 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
     curve = {"velocity": t, "torque": q[:, 0], "half": np.abs(dq[:, 0])}
     for made, plot, height in (
         (torque_chart(run, 1, units), torque_figure([run], 1, units[1], beside=False), 420),
-        (residual_chart([before, read], 1, "q", "N m", floor), residual, 320),
+        (residual_chart([before, read], 1, "q", "error", "N m", floor), residual, 320),
         (friction_chart(curve, 1, "N m"), friction_figure(**curve, joint=1, unit="N m"), 300),
     ):
         asked = styled(plot, height)
-        asked.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
+        drag = "select" if plot is residual else "zoom"
+        asked.update_layout(margin={"l": 58, "r": 8, "t": 34, "b": 42}, dragmode=drag)
         expected = asked.update_yaxes(fixedrange=True).to_dict()
         expected["layout"].pop("template", None)
         assert made["layout"] == expected["layout"]
@@ -770,10 +844,33 @@ def test_charts_that_are_filled_are_the_figures_of_the_report() -> None:
             for axis in ("x", "y"):
                 np.testing.assert_allclose(trace.pop(axis), drawn[axis], rtol=1e-5)
             drawn = drawn.to_plotly_json()
+            trace.pop("customdata", None)
             assert trace == {k: v for k, v in drawn.items() if k not in ("x", "y")}
-    # A stretch of the time that is looked at is what the scatter shows.
-    part = residual_chart([read], 1, "t", "N m", floor, (1.0, 1.5))
+    # A stretch of the time that is looked at is what the scatter shows; either axis shows any signal.
+    part = residual_chart([read], 1, "t", "dq", "N m", floor, (1.0, 1.5))
     np.testing.assert_allclose(part["data"][0]["x"], t[100:150], rtol=1e-5)
+    np.testing.assert_allclose(part["data"][0]["y"], dq[100:150, 1], rtol=1e-5)
+    assert "shapes" not in part["layout"]  # the noise's band is the error's
+    # Points carry their instants; those that are selected are ringed in the time chart.
+    np.testing.assert_allclose(part["data"][0]["customdata"], t[100:150], rtol=1e-5)
+    ring = torque_chart(run, 1, units, marked=(1.2, 2.0))["data"][-1]
+    np.testing.assert_allclose(ring["y"], tau[[120, 200], 1] - two[[120, 200], 1], rtol=1e-5)
+
+
+def test_correlations_of_two_models_are_drawn_with_their_band() -> None:
+    rng = np.random.default_rng(0)
+    t, (tau, dq) = np.arange(400) / 100.0, rng.normal(size=(2, 400, 2))
+    wave = np.sin(40.0 * t)[:, None] * np.ones(2)
+    reads = [{"t": t, "dq": dq, "torque": tau, "modelled": tau - x} for x in (wave, dq)]
+    made = correlation_chart(reads, 1)
+    assert [d["name"].partition(": ")[2] for d in made["data"]] == [
+        "with itself",
+        "with the velocity",
+    ] * 2
+    assert made["layout"]["shapes"][0]["y1"] == pytest.approx(1.96 / np.sqrt(200))
+    first, last = made["data"][0]["y"], made["data"][3]["y"]
+    assert (first[0], last[0]) == pytest.approx((1.0, 1.0))
+    assert max(map(abs, first[1:])) > 0.8 > 0.3 > max(map(abs, last[1:]))
 
 
 def test_measured_curves_are_drawn_where_the_recording_lies() -> None:

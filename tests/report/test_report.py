@@ -22,8 +22,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import make_report
-from sdp_vs_penalty.report.explorer import correlation
 from sdp_vs_penalty.report.parameters import ellipsoid, joint_poses
+from sdp_vs_penalty.report.plots import correlation
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.simulation.follow import follow

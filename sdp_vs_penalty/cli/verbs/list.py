@@ -33,7 +33,8 @@ def verb(
     if name is not None:
         console.details(*registry.details(what.value, name))
         return
-    headings, rows = registry.short_listing(what.value)
+    whole = registry.listing(what.value)
+    headings, rows = registry.short(what.value, whole)
     console.listing(headings, rows)
-    if len(headings) < len(registry.listing(what.value)[0]):
+    if len(headings) < len(whole[0]):
         console.say(f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}")

@@ -5,21 +5,26 @@ A curve is added only if all of these hold, as for effects that have a name (:mo
 - the F test's p is below FALSE_CLAIM divided by the number of curves that were looked at;
 - its blocks agree more than the 99th percentile of the largest agreement over all curves when the
   signs of the blocks are drawn at random;
-- its cross-validated gain is above MIN_GAIN and above MIN_SHARE of the excess over the noise.
+- its cross-validated gain, or that of a law that it may be, is above MIN_GAIN and above MIN_SHARE of the
+  excess over the noise: where a stretch is left out, a law goes on and splines do not.
+
+Of those that lower the error on data left out the least information criterion is added (Schwarz 1978),
+each beside the noise that it leaves: before, what a better one explains is noise to every other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
-from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
+from sdp_vs_penalty.diagnosis.curves.bases import Variables
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, band, effect_of
-from sdp_vs_penalty.diagnosis.curves.formula import LawFit, law_of, recognised
+from sdp_vs_penalty.diagnosis.curves.formula import LawFit, Recognised, law_of, recognised
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, Judge
 from sdp_vs_penalty.diagnosis.curves.smooth import agreement, block_scores
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
@@ -35,9 +40,6 @@ from sdp_vs_penalty.signals.noise import RESIDUAL
 _CLOSE, _TRIED, _SIGNS, _MOST = 8, 3, 400, 3
 #: Laws of each curve by which its variables are chosen.
 _LAWS = 3
-#: A curve over fewer variables is preferred to one that contains it up to so many standard deviations
-#: of the difference of their gains, or this share of gain and evidence.
-_SIMPLER, _LITTLE = 2.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -53,24 +55,58 @@ class FoundCurve:
     held_out: CurveErrors
     whole: bool = False
 
+    @property
+    def freedom(self) -> float:
+        """Constants of its law, or where that is not all its effective degrees of freedom."""
+        return float(self.law.size) if self.law is not None and self.whole else self.fitted.smooth.edf
+
+
+@dataclass(frozen=True)
+class _Close:
+    """A curve that is looked at closely, with the laws that it may be."""
+
+    fitted: Fitted
+    look: Look
+
+    @cached_property
+    def laws(self) -> list[Recognised]:
+        return recognised(self.fitted, self.look, _LAWS, exact=False)
+
+    @property
+    def farther(self) -> LawFit | None:
+        """The law that gains most on data left out, where that is more than it does itself."""
+        best = max(self.laws, key=lambda r: r.gain, default=None)
+        return best.fit if best and best.gain > self.fitted.gain else None
+
+    def gains(self, least: float) -> bool:
+        """Whether it gains more on data left out, or a law of it does."""
+        return self.fitted.gain > least or any(r.gain > least for r in self.laws)
+
+    @cached_property
+    def cost(self) -> float:
+        """The information criterion, by effective degrees of freedom or by the constants of a law."""
+        f = self.fitted
+        told = [(f.smooth.chi2, f.smooth.edf), *((r.fit.chi2, float(r.fit.size)) for r in self.laws)]
+        gains = self.look.fit.joint_gains(f.joint, np.array([chi2 for chi2, _ in told]))
+        freedom = np.array([size for _, size in told])
+        return float(np.min(freedom * np.log(f.factors.count) - gains))
+
 
 def _convincing(
     look: Look, joint: int, taken: Sequence[Fitted], seed: int, shown: Set[tuple[str, ...]]
-) -> list[Fitted]:
-    """The curves of a joint (from 0) that pass, the one to be preferred first."""
+) -> list[_Close]:
+    """The curves of a joint (from 0) that pass, the likely ones first."""
     looked, candidates, agreements = _screened(look, joint, taken)
     if not candidates:
         return []
     threshold, stand = _flipped(agreements, seed)
     order = [k for k, c in enumerate(candidates) if stand[k] > threshold or c.basis.of in shown]
     order.sort(key=lambda k: -candidates[k].smooth.evidence)
-    close = [look.fitted(candidates[k].basis, joint, fine=True) for k in _closest(order, candidates)]
-    degrees = look.noise.degrees[joint]
-    close = [c for c in close if _accepted(look.fit, c, looked, degrees)]
-    if not close:
-        return []
-    best = _chosen(close)
-    return [best, *sorted((c for c in close if c is not best), key=lambda c: -c.gain)]
+    fine = (look.fitted(candidates[k].basis, joint, fine=True) for k in _closest(order, candidates))
+    least = _least_gain(look.fit, joint)
+    shown_to_be = (f for f in fine if _significant(look, f, looked))
+    close = [c for f in shown_to_be if (c := _Close(f, look)).gains(least)]
+    return sorted(close, key=lambda c: c.cost)
 
 
 def _closest(order: Sequence[int], candidates: Sequence[Fitted]) -> list[int]:
@@ -108,45 +144,28 @@ def _flipped(agreements: Sequence[Array], seed: int) -> tuple[float, Array]:
     return float(np.quantile(largest, 0.99)), np.array([G.sum() for G in agreements]) / own
 
 
-def _accepted(fit: WhiteFit, found: Fitted, tests: int, known: float) -> bool:
+def _significant(look: Look, found: Fitted, tests: int) -> bool:
     j, edf = found.joint, max(found.smooth.edf, 1.0)
-    least = fit.weighting.noise_variance[j] * fit.degrees[j]
+    least, before = _in_weighted(look.fit, j)
+    freedom = max(look.fit.degrees[j] - edf, 1.0)
+    rest = max(before - found.smooth.chi2, least) / freedom
+    known = float(look.noise.degrees[j]) / ORDER
+    return bool(
+        special.fdtrc(edf, min(freedom, known), found.smooth.chi2 / edf / rest) < FALSE_CLAIM / tests
+    )
+
+
+def _least_gain(fit: WhiteFit, joint: int) -> float:
+    least, before = _in_weighted(fit, joint)
+    return max(MIN_GAIN, MIN_SHARE * max(before - least, 0.0))
+
+
+def _in_weighted(fit: WhiteFit, j: int) -> tuple[float, float]:
+    """Of a joint's weighted rows the squares of the noise alone, and of what is left."""
     level2 = fit.weighting.level[j] ** 2
-    before = fit.joint_chi2[j] / level2
-    freedom = max(fit.degrees[j] - edf, 1.0)
-    rest = max(before - found.smooth.chi2, least / level2) / freedom
-    p = special.fdtrc(edf, min(freedom, float(known) / ORDER), found.smooth.chi2 / edf / rest)
-    excess = max(before - least / level2, 0.0)
-    return bool(p < FALSE_CLAIM / tests and found.gain > max(MIN_GAIN, MIN_SHARE * excess))
-
-
-def _chosen(close: Sequence[Fitted]) -> Fitted:
-    """The largest gain; a curve that it contains instead, where that gains about as much or has more
-    evidence, in which what a curve may be is paid for."""
-    best = max(close, key=lambda c: c.gain)
-    inside = [
-        c
-        for c in close
-        if c.joint == best.joint
-        and c is not best
-        and _contains(best.basis, c.basis)
-        and _as_good(c, best)
-    ]
-    return min(inside, key=lambda c: (c.basis.size, -c.gain)) if inside else best
-
-
-def _as_good(simple: Fitted, best: Fitted) -> bool:
-    mine, its = simple.smooth.evidence, best.smooth.evidence
-    apart = best.gains - simple.gains
-    sigma = float(np.sqrt(len(apart) * apart.var()))
-    close = apart.sum() < max(TOLD_APART, min(_SIMPLER * sigma, _LITTLE * best.gain))
-    return bool(mine > its or (close and mine > (1.0 - _LITTLE) * its))
-
-
-def _contains(large: Basis, small: Basis) -> bool:
-    """Whether every curve over the one is a curve over the other."""
-    have = [a.variable for a in large.axes]
-    return large.of != small.of and all(a.variable.within(have) for a in small.axes)
+    return float(fit.weighting.noise_variance[j] * fit.degrees[j] / level2), float(
+        fit.joint_chi2[j] / level2
+    )
 
 
 def with_curve(state: SearchState, effect: MeasuredCurve, gain: float) -> SearchState:
@@ -164,7 +183,6 @@ def search_curves(
     state: SearchState,
     variables: Variables,
     joint: int,
-    seed: int,
     judge: Judge,
     shown: Set[tuple[str, ...]] = frozenset(),
 ) -> tuple[SearchState, list[FoundCurve], Judge]:
@@ -173,30 +191,55 @@ def search_curves(
     follow, as findings passed the test of signs that follow nothing else: which function of it that is
     the other tests decide (a closed procedure, Marcus, Peritz, Gabriel 1976)."""
     found: list[FoundCurve] = []
-    judge = judge.beside(state)
+    judge, seed = judge.beside(state), state.stage.seed
     while len(found) < _MOST:
         look = Look(state, variables)
         close = _convincing(look, joint, [f.fitted for f in found], seed + len(found), shown)
-        for best in _by_law(look, close[:_TRIED]):
-            later = with_curve(state, effect_of(look, best), best.gain)
+        tried = []
+        for best in close[:_TRIED]:
+            later = with_curve(state, effect_of(look, best.fitted), best.fitted.gain)
             bare = replace(later, picks=later.picks[:-1])
-            after, curve = _settled(bare, variables, best.basis, joint, judge, seed)
+            after, curve = _settled(Look(bare, variables, settled=True), best, judge, seed)
             if curve.held_out.lowers:
-                state, judge = with_curve(bare, curve.effect, best.gain), after
-                found.append(curve)
-                break
-        else:
+                tried.append((with_curve(bare, curve.effect, curve.fitted.gain), curve, after))
+        if not tried:
             break
+        state, curve, judge = _preferred(tried, joint, found)
+        found.append(curve)
     return state, found, judge
 
 
-def _settled(
-    bare: SearchState, variables: Variables, basis: Basis, joint: int, judge: Judge, seed: int
-) -> tuple[Judge, FoundCurve]:
+_Tried = tuple[SearchState, FoundCurve, Judge]
+
+
+def _preferred(tried: Sequence[_Tried], joint: int, found: Sequence[FoundCurve]) -> _Tried:
+    """The least cost; of those that cannot be told apart from it the one over the fewest variables."""
+    costs = [cost(state, joint, [*found, curve]) for state, curve, _ in tried]
+    alike = [t for t, c in zip(tried, costs, strict=True) if c < min(costs) + TOLD_APART]
+    return min(alike, key=lambda t: (len(t[1].fitted.basis.axes), t[2].error(joint)))
+
+
+def cost(state: SearchState, joint: int, found: Sequence[FoundCurve]) -> float:
+    """The information criterion of a joint's rows: deviance, with the noise's own variance where that is
+    a guess, and the price of what explains them, a curve by its law."""
+    fit = state.fit
+    degrees, noise = float(fit.degrees[joint]), float(fit.weighting.noise_variance[joint])
+    chi2 = float(fit.joint_chi2[joint])
+    variance = max(chi2 / degrees, noise)
+    guessed = state.stage.noise.source == RESIDUAL
+    scale = float(state.stage.noise.sigma[joint]) ** 2 if guessed else 1.0
+    curves = {f.effect.text for f in found}
+    named = [p.candidate for p in state.picks if p.candidate.effect.text not in curves]
+    freedom = sum(f.freedom for f in found)
+    freedom += sum(len(h.beta) + len(h.effect.searched) for h in named if h.key[1] == joint)
+    return degrees * np.log(variance * scale) + chi2 / variance + freedom * np.log(degrees)
+
+
+def _settled(look: Look, close: _Close, judge: Judge, seed: int) -> tuple[Judge, FoundCurve]:
     """A curve once what it explains no longer counts as error, with splines as fine as there is evidence
     for, and the law that it is."""
-    look = Look(bare, variables, settled=True)
-    fitted = look.fitted(basis, joint, fine=True)
+    joint = close.fitted.joint
+    fitted = look.fitted(close.fitted.basis, joint, fine=True)
     while (finer := fitted.basis.finer) is not None:
         again = look.fitted(finer, joint, fine=True)
         if again.smooth.evidence < fitted.smooth.evidence + TOLD_APART:
@@ -205,33 +248,15 @@ def _settled(
     effect = effect_of(look, fitted)
     after, held_out = judge.tried(fitted, effect, look)
     if not held_out.lowers:
-        return after, FoundCurve(fitted, effect, look, np.zeros(0), None, held_out)
-    half, points = band(look, fitted, seed), variables.supported(fitted.basis)
+        law = close.farther
+        if law is None or not judge.tried(fitted, effect_of(look, fitted, law.at), look, law)[1].lowers:
+            return after, FoundCurve(fitted, effect, look, np.zeros(0), None, held_out)
+    half, points = band(look, fitted, seed), look.variables.supported(fitted.basis)
     law = law_of(recognised(fitted, look), fitted, points, half)
     if law is None:
         return after, FoundCurve(fitted, effect, look, half, None, held_out)
     told = effect_of(look, fitted, law.at)
     by_law, errors = judge.tried(fitted, told, look, law)
-    if after.surely_below(by_law, joint):  # there is more to it than the law
+    if held_out.lowers and after.surely_below(by_law, joint):  # there is more to it than the law
         return after, FoundCurve(fitted, effect, look, half, law, held_out)
     return by_law, FoundCurve(fitted, told, look, half, law, errors, whole=True)
-
-
-def _by_law(look: Look, close: list[Fitted]) -> list[Fitted]:
-    """The curves, first the one whose law explains most for its constants (Schwarz 1978), a curve
-    without a law by its effective degrees of freedom, where that is not the first by far."""
-    if len(close) < 2:
-        return close
-
-    def cost(f: Fitted) -> float:
-        told = [(r.fit.chi2, float(r.fit.size)) for r in recognised(f, look, _LAWS)]
-        told = told or [(f.smooth.chi2, f.smooth.edf)]
-        gains = look.fit.joint_gains(f.joint, np.array([chi2 for chi2, _ in told]))
-        freedom = np.array([size for _, size in told])
-        return float(np.min(freedom * np.log(f.factors.count) - gains))
-
-    costs = [cost(f) for f in close]
-    k = int(np.argmin(costs))
-    if costs[k] > costs[0] - TOLD_APART:
-        return close
-    return [close[k], *(c for c in close if c is not close[k])]

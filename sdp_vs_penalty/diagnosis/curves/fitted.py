@@ -22,7 +22,8 @@ _DRAWS, _LEVEL = 300, 0.95
 
 @dataclass(frozen=True)
 class Fitted:
-    """A curve of one joint: its basis, white columns Z (M, k) with C = Q'Z, factors, fit and gain."""
+    """A curve of one joint: its basis, white columns Z (M, k) with C = Q'Z, factors, fit, and where fine
+    its gain on data left out."""
 
     joint: int
     basis: Basis
@@ -30,11 +31,7 @@ class Fitted:
     C: Array
     factors: Factors
     smooth: Smooth
-    gains: Array
-
-    @property
-    def gain(self) -> float:
-        return float(self.gains.sum())
+    gain: float
 
     @property
     def coefficients(self) -> Array:
@@ -59,18 +56,15 @@ class Look:
         pieces = self.rows.pieces(joint)
         return self.fit.weighting.apply(self.noise.whiten(gain * columns, joint, pieces), joint)
 
-    def fitted(self, basis: Basis, joint: int, fine: bool, columns: Array | None = None) -> Fitted:
-        """A curve on exact columns where ``fine``, with its gains."""
-        if columns is None:
-            columns = self.variables.exact(basis, joint) if fine else self.variables.coarse(basis)
+    def fitted(self, basis: Basis, joint: int, fine: bool) -> Fitted:
+        """A curve on exact columns where ``fine``, with its gain."""
+        columns = self.variables.exact(basis, joint) if fine else self.variables.coarse(basis)
         Z = self.white(columns, joint)
         factors, C = Factors.of(self.fit, Z, joint)
         gain = {} if self.settled else {"gain": partial(self.fit.joint_gains, joint)}
         found = splines.smooth(factors, basis.penalties, fine, **gain)
-        gains = np.zeros(0)
-        if fine:
-            gains = splines.held_out_gains(self.fit, Z, C, factors, found.P, joint)
-        return Fitted(joint, basis, Z, C, factors, found, gains)
+        left_out = splines.held_out_gain(self.fit, Z, C, factors, found.P, joint) if fine else 0.0
+        return Fitted(joint, basis, Z, C, factors, found, left_out)
 
     def law(self, columns: Callable[[Array, Array], Array], constants: Array, f: Fitted) -> Array:
         """(M, m) white columns of a law of a curve's variables: columns(points (N, v), constants)."""

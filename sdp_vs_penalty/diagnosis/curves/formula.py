@@ -11,20 +11,23 @@ about as much as any.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import optimize
 
+from sdp_vs_penalty.diagnosis.curves.bases import Basis
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
-from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gains, identifiable
+from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gain, identifiable
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
 
-#: How many laws are fitted on the rows themselves.
-_EXACT = 8
+#: How many laws are fitted on the rows themselves, and their constants where a law explains there such a
+#: share of what the best does.
+_EXACT, _LIKELY = 8, 0.8
 #: Share of the points of a curve at which a law lies in its band: where few measurements lie, the
 #: smoothing shows. The band is at least so wide, as a share of the curve from peak to peak: a strong
 #: torque shows also that its model is not perfect. So much of the curve's gain a law may lose, and of
@@ -63,28 +66,72 @@ class Recognised:
     coefficients: Array
 
 
-def recognised(f: Fitted, look: Look, most: int = _EXACT) -> list[Recognised]:
-    """Of the ``most`` likely laws those that gain about what a curve gains."""
+def recognised(f: Fitted, look: Look, most: int = _EXACT, exact: bool = True) -> list[Recognised]:
+    """Of the ``most`` likely laws those that gain about what a curve gains; exact : with constants that
+    were fitted on the rows too."""
     every, count = f.basis.points, f.factors.count
-    inverse = np.asarray(np.linalg.pinv(f.basis.at(*every.T), rcond=1e-10), float)
+    scan = _scan(f.basis)
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        c = inverse @ law.columns(every, constants)
+        c = scan.inverse @ law.columns(every, constants)
         return c.T @ f.factors.D @ c, c.T @ f.factors.s
 
     def on_rows(law: Law, constants: Array) -> tuple[Array, Array]:
         factors, _ = Factors.of(look.fit, look.law(law.columns, constants, f), f.joint)
         return factors.D, factors.s
 
-    rough = [_fitted(law, in_splines, law.starts) for law in dictionary(f.basis.axes) if law.starts]
-    rough.sort(key=lambda r: r.cost(count))
+    rough = sorted(scan.fitted(f.factors), key=lambda r: r.cost(count))[:most]
+    rough = [_refined(r, in_splines) for r in rough]
+    on_row = [_solved(r.law, on_rows, r.constants) for r in rough]
+    enough = _LIKELY * max((r.chi2 for r in on_row), default=0.0)
     found = []
-    for r in rough[:most]:
-        fit = _fitted(r.law, on_rows, [tuple(r.constants)])
-        if (gain := _gains(fit, f, look)) >= (1.0 - _LOST) * f.gain:
-            coefficients = inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
+    for fit in (r for r in on_row if r.chi2 >= enough):
+        fit = _refined(fit, on_rows) if exact else fit
+        if (gain := _gains(fit, f, look)) >= (1.0 - _LOST) * max(f.gain, 0.0):
+            coefficients = scan.inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
             found.append(Recognised(fit, gain, coefficients))
     return found
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """The dictionary at all of its starts, in the splines of a basis: inverse (k, P) makes coefficients
+    of values on its grid; of each law coefficients (S, k, m), one set for each start."""
+
+    inverse: Array
+    laws: tuple[tuple[Law, Array], ...]
+
+    def fitted(self, factors: Factors) -> list[LawFit]:
+        """Each law at the start that explains most."""
+        out = []
+        for law, c in self.laws:
+            gram = c.transpose(0, 2, 1) @ (factors.D @ c)
+            pull = factors.s @ c
+            scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
+            gram = gram / (scale[:, :, None] * scale[:, None, :])
+            a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ (pull / scale)[:, :, None])[:, :, 0]
+            chi2 = np.sum(a / scale * pull, axis=1)
+            best = int(np.argmax(chi2))
+            constants = np.array(law.starts[best], float)
+            out.append(LawFit(law, a[best] / scale[best], constants, float(chi2[best])))
+        return out
+
+
+@lru_cache(maxsize=64)
+def _scan(basis: Basis) -> _Scan:
+    points, laws = basis.points, []
+    inverse = np.asarray(np.linalg.pinv(basis.at(*points.T), rcond=1e-10), float)
+    for law in dictionary(basis.axes):
+        starts = np.array(law.starts, float)
+        with np.errstate(over="ignore", invalid="ignore"):
+            c = np.array([inverse @ law.columns(points, s) for s in starts]).reshape(
+                len(starts), len(inverse), -1
+            )
+        held = np.isfinite(c).all(axis=(1, 2))
+        if held.any():
+            kept = replace(law, starts=[tuple(s) for s in starts[held]])
+            laws.append((kept, c[held]))
+    return _Scan(inverse, tuple(laws))
 
 
 def law_of(laws: Sequence[Recognised], f: Fitted, points: Array, half: Array) -> LawFit | None:
@@ -117,7 +164,7 @@ def of_amplitudes(law: LawFit, f: Fitted, look: Look) -> tuple[Array, Array, Fac
 
 def _gains(law: LawFit, f: Fitted, look: Look) -> float:
     """What a law with its constants gains on data left out, its amplitudes from the others."""
-    return float(held_out_gains(look.fit, *of_amplitudes(law, f, look), f.joint).sum())
+    return held_out_gain(look.fit, *of_amplitudes(law, f, look), f.joint)
 
 
 def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
@@ -129,41 +176,43 @@ def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
     return f"{text} {unit}" + (f" ({said})" if said else "")
 
 
-def _fitted(
-    law: Law,
-    normal: Callable[[Law, Array], tuple[Array, Array]],
-    starts: Sequence[tuple[float, ...]],
-) -> LawFit:
-    """The constants that explain most, between the ends of the law's own starts; normal : matrix and
-    right side of the normal equations of its amplitudes."""
+Normal = Callable[[Law, Array], tuple[Array, Array]]
+
+
+def _solved(law: Law, normal: Normal, constants: Array) -> LawFit:
+    """The amplitudes that explain most with these constants, none beyond the ends of the law's own
+    starts; normal : matrix and right side of the normal equations of its amplitudes."""
     ends = np.array(law.starts, float)
-    low, high = ends.min(axis=0), ends.max(axis=0)
+    nothing = LawFit(law, np.zeros(0), constants, 0.0)
+    if np.any(constants < ends.min(axis=0)) or np.any(constants > ends.max(axis=0)):
+        return nothing
+    with np.errstate(over="ignore", invalid="ignore"):
+        gram, pull = normal(law, constants)
+    if not np.all(np.isfinite(gram)):
+        return nothing
+    scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    a = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale, rcond=1e-9)[0] / scale
+    return LawFit(law, a, constants, float(a @ pull))
 
-    def solved(constants: Array) -> LawFit:
-        if np.any(constants < low) or np.any(constants > high):
-            return LawFit(law, np.zeros(0), constants, 0.0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            gram, pull = normal(law, constants)
-        if not np.all(np.isfinite(gram)):
-            return LawFit(law, np.zeros(0), constants, 0.0)
-        scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-        a = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale, rcond=1e-9)[0] / scale
-        return LawFit(law, a, constants, float(a @ pull))
 
-    best = max((solved(np.array(s, float)) for s in starts), key=lambda r: r.chi2)
-    if not len(best.constants):
-        return best
-    step = np.minimum(0.1 * np.abs(best.constants) + 1e-3, 0.3 * (high - low))
-    step *= np.where(best.constants + step > high, -1.0, 1.0)
+def _refined(start: LawFit, normal: Normal) -> LawFit:
+    """The constants near these that explain most."""
+    law, constants = start.law, start.constants
+    if not len(constants):
+        return start
+    ends = np.array(law.starts, float)
+    high = ends.max(axis=0)
+    step = np.minimum(0.1 * np.abs(constants) + 1e-3, 0.3 * (high - ends.min(axis=0)))
+    step *= np.where(constants + step > high, -1.0, 1.0)
     found = optimize.minimize(
-        lambda s: -solved(s).chi2,
-        best.constants,
+        lambda s: -_solved(law, normal, s).chi2,
+        constants,
         method="Nelder-Mead",
         options={
-            "initial_simplex": np.vstack([best.constants, best.constants + np.diag(step)]),
+            "initial_simplex": np.vstack([constants, constants + np.diag(step)]),
             "maxiter": 60 * len(step),
-            "fatol": 1e-4 * max(best.chi2, 1e-300),
-            "xatol": 1e-4 * float(np.max(np.abs(best.constants))),
+            "fatol": 1e-4 * max(start.chi2, 1e-300),
+            "xatol": 1e-4 * float(np.max(np.abs(constants))),
         },
     )
-    return max((best, solved(found.x)), key=lambda r: r.chi2)
+    return max((start, _solved(law, normal, found.x)), key=lambda r: r.chi2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -9,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.curves.bases import Variables
-from sdp_vs_penalty.diagnosis.curves.choose import FoundCurve, search_curves
+from sdp_vs_penalty.diagnosis.curves.choose import FoundCurve, cost, search_curves
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.fitted import unmeasured
 from sdp_vs_penalty.diagnosis.curves.formula import written
@@ -35,7 +36,8 @@ class Measured:
 def measured_curves(
     state: SearchState, left: Remainder, doubted: Sequence[int] = (), test: TestRun | None = None
 ) -> Measured:
-    """The curves of those joints on which the search leaves error that repeats, or that it doubts.
+    """The curves of those joints on which the search leaves error that repeats, or that it doubts, and
+    those that stand instead of two findings or more.
 
     left : what is known of the rest; where nothing repeats, so that nothing is, all joints are looked
     at. doubted : joints (from 0) whose findings are no physical causes. test : filtered rows of a test
@@ -45,45 +47,61 @@ def measured_curves(
     chance where every curve is a law; where what follows the position is doubted, unless curves explain
     it up to its noise.
     """
-    seed, model = state.stage.seed, state.stage.candidacy.model
-    variables = Variables(state.stage.rows, model.robot, [*model.effects, *state.effects])
+    rows, model = state.stage.rows, state.stage.candidacy.model
+    variables = Variables(rows, model.robot, [*model.effects, *state.effects])
     doubtful = {*doubted, *_not_seen_to_repeat(state, variables)}
-    joints = sorted({*left.joints, *doubtful})
-    if state.stage.noise.source == RESIDUAL:
-        joints = list(range(state.stage.rows.n))
+    nothing_known = state.stage.noise.source == RESIDUAL
+    unexplained = doubtful.union(range(rows.n) if nothing_known else left.joints)
+    joints = sorted(unexplained.union(_several(state)))
     if not joints:
         return Measured()
     places = list(range(len(state.picks)))
     judge, every, replaced = Judge.of(state, test), list[Curve](), set[int]()
     for joint in joints:
-        beside, new, judged = search_curves(state, variables, joint, seed, judge)
-        found = [_Told.of(f) for f in new]
-        named = dict(zip(places, (p.candidate for p in state.picks), strict=False))
+        told: _Searched = state, [], judge.beside(state)
+        if joint in unexplained:  # else nothing is left beside what was named
+            told = search_curves(state, variables, joint, judge)
+        named = [p.candidate for p, _ in zip(state.picks, places, strict=False)]
         # What acts on other joints as well is not replaced by a curve of this one.
         acting = state.stage.candidates.acting
-        own = [k for k, h in named.items() if acting[h.key] == {joint} == set(h.effect.joints)]
+        own = [k for k, h in enumerate(named) if acting[h.key] == {joint} == set(h.effect.joints)]
         if joint in doubtful:  # a function of the position in parts; what else is named stays
             own = [k for k in own if follows_alone(named[k].effect, "q")] or own
-        if own:
-            kept = tuple(p for k, p in zip(places, state.picks, strict=False) if k not in own)
-            bare = state.with_picks((*kept, *state.picks[len(places) :]))
-            shown = _followed([named[k].effect for k in own], joint)
-            alone, new, other = search_curves(bare, variables, joint, seed, judge, shown)
-            instead = [_Told.of(f) for f in new]
-            better = _cost(beside, joint, found) - _cost(alone, joint, instead) > TOLD_APART
-            if all(t.curve.formula for t in instead):
-                better = better and not judged.surely_below(other, joint)
-            else:  # a shape that nothing recognises has no credit of its own
-                better = better and other.error(joint) <= judged.error(joint)
-            if joint in doubtful and _explains(alone, joint):
-                better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
-            if instead and better:
-                beside, found, judged = alone, instead, other
-                replaced |= set(own)
-                places = [k for k in places if k not in own]
-        state, judge = beside, judged
-        every += [t.curve for t in found]
+        if own and (instead := _instead(state, variables, joint, own, judge, told, joint in doubtful)):
+            told = instead
+            replaced |= {places[k] for k in own}
+            places = [place for k, place in enumerate(places) if k not in own]
+        state, found, judge = told
+        every += map(_told, found)
     return Measured(tuple(every), frozenset(replaced))
+
+
+#: A state with the curves of a joint, these, and what judges them.
+_Searched = tuple[SearchState, list[FoundCurve], Judge]
+
+
+def _instead(
+    state: SearchState,
+    variables: Variables,
+    joint: int,
+    own: Sequence[int],
+    judge: Judge,
+    told: _Searched,
+    doubted: bool,
+) -> _Searched | None:
+    """The curves that stand in the place of a joint's ``own`` picks, if that is better than ``told``."""
+    beside, found, judged = told
+    bare = state.with_picks([p for k, p in enumerate(state.picks) if k not in own])
+    shown = _followed([state.effects[k] for k in own], joint)
+    alone, instead, other = search_curves(bare, variables, joint, judge, shown)
+    better = cost(beside, joint, found) - cost(alone, joint, instead) > TOLD_APART
+    if all(f.law for f in instead):
+        better = better and not judged.surely_below(other, joint)
+    else:  # a shape that nothing recognises has no credit of its own
+        better = better and other.error(joint) <= judged.error(joint)
+    if doubted and _explains(alone, joint):
+        better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
+    return (alone, instead, other) if instead and better else None
 
 
 def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
@@ -101,6 +119,14 @@ def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:
     return out
 
 
+def _several(state: SearchState) -> list[int]:
+    """Joints (from 0) on which two findings or more act alone: parts of one law, perhaps."""
+    acting = state.stage.candidates.acting
+    alone = [acting[p.candidate.key] for p in state.picks]
+    count = Counter(j for own in alone if len(own) == 1 for j in own)
+    return [j for j, k in count.items() if k > 1]
+
+
 def _followed(effects: Sequence[Effect], joint: int) -> frozenset[tuple[str, ...]]:
     """What all of these follow alone: the position or the velocity of their joint (from 0)."""
     words: tuple[Literal["q", "dq"], ...] = ("q", "dq")
@@ -110,18 +136,19 @@ def _followed(effects: Sequence[Effect], joint: int) -> frozenset[tuple[str, ...
 
 
 def stood_in(findings: tuple[Finding, ...], measured: Measured) -> tuple[Finding, ...]:
-    """The findings; those that curves stand instead of are weak, and cannot be told apart from one."""
-    return tuple(
-        replace(
-            f,
-            confidence="weak",
-            indistinguishable_from=(*f.indistinguishable_from, CURVE),
-            remarks=(*f.remarks, "a measured curve explains the joint better without it"),
-        )
-        if k in measured.replaced
-        else f
-        for k, f in enumerate(findings)
-    )
+    """The findings; those that curves stand instead of are weak, and cannot be told apart from one; what
+    curves were measured beside belongs to them, whatever it is doubted for."""
+    if not measured.curves:
+        return findings
+    out = []
+    for k, f in enumerate(findings):
+        rivals = tuple(r for r in f.indistinguishable_from if r != CURVE)
+        if k in measured.replaced:
+            said = (*f.remarks, "a measured curve explains the joint better without it")
+            f = replace(f, confidence="weak", remarks=said)
+            rivals = (*rivals, CURVE)
+        out.append(replace(f, indistinguishable_from=rivals))
+    return tuple(out)
 
 
 def _explains(state: SearchState, joint: int) -> bool:
@@ -132,52 +159,27 @@ def _explains(state: SearchState, joint: int) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class _Told:
-    """A curve as it is told; text : of its effect; freedom : constants of its law, or where it is none
-    its effective degrees of freedom."""
-
-    curve: Curve
-    text: str
-    freedom: float
-
-    @classmethod
-    def of(cls, found: FoundCurve) -> _Told:
-        f, law = found.fitted, found.law
-        points = found.look.variables.supported(f.basis)
-        torque, filled, beyond = f.basis.at(*points.T) @ f.coefficients, points[:0], np.zeros(0)
-        if law is not None and found.whole:
-            filled = unmeasured(f.basis, points)
-            torque, beyond = law.at(points), law.at(filled)
-        units = found.look.state.stage.candidacy.model.robot.torque_units
-        single = points.shape[1] == 1
-        curve = Curve(
-            f.joint + 1,
-            f.basis.of,
-            points[:, 0] if single else points,
-            torque,
-            torque - found.half,
-            torque + found.half,
-            found.held_out.share(known_floor(found.look.noise, f.joint)),
-            None if law is None else written(law, f, units),
-            found.held_out.before,
-            found.held_out.after,
-            filled[:, 0] if single else filled,
-            beyond,
-        )
-        freedom = float(law.size) if law is not None and found.whole else f.smooth.edf
-        return cls(curve, found.effect.text, freedom)
-
-
-def _cost(state: SearchState, joint: int, found: Sequence[_Told]) -> float:
-    """The information criterion of a joint's rows: deviance and the price of what explains them, a curve
-    by its law."""
-    fit = state.fit
-    degrees, noise = float(fit.degrees[joint]), float(fit.weighting.noise_variance[joint])
-    chi2 = float(fit.joint_chi2[joint])
-    variance = max(chi2 / degrees, noise)
-    curves = {f.text for f in found}
-    named = [p.candidate for p in state.picks if p.candidate.effect.text not in curves]
-    freedom = sum(f.freedom for f in found)
-    freedom += sum(len(h.beta) + len(h.effect.searched) for h in named if h.key[1] == joint)
-    return degrees * np.log(variance) + chi2 / variance + freedom * np.log(degrees)
+def _told(found: FoundCurve) -> Curve:
+    """A curve as it is told."""
+    f, law = found.fitted, found.law
+    points = found.look.variables.supported(f.basis)
+    torque, filled, beyond = f.basis.at(*points.T) @ f.coefficients, points[:0], np.zeros(0)
+    if law is not None and found.whole:
+        filled = unmeasured(f.basis, points)
+        torque, beyond = law.at(points), law.at(filled)
+    units = found.look.state.stage.candidacy.model.robot.torque_units
+    single = points.shape[1] == 1
+    return Curve(
+        f.joint + 1,
+        f.basis.of,
+        points[:, 0] if single else points,
+        torque,
+        torque - found.half,
+        torque + found.half,
+        found.held_out.share(known_floor(found.look.noise, f.joint)),
+        None if law is None else written(law, f, units),
+        found.held_out.before,
+        found.held_out.after,
+        filled[:, 0] if single else filled,
+        beyond,
+    )

@@ -33,6 +33,8 @@ _FINE = 10.0 ** np.arange(-5.0, 5.5, 0.75)
 _FINE_PAIR = 10.0 ** np.arange(-4.0, 4.5, 1.5)
 #: Quantile of the blocks' own sums at which they are cut.
 _CUT = 0.75
+#: Numbers that draws of the bootstrap hold at once.
+_AT_ONCE = 2_000_000
 #: Share of a direction's energy below which the model's columns make it.
 ABSORBED = 0.02
 
@@ -126,15 +128,14 @@ def agreement(scores: Array, A: Array) -> Array:
     return np.asarray(out)
 
 
-def held_out_gains(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> Array:
-    """(B,) gain of each block in squared white residual, from fits on the other folds."""
-    M = len(fit.rows.block)
-    gain = np.zeros(len(fit.target))
+def held_out_gain(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> float:
+    """Gain in squared white residual of all folds, each from fits on the others."""
+    M, gain = len(fit.rows.block), 0.0
     pull_all = Z.T @ fit.target[joint * M : (joint + 1) * M]
     for part in fit.without_folds(fit.rows.fold):
         c, change = _without(fit, part.out, Z, C, f, P, joint, part.inverse, part.theta, pull_all)
-        gain[part.out] = part.error**2 - (part.error - change @ c) ** 2
-    return fit.rows.block_sums(gain)
+        gain += float(np.sum(part.error**2) - np.sum((part.error - change @ c) ** 2))
+    return gain
 
 
 def _without(
@@ -206,11 +207,12 @@ def draws(fit: WhiteFit, Z: Array, C: Array, found: Smooth, joint: int, seed: in
     bias = np.linalg.solve(A, found.P) @ np.linalg.inv(A)
     values, vectors = np.linalg.eigh(0.5 * (bias + bias.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    out = np.empty((count, k))
-    for i in range(count):
-        weight = np.bincount(rng.integers(B, size=B), minlength=B).astype(float)
-        total = np.tensordot(weight, grams, axes=1) + found.P
-        out[i] = np.linalg.solve(total, weight @ u - centre) + root @ rng.normal(size=k)
+    drawn = rng.integers(B, size=(count, B))
+    weights = np.array([np.bincount(d, minlength=B) for d in drawn], float)
+    out = rng.normal(size=(count, k)) @ root.T
+    for part in np.array_split(np.arange(count), max(1, count * k * k // _AT_ONCE)):
+        totals = (weights[part] @ grams.reshape(B, -1)).reshape(-1, k, k) + found.P
+        out[part] += np.linalg.solve(totals, (weights[part] @ u - centre)[:, :, None])[:, :, 0]
     return out
 
 

@@ -5,8 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, no_model_of, repeatability_warning
-from sdp_vs_penalty.page.arm import draw_arm
-from sdp_vs_penalty.page.charts import asked_span, merged, residual_chart, torque_chart
+from sdp_vs_penalty.page.arm import draw_arm, torque_errors
+from sdp_vs_penalty.page.charts import (
+    asked_instants,
+    asked_span,
+    correlation_chart,
+    merged,
+    residual_chart,
+    torque_chart,
+)
 from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
@@ -42,56 +49,75 @@ def _draw(view: View) -> None:
         curves = session.curves(model, view.run)
         if len(session.ladder) > 1:
             curves = merged(session.curves(session.ladder[0], view.run), curves)
-        return torque_chart(curves, view.joint or 0, units, view.span)
+        return torque_chart(curves, view.joint or 0, units, view.span, view.marked)
+
+    def reads() -> list[Any]:
+        rungs = [session.ladder[0], model][-len(session.ladder) :]
+        return [session.recording(rung, view.run) for rung in rungs]
 
     def against() -> dict[str, Any]:
-        j, rungs = view.joint or 0, [session.ladder[0], model][-len(session.ladder) :]
-        reads = [session.recording(rung, view.run) for rung in rungs]
-        return residual_chart(reads, j, view.signal, units[j], comparison["noise_floor"][j], view.span)
+        j = view.joint or 0
+        floor = comparison["noise_floor"][j]
+        return residual_chart(reads(), j, view.signal, view.shown, units[j], floor, view.span)
+
+    def correlated() -> dict[str, Any]:
+        return correlation_chart(reads(), view.joint or 0)
 
     def zoom(event: Any) -> None:
         span = asked_span(event.args)
         if not isinstance(span, bool):
             view.look(span=span)
 
+    def mark(event: Any) -> None:
+        view.look(marked=asked_instants(event.args))
+
     def follow() -> None:
         j = view.joint or 0
         for k in {seen.get("chip", j), j}:
             chips[k].classes(add="on" if k == j else "", remove="" if k == j else "on")
             chips[k].props["aria-pressed"] = "true" if k == j else "false"
-        at = j, view.run, view.span
+        at = j, view.run, view.span, view.marked
         if seen.get("chart") != at:
             parts["chart"].update_figure(options())
         if seen.get("run") != view.run and "arm" in parts:
-            parts["arm"]()
+            read = session.recording(model, view.run)
+            parts["arm"](read, torque_errors(model, read))
         seen.update(chip=j, chart=at, run=view.run)
         parts["words"].text = _words(model, j, units[j])
 
     def follow_behind() -> None:
-        at = view.joint or 0, view.run, view.signal, view.span
-        if seen.get("against") != at:
+        at = view.joint or 0, view.run, view.signal, view.shown, view.span
+        if seen["against"] != at:
             parts["against"].update_figure(against())
+        if seen["against"][:2] != at[:2]:
+            parts["correlated"].update_figure(correlated())
         seen["against"] = at
 
     with tag("div", style="pair"):
         parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
         parts["chart"].on("plotly_relayout", zoom).classes("timed")
         if model.about["bodies"]:
-            parts["arm"] = draw_arm(view, model)
+            parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
     parts["words"] = tag("p", "", "words")
     if model.failures:
         _heat(view, model.failures)
     with tag("div", style="pick"):
-        choice(
-            "Error against",
-            list(SIGNALS.items()),
-            view.signal,
-            lambda signal: view.look(signal=signal),
-            "signal",
-        )
+        across = list(SIGNALS.items())
+        up = [("error", "error"), *across]
+        choice("Show", up, view.shown, lambda name: view.look(shown=name), "shown")
+        choice("against", across, view.signal, lambda name: view.look(signal=name), "signal")
     parts["against"] = chart(against(), "Error of the joint against a signal")
-    seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span)}
-    seen["against"] = view.joint, view.run, view.signal, view.span
+    parts["against"].on("plotly_selected", mark, js_handler=_INSTANTS)
+    parts["against"].on("plotly_deselect", lambda: view.look(marked=()))
+    said = (
+        "Drag over points: the same instants are ringed above; a double click ends that. Below, the "
+        "correlation of the error with itself and with the velocity at later instants; grey: where 95 % "
+        "of the correlations of unrelated signals lie."
+    )
+    tag("p", said, "soft")
+    parts["correlated"] = chart(correlated(), "Correlations of the joint's error")
+    seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span, view.marked)}
+    seen["against"] = view.joint, view.run, view.signal, view.shown, view.span
     view.followers["fit"], view.behind["fit"] = follow, follow_behind
     follow()
     if model.on_bounds:
@@ -204,6 +230,10 @@ def _heat(view: View, failures: list[dict[str, Any]]) -> None:
 #: What a click on a cell sends.
 _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
+
+
+#: What selected points send: their instants.
+_INSTANTS = "(e) => emit(((e && e.points) || []).map(p => p.customdata))"
 
 
 def _verdict(session: Session) -> Verdict | None:
