@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.export.content import ROUNDING, Inertial
 from sdp_vs_penalty.export.splice import Document
@@ -86,6 +88,47 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
         made = _check(name, read_inertial(path, element))
         checks.append(replace(made, reach=reach.get(name, _FAR)))
     return checks
+
+
+#: What :func:`table` writes of each link; margins that are negative are violated.
+HEADS = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
+
+
+def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
+    """A row a link, in the order of HEADS."""
+    return [
+        (
+            c.link,
+            c.verdict,
+            f"{c.mass:.4g}",
+            f"{c.triangle_margin:.3g}",
+            f"{c.pseudo_inertia_margin:.3g}",
+        )
+        for c in checks
+    ]
+
+
+def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]:
+    """The verdict, then what is implausible or missing, a sentence each."""
+    if not checks:
+        return ["The file has no inertials."]
+    broken = [c.link for c in checks if not c.consistent]
+    how = f"{', '.join(broken)} physically impossible." if broken else "all are consistent."
+    said = [f"{show.count(len(checks), 'inertial')} checked: {how}"]
+    said += [
+        f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m for "
+        f"{c.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques of a link that hardly "
+        "moves do not determine its mass and inertia separately; the default method of `identify` "
+        "keeps every link in its body."
+        for c in checks
+        if c.unlikely
+    ]
+    if massless:
+        said.append(
+            f"Moving links without an inertial: {', '.join(massless)}. Simulators refuse or drop such "
+            "links. `identify` does not need inertials, and `export --urdf` adds them."
+        )
+    return said
 
 
 def _reaches(path: str | Path) -> dict[str, float]:

@@ -40,9 +40,10 @@ class Drift(JointEffect):
         return ("form", "T") if self.exponential else ("form",)
 
     def course(self, motion: Motion) -> Array:
-        """How the effect follows time: minutes-long trends, linear [s] or saturating [-]."""
+        """How the effect follows time: minutes-long trends, linear [s] or saturating [-]. What settles
+        fades before t0 as after it: in an older run exp(-t / T) would grow without end."""
         t = motion.t - self.shape["t0"]
-        return np.exp(-t / self.shape["T"]) if self.exponential else t
+        return np.exp(-np.abs(t) / self.shape["T"]) if self.exponential else t
 
 
 def hidden_drift(effect: str, joint: int, rng: np.random.Generator, friction: bool) -> HiddenEffect:

@@ -69,7 +69,7 @@ class WarmingFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         if self.follows_clock:
-            x = (motion.t - self.shape["t0"]) / self.shape["T"]
+            x = np.abs(motion.t - self.shape["t0"]) / self.shape["T"]  # of older runs: as in drift.py
         else:
             x = (motion.joint_temperature[:, joint] - _ROOM) / self.shape["warm"]
         rubbing = motion.dq[:, joint] if self.law == "viscous" else motion.sign(joint)

@@ -12,6 +12,7 @@ import inspect
 import sys
 import textwrap
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -24,25 +25,12 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export import plain_robot
 from sdp_vs_penalty.export.compact import is_plain, plain_function
 from sdp_vs_penalty.export.content import about
+from sdp_vs_penalty.export.reachable import needed
 from sdp_vs_penalty.robot.robot import Robot
 
 _PACKAGE = "sdp_vs_penalty"
-#: Of an effect's class: what identification, search and reader ask, and a torque does not need.
-_NOT_FOR_TORQUE = frozenset(
-    {"constraints", "nominal", "starts", "candidates", "searched", "constants", "remark", "doubt"}
-    | {
-        "shape_unit",
-        "text",
-        "to_dict",
-        "outside",
-        "brief",
-        "undone",
-        "contact",
-        "parse",
-        "within",
-        "waves",
-    }
-)
+#: Of a model, what the file says instead of working it out, or of checking it.
+_KNOWN = ("reference", "gains", "indices", "rigid_indices", "sign_width", "needs_reference")
 _TEMPLATE = '''\
 """Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
 
@@ -68,23 +56,34 @@ if _BY_HAND:
 
 {sources}
 
+
 if _BY_HAND:
     del sys.modules[__name__]
 
 
+{end}'''
+_END = '''\
 ROBOT = Robot(
     joints=(
 {joint_lines}
     ),
     gravity={gravity},
 )
+
+
+def _given(kind, **own):
+    made = kind.__new__(kind)
+    vars(made).update(robot=ROBOT, **own)
+    return made
+
+
 EFFECTS = (
 {effect_lines}
 )
 #: Parameter values, in the order of NAMES.
 THETA = np.array({theta})
 NAMES = {names}
-MODEL = Model(ROBOT, EFFECTS{reference})
+MODEL = _given(Model, effects=EFFECTS, {known})
 NEEDS_TIME = {needs_time}
 
 
@@ -132,24 +131,54 @@ def make_function(estimate: Estimate) -> bytes:
         f"axis={_array(j.axis)}, link_frame={_array(j.link_frame)}),"
         for j in robot.joints
     ]
-    effects = [
-        f"    {type(e).__name__}(ROBOT, {None if e.asked_joints is None else list(e.asked_joints)}, "
-        f"**{e.shape!r}),"
-        for e in model.effects
-    ]
-    reference = model.reference
-    text = _TEMPLATE.format(
-        **about(estimate),
-        timed=", ".join(timed) or "no effect of this model",
-        imports="\n".join(sorted(bundle.imports)),
-        sources="\n\n\n".join(bundle.sources),
+    effects = [f"    _given({type(e).__name__}, {_own(e)})," for e in model.effects]
+    known = ", ".join(f"{name}={_text(getattr(model, name))}" for name in _KNOWN)
+    told = about(estimate)
+    end = _END.format(
+        **told,
         joint_lines="\n".join(joints),
         gravity=tuple(float(g) for g in robot.gravity),
         effect_lines="\n".join(effects),
-        reference="" if reference is None else f", {_array(reference)}",
+        known=known,
         needs_time=timed,
     )
+    given = [".parameters", *(f"Model.{name}" for name in _KNOWN)]
+    sources, used = needed(bundle.sources, end, given)
+    for name in sorted(used & bundle.foreign.keys()):
+        raise InputError(
+            f"{name} ({bundle.foreign[name]}) is needed by an effect of this model, not plain NumPy",
+            "export it as .json",
+        )
+    text = _TEMPLATE.format(
+        **told,
+        timed=", ".join(timed) or "no effect of this model",
+        imports="\n".join(sorted(x for x in bundle.imports if x.rpartition(" as ")[2] in used)),
+        sources=sources,
+        end=end,
+    )
     return text.encode()
+
+
+def _own(effect: Effect) -> str:
+    """What an effect knows beside its robot, as keywords."""
+    cached = {k for kind in type(effect).__mro__ for k, x in vars(kind).items() if _is_cached(x)}
+    known = {
+        k: x for k, x in vars(effect).items() if k not in cached | {"robot", "given", "asked_joints"}
+    }
+    return ", ".join(f"{k}={_text(x)}" for k, x in known.items())
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, tuple) and any(isinstance(x, np.ndarray) for x in value):
+        return f"[{', '.join(map(_text, value))}]"
+    if not isinstance(value, np.ndarray):
+        return repr(value)
+    whole = value.dtype.kind == "i"
+    return f"np.array({value.tolist()!r}, int)" if whole else _array(value)
+
+
+def _is_cached(member: Any) -> bool:
+    return isinstance(member, cached_property)
 
 
 def _array(values: Any) -> str:
@@ -175,6 +204,8 @@ class _Bundle:
 
     sources: list[str] = field(default_factory=list)
     imports: set[str] = field(default_factory=set)
+    #: What is no plain NumPy, by name: to be refused where it is truly needed.
+    foreign: dict[str, str] = field(default_factory=dict)
     _known: dict[str, int] = field(default_factory=dict)
 
     def add(self, thing: Any) -> None:
@@ -188,7 +219,7 @@ class _Bundle:
                 "rename one of them",
             )
         self._done.add(name)
-        source = _for_torque(textwrap.dedent(inspect.getsource(thing)))
+        source = textwrap.dedent(inspect.getsource(thing))
         home = vars(sys.modules[thing.__module__])
         for used in _names(ast.parse(source)):
             if used in home and used != name:
@@ -214,10 +245,7 @@ class _Bundle:
         elif callable(value) and home.split(".")[0] in sys.stdlib_module_names:
             self.imports.add(f"from {home} import {value.__name__} as {name}")
         elif home.split(".")[0] not in ("numpy", "typing", "collections"):
-            raise InputError(
-                f"{name} ({home}) is needed by an effect of this model and is not plain NumPy",
-                "export it as .json",
-            )
+            self.foreign[name] = home or type(value).__name__
 
     def _module(self, name: str, module: ModuleType, source: str) -> None:
         top = module.__name__.split(".")[0]
@@ -234,10 +262,7 @@ class _Bundle:
         elif top == "numpy" or top in sys.stdlib_module_names:
             self.imports.add(f"import {module.__name__} as {name}")
         else:
-            raise InputError(
-                f"{module.__name__} is needed by an effect of this model and is not plain NumPy",
-                "export it as .json",
-            )
+            self.foreign[name] = module.__name__
 
     def _attribute(self, module: str, name: str, value: Any) -> None:
         """Make ``module.name`` mean the bundled thing."""
@@ -263,18 +288,6 @@ class _Bundle:
                     "rename one of them",
                 )
             self.sources.append(line)
-
-
-def _for_torque(source: str) -> str:
-    """Source of a class or function without the methods in _NOT_FOR_TORQUE."""
-    (thing,) = ast.parse(source).body
-    dropped: set[int] = set()
-    for part in thing.body if isinstance(thing, ast.ClassDef) else ():
-        if isinstance(part, ast.FunctionDef) and part.name in _NOT_FOR_TORQUE:
-            first = min([part.lineno, *(d.lineno for d in part.decorator_list)])
-            dropped |= {*range(first, (part.end_lineno or first) + 2)}  # and the empty line behind it
-    lines = source.splitlines()
-    return "\n".join(line for number, line in enumerate(lines, 1) if number not in dropped)
 
 
 def _names(tree: ast.AST) -> list[str]:

@@ -43,14 +43,6 @@ class Robot:
         return tuple(range(self.n))
 
     @property
-    def position_units(self) -> tuple[str, ...]:
-        return tuple("m" if j.kind == "prismatic" else "rad" for j in self.joints)
-
-    @property
-    def torque_units(self) -> tuple[str, ...]:
-        return tuple("N" if j.kind == "prismatic" else "N*m" for j in self.joints)
-
-    @property
     def tree(self) -> tuple[SimpleNamespace, ...]:
         return self.joints
 

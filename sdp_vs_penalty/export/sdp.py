@@ -19,10 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.constraints.constraint import ConstraintSet
+from sdp_vs_penalty.data.sources import Source, as_measurements
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, essential, interior_point, solve_sdp
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.cbf_file import cbf_text
 from sdp_vs_penalty.solvers.conic import ConicProblem
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
@@ -122,16 +126,17 @@ def prove(task: Task, objective: Objective, constraints: ConstraintSet) -> Proof
 
 
 def posed(
-    problem: str, data: Sequence[Path], method: str = "lmi-sdp", effects: str | None = None
+    problem: str | Path | Problem,
+    data: Source,
+    method: str = "lmi-sdp",
+    effects: str | Sequence[Effect] | None = None,
 ) -> Posed:
     """The conic form of identifying a problem from measured runs, centred and scaled.
 
     Raises InputError where the method solves no one-step SDP, or the input cannot be used.
     """
-    from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimators import make_estimator
     from sdp_vs_penalty.estimators.task import make_task
-    from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.regression.regression import compress
 
     estimator = make_estimator(method)
@@ -140,9 +145,8 @@ def posed(
             f"method {method} is not a single SDP",
             "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
-    robot = load_problem(problem)
-    names = [joint.name for joint in robot.robot.joints]
-    measurements = load_measurements(*data, joints=robot.robot.n, names=names)
+    robot = as_problem(problem, "posed(problem=...)")
+    measurements = as_measurements(data, robot.robot.n, robot.robot.joint_names, "posed(data=...)")
     model = robot.model(effects)
     regression = compress(measurements, model, robot.preprocessing.resolve(measurements))
     task = make_task(robot, model, regression)
@@ -152,3 +156,20 @@ def posed(
     least = 1e-6 * objective.least_squares.tau_squared
     sdp = least_squares_sdp(objective, sent, interior, task.bound, interior, least_loss=least)
     return Posed(task, objective, constraints, sdp)
+
+
+def write_posed(
+    problem: str | Path | Problem,
+    data: Source,
+    out: str | Path,
+    method: str = "lmi-sdp",
+    effects: str | Sequence[Effect] | None = None,
+) -> Path:
+    """Write the SDP of identifying a problem, and beside it what it means with the proved interval of
+    the loss; returns the latter. Raises InputError as :func:`posed` and :func:`rewritten` do."""
+    made = posed(problem, data, method, effects)
+    rewritten(made.sdp.conic, out)  # refuses a suffix before anything is solved
+    proof = prove(made.task, made.objective, made.constraints)
+    interval = proof["lower"], proof["upper"]
+    name = problem.name if isinstance(problem, Problem) else str(problem)
+    return export_sdp(made.sdp, out, interval, problem=name, method=method)

@@ -1,8 +1,9 @@
-"""The arm in 3D: ellipsoids of the links, moved with a run and coloured by the error of their torque."""
+"""The arm in 3D: ellipsoids of the links, moved with a run; a simulated arm beside the measured one."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,64 +21,75 @@ _FULL = 4.0
 _AWAY = 1.4
 
 
-def draw_arm(view: View, model: Rung) -> Any:
-    """The scene and its clock; returns what to call when another run is looked at.
+#: Colours of the measured arm (where no error colours it) and of the simulated one, and how solid.
+_LOOKS = (("link", "#0072b2", 0.75), ("simulated", "#d55e00", 0.45))
 
-    workbench.js moves what is drawn here once: a group a joint, in it the links that it carries.
+
+def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> Any:
+    """The scene and its clock, of ``arms`` arms in one place; returns what to call with a recording (t,
+    tf, poses) and the errors (F, n), 0 to 1, that colour the first arm's links, when it changes.
+
+    about : of a model (summary.py). workbench.js moves what is drawn here once: a group a joint, in it
+    the links that it carries.
     """
-    joints, bodies = model.about["joints"], model.about["bodies"]
+    joints, bodies = about["joints"], about["bodies"]
     reach = sum(float(np.linalg.norm(j["at"])) for j in joints) or 0.5
-    with tag("div", style="arm"):
+    with tag("div", style="arm") as frame:
         with ui.scene(
             width=360,
             height=330,
             grid=False,
             background_color="#f8f9fb",
-            on_click=_clicked(view, bodies),
+            on_click=_clicked(view),
         ) as scene:
-            groups = [scene.group() for _ in joints]
-            for joint in joints:
-                length = float(np.linalg.norm(joint["at"]))
-                if length > 1e-6:
-                    with scene if joint["parent"] < 0 else groups[joint["parent"]]:
-                        scene.line([0.0, 0.0, 0.0], joint["at"]).material("#888888")
-            for k, group in enumerate(groups):
-                with group:
-                    scene.sphere(0.02 * reach, 12, 8).material("#888888")
-                    for body in (b for b in bodies if b["joint"] == k):
-                        place = np.array(body["place"])
-                        ball = scene.sphere(1.0, 24, 16).scale(*body["half"])
-                        ball.material("#0072b2", 0.75).with_name(f"link-{body['link']}")
-                        ball.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
+            groups = [g for look in _LOOKS[:arms] for g in _one_arm(scene, about, reach, *look)]
+        frame.props["data-arm"] = scene.id
         scene.props["role"] = "img"
-        scene.props["aria-label"] = "The arm, links as inertia ellipsoids coloured by torque error"
+        scene.props["aria-label"] = f"The arm in 3D: {said}"
         with tag("div", style="row"):
-            button("Play", lambda: ui.run_javascript("arm.play()"), "play", data_play="")
+            play = f"arms[{scene.id}]?.play()"
+            button("Play", lambda: ui.run_javascript(play), f"play-{arms}", data_play="")
             tag(
-                "input", type="range", min="0", max="1000", value="0", data_key="time", data_time="",
-                aria_label="Time in the run",
+                "input", type="range", min="0", max="1000", value="0", data_key=f"time-{arms}",
+                data_time=scene.id, aria_label="Time in the run",
             )  # fmt: skip
             tag("span", "0.0 s", "soft", data_clock="")
-        tag("p", "Ellipsoids of uniform density; redder: larger torque error. Click a link to see its "
-            "joint.", "soft")  # fmt: skip
+        tag("p", f"Ellipsoids of uniform density; {said}. Click a link to see its joint.", "soft")
 
-    def follow() -> None:
-        read = view.session.recording(model, view.run)
-        centre, radius = _around(read["poses"], bodies)
+    def load(read: Mapping[str, Any], errors: Any) -> None:
+        centre, radius = _around(read["poses"][:, : len(joints)], bodies)
         camera = centre + _AWAY * radius * np.array([0.58, -0.63, 0.52])
         (x, y, z), (a, b, c) = camera.tolist(), centre.tolist()
         scene.move_camera(x, y, z, a, b, c, duration=0.0)
         moves = {
-            "scene": scene.id,
             "groups": [g.id for g in groups],
-            "links": [[b["joint"], f"link-{b['link']}"] for b in bodies],
             "t": np.round(read["tf"] - read["t"][0], 3).tolist(),
             "poses": np.round(_quaternions(read["poses"]), 4).tolist(),
-            "errors": _errors(model, read).tolist(),
+            "errors": errors.tolist(),
         }
-        ui.run_javascript(f"arm.load({json.dumps(moves)})")
+        ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
 
-    return follow
+    return load
+
+
+def _one_arm(
+    scene: Any, about: Mapping[str, Any], reach: float, name: str, colour: str, solid: float
+) -> list[Any]:
+    """Joints and links of an arm, in a group a joint."""
+    groups = [scene.group() for _ in about["joints"]]
+    for joint in about["joints"]:
+        if float(np.linalg.norm(joint["at"])) > 1e-6:
+            with scene if joint["parent"] < 0 else groups[joint["parent"]]:
+                scene.line([0.0, 0.0, 0.0], joint["at"]).material("#888888")
+    for k, group in enumerate(groups):
+        with group:
+            scene.sphere(0.02 * reach, 12, 8).material("#888888")
+            for body in (b for b in about["bodies"] if b["joint"] == k):
+                place = np.array(body["place"])
+                ball = scene.sphere(1.0, 24, 16).scale(*body["half"])
+                ball.material(colour, solid).with_name(f"{name}-{body['link']}")
+                ball.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
+    return groups
 
 
 def _around(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, float]:
@@ -92,18 +104,19 @@ def _around(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, float]:
     return centre, float(np.max(np.linalg.norm(places - centre, axis=1) + np.concatenate(sizes)))
 
 
-def _clicked(view: View, bodies: list[dict[str, Any]]) -> Any:
+def _clicked(view: View) -> Any:
     def handle(event: Any) -> None:
         for hit in event.hits:
-            if hit.object_name.startswith("link-"):
+            name, _, link = hit.object_name.partition("-")
+            if name in ("link", "simulated") and link.isdigit():
                 joints = len(view.session.robot["joints"]) if view.session.robot else 1
-                view.look(joint=min(int(hit.object_name[5:]), joints - 1))
+                view.look(joint=min(int(link), joints - 1))
                 return
 
     return handle
 
 
-def _errors(model: Rung, read: dict[str, Any]) -> Any:
+def torque_errors(model: Rung, read: Mapping[str, Any]) -> Any:
     """(F, n) torque errors at the instants of the poses, 0 to 1."""
     left = np.abs(read["torque"] - read["modelled"])
     own = np.sqrt(np.mean(left**2, axis=0))

@@ -30,8 +30,9 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.estimation.separation import separate as separation
 from sdp_vs_penalty.estimators import estimator_types, with_solver
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.page.archive import pack, unpack
+from sdp_vs_penalty.page.model_jobs import check_urdf, forward, pose, prove, verify
 from sdp_vs_penalty.page.options import number
 from sdp_vs_penalty.page.run_jobs import (
     Answer,
@@ -48,6 +49,7 @@ from sdp_vs_penalty.page.run_jobs import (
     simulate,
 )
 from sdp_vs_penalty.page.summary import summary, violation
+from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
@@ -132,6 +134,7 @@ def fit(request: Request, progress: Progress) -> Answer:
         progress=progress,
         gain_uncertainty=number(options, "gain_uncertainty", 0.0),
         known_loads=_known_loads(request, options.get("known_load")),
+        workers=Workers(int(number(options, "jobs", 1)), progress=progress),
     )
     seconds = time.perf_counter() - begin
     return asdict(summary(estimate, runs, Path(request["out"]), seconds, progress))
@@ -207,13 +210,14 @@ def separate(request: Request, progress: Progress) -> Answer:
         seed=int(request["seed"]),
         progress=progress,
     )
-    save_trajectory(found.trajectory, Path(request["out"]))
+    out = Path(request["folder"]) / "trajectory.csv"
+    save_trajectory(found.trajectory, out)
     said = (
         f"To tell {request['effects']} apart: right in {100 * found.right:.0f} % of runs like "
         f"trajectory.csv, {100 * found.default_right:.0f} % on the default excitation.",
         "Collisions are not checked: look at the motion before it is run.",
     )
-    return {"said": said}
+    return {"notice": said, "files": [out.name]}
 
 
 def methods(request: Request, progress: Progress) -> Answer:
@@ -221,6 +225,8 @@ def methods(request: Request, progress: Progress) -> Answer:
     from sdp_vs_penalty.diagnosis.comparison import compare
 
     runs, current = runs_of(request), load_estimate(request["model"])
+    if not request["methods"]:
+        raise InputError("No method is chosen", "choose at least one to compare")
     rows = []
     for name in request["methods"]:
         begin = time.perf_counter()
@@ -255,14 +261,19 @@ def methods(request: Request, progress: Progress) -> Answer:
 
 
 def take(request: Request, progress: Progress) -> Answer:
-    """Export a model to the format of a suffix; names the effects that have no place in it."""
+    """Export a model to the format of a name's suffix; says which effects have no place in it."""
     from sdp_vs_penalty.export import export
 
-    out = Path(request["out"])
-    urdf = request.get("urdf") if out.name == "robot.urdf" else None
-    progress(f"writing {out.name}")
+    name, out = request["name"], Path(request["folder"]) / request["name"]
+    if name == "model.json":
+        write_bytes(out, Path(request["model"]).read_bytes())
+        return {"files": [name]}
+    urdf = request.get("urdf") if name == "robot.urdf" else None
+    progress(f"writing {name}")
     x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
-    return {"left_out": list(export(load_estimate(request["model"]), out, urdf, flange=(x, y, z)))}
+    lost = export(load_estimate(request["model"]), out, urdf, flange=(x, y, z))
+    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json and the NumPy function can."
+    return {"files": [name], "notice": [said] if lost else []}
 
 
 def save_session(request: Request, progress: Progress) -> Answer:
@@ -283,8 +294,8 @@ def save_session(request: Request, progress: Progress) -> Answer:
     known = {"source": "robot.urdf" if own else robot["source"], "gravity": robot["gravity"]}
     runs = [{key: run[key] for key in ("name", "given", "use")} for run in request["runs"]]
     named = {"robot": {**known, "file": robot["file"]}, "runs": runs}
-    pack({**state, **named}, members, Path(request["out"]))
-    return {}
+    pack({**state, **named}, members, folder / "session.zip")
+    return {"files": ["session.zip"]}
 
 
 def open_session(request: Request, progress: Progress) -> Answer:
@@ -321,8 +332,8 @@ def report(request: Request, progress: Progress) -> Answer:
         diagnosis=None if request["findings"] is None else Diagnosis.from_dict(request["findings"]),
         progress=progress,
     )
-    write_text(request["out"], made)
-    return {}
+    write_text(Path(request["folder"]) / "report.html", made)
+    return {"files": ["report.html"]}
 
 
 #: By the name in a request.
@@ -332,5 +343,6 @@ JOBS: dict[str, Callable[[Request, Progress], Answer]] = {
         *(catalogue, robot, read, look_again, real, simulate, mend, fit, open_model, separate),
         *(save_session, open_session),
         *(extend, find, methods, take, report),
+        *(forward, prove, verify, pose, check_urdf),
     )
 }

@@ -288,6 +288,9 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
         session.choose_robot(str(path), name)
     elif kind == "model":
         session.open_model(str(path), name)
+    elif kind == "proof":
+        session.names[str(path)] = name
+        session.ask("verify", f"Checking {name}", proof=str(path))
     elif kind == "session":
         session.open_session(str(path), name)
     else:

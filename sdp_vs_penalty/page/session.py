@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import show
@@ -19,7 +18,7 @@ from sdp_vs_penalty.page.summary import Rung
 
 #: What belongs to a robot, and is put aside with it.
 _OF_A_ROBOT = (
-    "robot", "runs", "effects", "method", "ladder", "findings", "found_for", "found_in", "methods",
+    "robot", "runs", "effects", "method", "ladder", "findings", "found_for", "found_in",
     "made_by", "models", "curve_texts",
 )  # fmt: skip
 _OTHER_RUNS = "The runs have changed: identify again."
@@ -194,88 +193,54 @@ class Session(Doing):
                 rungs.append(Rung(**{**answer, **new}))
                 model = rungs[-1].file
             self._take_ladder([*self.ladder, *rungs])
-            self.methods = None
 
         self._start(f"Adding {', '.join(text.partition('@')[0] for text in texts)}", do())
 
-    def separate(self, effects: str, options: Mapping[str, str], ready: Callable[[str], None]) -> None:
-        """The run that would tell two effects apart; ``ready`` hears the name of its trajectory."""
+    def ask(self, job: str, title: str, ready: Callable[[str], None] | None = None, **on: Any) -> None:
+        """A job that changes nothing: its answer is kept; ``ready`` hears of the files that it made."""
 
         async def do() -> None:
-            out = str(self.folder / "trajectory.csv")
-            details = {"effects": effects, "options": dict(options), "out": out}
-            answer = await self._job("separate", model=self._current(), **details)
-            self.notice = Notice(tuple(answer["said"]), error=False)
-            ready("trajectory.csv")
+            model = self.model.file if self.model else None
+            window = self.options.get("window")
+            answer = await self._job(job, **{"model": model, "window": window, **on})
+            self._read.pop(str(answer.get("file")), None)
+            if answer.get("notice"):
+                self.notice = Notice(tuple(answer["notice"]), error=False)
+            self.answers[job] = {**answer, "model": model}
+            for name in answer.get("files", ()):
+                if ready is not None:
+                    ready(name)
 
-        self._start("Designing the run that would tell", do())
+        self._start(title, do())
 
     def undo(self) -> None:
         """One model back."""
         if self.busy or len(self.ladder) < 2:
             return
         self.ladder.pop()
-        self.methods = None
         if len(self.ladder) < self.found_for:
             self.findings = None
         self.changed()
 
-    def compare_methods(self, names: list[str], folds: bool = False) -> None:
-        """The current effects by other methods; folds : on unseen motion as well."""
-
-        async def do() -> None:
-            if not names:
-                raise InputError("No method is chosen", "choose at least one to compare")
-            answer = await self._job("methods", model=self._current(), methods=names, folds=folds)
-            self.methods = answer["rows"]
-
-        self._start("Comparing methods", do())
-
     def take(self, name: str, ready: Callable[[str], None], options: Mapping[str, str]) -> None:
         """Make a file to take away; ``ready`` hears its name. options : the flange, for a payload."""
-
-        async def do() -> None:
-            out = self.folder / name
-            if name == "model.json":
-                out.write_bytes(Path(self._current()).read_bytes())
-            elif name == "report.html":
-                models = [
-                    {"label": f"{k}: {m.label}", "file": m.file}
-                    for k, m in enumerate(self.ladder, start=1)
-                ]
-                self._current()
-                found = None if self.findings is None else self.findings.to_dict()
-                details = {"commands": self.commands(), "findings": found, "out": str(out)}
-                await self._job("report", models=models, **details)
-            else:
-                urdf = self.robot["source"] if self.robot and self.robot["file"] else None
-                answer = await self._job(
-                    "take", model=self._current(), out=str(out), urdf=urdf, **options
-                )
-                if answer["left_out"]:
-                    self.notice = Notice(
-                        (
-                            f"{out.suffix} files cannot hold {', '.join(answer['left_out'])}; "
-                            "model.json and the NumPy function can.",
-                        ),
-                        error=False,
-                    )
-            ready(name)
-
-        self._start(f"Making {name}", do())
+        if name == "report.html":
+            ladder = enumerate(self.ladder, start=1)
+            models = [{"label": f"{k}: {m.label}", "file": m.file} for k, m in ladder]
+            found = None if self.findings is None else self.findings.to_dict()
+            details = {"models": models, "commands": self.commands(), "findings": found}
+            self.ask("report", f"Making {name}", ready, **details)
+        else:
+            urdf = self.robot["source"] if self.robot and self.robot["file"] else None
+            self.ask("take", f"Making {name}", ready, name=name, urdf=urdf, **options)
 
     def save(self, ready: Callable[[str], None]) -> None:
         """Everything as one file; ``ready`` hears its name."""
-
-        async def do() -> None:
-            state = {name: getattr(self, name) for name in archive.KEPT}
-            state["ladder"] = [archive.rung_state(rung) for rung in self.ladder]
-            state["findings"] = None if self.findings is None else self.findings.to_dict()
-            models, out = [rung.file for rung in self.ladder], str(self.folder / "session.zip")
-            await self._job("save_session", state=state, models=models, out=out)
-            ready("session.zip")
-
-        self._start("Saving the session", do())
+        state = {name: getattr(self, name) for name in archive.KEPT}
+        state["ladder"] = [archive.rung_state(rung) for rung in self.ladder]
+        state["findings"] = None if self.findings is None else self.findings.to_dict()
+        models = [rung.file for rung in self.ladder]
+        self.ask("save_session", "Saving the session", ready, state=state, models=models)
 
     def open_session(self, path: str, name: str) -> None:
         """Go on where a saved session ended, instead of this one."""
@@ -298,7 +263,7 @@ class Session(Doing):
     def take_up(self, model: Rung) -> None:
         """Go on from a model of this session that was left."""
         if not self.busy:
-            self.findings, self.methods = None, None
+            self.findings = None
             self._take_ladder([model])
             self.changed()
 

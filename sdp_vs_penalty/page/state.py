@@ -84,7 +84,8 @@ class TabState:
     curve_texts: list[str] = field(default_factory=list)
     found_for: int = 0
     found_in: float = 0.0
-    methods: list[dict[str, Any]] | None = None
+    #: By job what was answered last, with the ``model`` that was asked about.
+    answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     notice: Notice | None = None
     working: Working | None = None
     task: asyncio.Task[None] | None = None
@@ -133,16 +134,24 @@ class TabState:
         """Texts of the findings that are part of the current model."""
         return {text for model in self.ladder[self.found_for :] for text in model.added}
 
+    def answer(self, job: str) -> dict[str, Any] | None:
+        """What a job said of the current model, if it was asked."""
+        found = self.answers.get(job)
+        return found if found and self.model and found["model"] == self.model.file else None
+
     def recording(self, model: Rung, run: str) -> dict[str, Any]:
-        """t, torque, modelled, q, dq, ddq, tf and poses of a run (summary.py), once read kept."""
-        if model.curves not in self._read:
-            with np.load(model.curves, allow_pickle=False) as file:
-                self._read[model.curves] = {name: file[name] for name in file.files}
-        arrays, k = self._read[model.curves], str(model.runs.index(run))
+        """t, torque, modelled, q, dq, ddq, tf and poses of a run (summary.py)."""
+        return self.arrays(model.curves, model.runs.index(run))
+
+    def arrays(self, file: str, k: int) -> dict[str, Any]:
+        """The arrays of a .npz file whose names end in the number k, without it; once read kept."""
+        if file not in self._read:
+            with np.load(file, allow_pickle=False) as read:
+                self._read[file] = {name: read[name] for name in read.files}
         return {
-            name.removesuffix(k): x
-            for name, x in arrays.items()
-            if name.rstrip("0123456789") + k == name
+            name.removesuffix(str(k)): x
+            for name, x in self._read[file].items()
+            if name.rstrip("0123456789") + str(k) == name
         }
 
     def curves(self, model: Rung, run: str) -> Curves:
@@ -194,5 +203,5 @@ class TabState:
         return text.replace(f"{self.folder}/", "")
 
     def forget_models(self) -> None:
-        self.ladder, self.findings, self.methods = [], None, None
+        self.ladder, self.findings, self.answers = [], None, {}
         self._read.clear()

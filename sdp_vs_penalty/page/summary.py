@@ -21,6 +21,7 @@ from sdp_vs_penalty.estimation.shape_profiles import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.export.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.report.evidence import certificate_rows
 from sdp_vs_penalty.report.parameters import (
     half_axes,
     joint_poses,
@@ -28,6 +29,8 @@ from sdp_vs_penalty.report.parameters import (
     plausibility,
     standard_rows,
 )
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 
 #: Instants of a run at which the arm is placed in 3D; between them the page interpolates.
@@ -98,10 +101,17 @@ def about(estimate: Estimate) -> dict[str, Any]:
         "words": plausibility(estimate),
         "friction": _plain(friction),
         "bodies": _plain(bodies),
+        "certificate": certificate_rows([estimate]),
         "joints": [
             {"parent": j.parent, "at": [float(x) for x in j.placement[:3, 3]]} for j in robot.tree
         ],
     }
+
+
+def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
+    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there."""
+    keep = np.unique(np.linspace(0, len(t) - 1, _FRAMES).astype(int))
+    return t[keep], joint_poses(robot, q[keep]).astype(np.float32)
 
 
 def _named(runs: Sequence[Measurements]) -> list[str]:
@@ -137,9 +147,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         arrays[f"modelled{k}"] = predicted(rows, estimate.theta).astype(np.float32)
         for name in ("q", "dq", "ddq"):
             arrays[f"{name}{k}"] = getattr(rows.motion, name).astype(np.float32)
-        keep = np.unique(np.linspace(0, len(rows.motion.t) - 1, _FRAMES).astype(int))
-        arrays[f"tf{k}"] = rows.motion.t[keep]
-        arrays[f"poses{k}"] = joint_poses(estimate.robot, rows.motion.q[keep]).astype(np.float32)
+        arrays[f"tf{k}"], arrays[f"poses{k}"] = placed(estimate.robot, rows.motion.t, rows.motion.q)
     progress("looking where it fails")
     try:
         found = where_it_fails(estimate, judge, noise_from=given.whole)

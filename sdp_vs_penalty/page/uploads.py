@@ -20,7 +20,13 @@ MOST_FILES = 100
 RUN_SUFFIXES = (*suffixes(), ".txt")
 ROBOT_SUFFIXES = (".urdf", ".xml")
 #: By what is dropped.
-SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",), "session": (".zip",)}
+SUFFIXES = {
+    "runs": RUN_SUFFIXES,
+    "robot": ROBOT_SUFFIXES,
+    "model": (".json",),
+    "proof": (".json",),
+    "session": (".zip",),
+}
 
 #: Of the authors' Panda logger: four text files that are one run, known by their names.
 LOG_FILES = tuple(f"exciting_traj_{part}.txt" for part in ("time", "positions", "velocity", "torques"))

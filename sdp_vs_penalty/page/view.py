@@ -56,6 +56,7 @@ class View:
     behind: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: set[str] = field(default_factory=lambda: {"lmi-sdp", "ols", "penalty"})
     folds: bool = False
+    drive: str = "torque"
     separating: dict[str, str] = field(default_factory=dict)
     hiding: Hiding = field(default_factory=Hiding)
 

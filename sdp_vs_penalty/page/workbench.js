@@ -85,17 +85,25 @@ addEventListener("DOMContentLoaded", () => {
   }).observe(document.body, { childList: true, subtree: true });
 });
 
-// The arm in 3D and the time cursor in the charts: drawn once, moved here frame by frame.
-const arm = {
+// The arms in 3D, one a scene, and the time cursor in the charts beside it: drawn once, moved here.
+const arms = {};
+class Arm {
+  constructor(id) {
+    this.id = id;
+    this.time = this.tries = 0;
+  }
+  get frame() {
+    return document.querySelector(`[data-arm="${this.id}"]`);
+  }
   load(moves) {
     this.moves = moves;
     this.at(0);
     this.settle();
-  },
+  }
   settle() {
     // A scene draws all the time: let it draw only what has changed and can be seen.
-    const scene = getElement(this.moves.scene);
-    if (!scene?.renderer) return setTimeout(() => this.settle(), 200);
+    const scene = this.frame && getElement(this.id);
+    if (!scene?.renderer) return this.tries++ < 300 && setTimeout(() => this.settle(), 200);
     if (!scene.thrifty) {
       const draw = scene.renderer.render.bind(scene.renderer);
       let last = "";
@@ -103,23 +111,24 @@ const arm = {
       scene.renderer.setClearColor(0, 0); // the page's own colour, light or dark
       scene.renderer.render = (world, camera) => {
         const there = [...scene.objects.values()].filter((o) => o.mesh?.parent).length;
-        const state = `${camera.matrixWorld.elements} ${this.drawn} ${there} ${scene.renderer.domElement.width}`;
+        const now = Math.floor(performance.now() / 1000); // a browser may lose what was drawn
+        const state = `${camera.matrixWorld.elements} ${this.drawn} ${there} ${scene.renderer.domElement.width} ${now}`;
         const hidden = scene.$el.offsetParent === null; // what was drawn is lost with the canvas's place
         if (!hidden && state !== last) draw(world, camera);
         last = hidden ? "" : state;
       };
     }
     for (const later of [300, 1500]) setTimeout(() => this.at(this.time), later); // objects arrive one by one
-  },
+  }
   at(time) {
-    const { t, poses, errors, groups, links, scene: id } = this.moves ?? {};
-    if (!t) return;
+    const { t, poses, errors, groups } = this.moves;
+    if (!this.frame) return;
     const end = t[t.length - 1];
     this.time = Math.min(Math.max(time, 0), end);
     let k = t.findIndex((x) => x > this.time);
     if (k < 1) k = k < 0 ? t.length - 1 : 1;
     const share = (this.time - t[k - 1]) / (t[k] - t[k - 1] || 1);
-    const objects = getElement(id)?.objects;
+    const objects = getElement(this.id)?.objects;
     for (const [i, group] of groups.entries()) {
       const mesh = objects?.get(group)?.mesh;
       if (!mesh) continue;
@@ -135,14 +144,12 @@ const arm = {
       object.mesh.material.color.setRGB(0.0 + 0.84 * error, 0.45 - 0.18 * error, 0.7 - 0.7 * error);
     }
     this.drawn = (this.drawn ?? 0) + 1;
-    const slider = document.querySelector("[data-time]");
-    if (slider) slider.value = (1000 * this.time) / end;
-    const clock = document.querySelector("[data-clock]");
-    if (clock) clock.textContent = `${this.time.toFixed(1)} s`;
+    this.frame.querySelector("[data-time]").value = (1000 * this.time) / end;
+    this.frame.querySelector("[data-clock]").textContent = `${this.time.toFixed(1)} s`;
     this.cursor();
-  },
+  }
   cursor() {
-    for (const chart of document.querySelectorAll(".chart.timed")) {
+    for (const chart of this.frame.closest(".step").querySelectorAll(".chart.timed")) {
       const plot = chart.classList.contains("js-plotly-plot") ? chart : chart.querySelector(".js-plotly-plot");
       const axis = plot?._fullLayout?.xaxis2 ?? plot?._fullLayout?.xaxis;
       if (!axis?.l2p) continue;
@@ -156,25 +163,24 @@ const arm = {
       line.hidden = x < 0 || x > axis._length;
       line.style.left = `${axis._offset + x}px`;
     }
-  },
+  }
   play() {
     this.playing = !this.playing;
-    const button = document.querySelector("[data-play]");
-    if (button) button.textContent = this.playing ? "Pause" : "Play";
+    this.frame.querySelector("[data-play]").textContent = this.playing ? "Pause" : "Play";
     let before = performance.now();
     const next = (now) => {
-      if (!this.playing || !this.moves) return;
+      if (!this.playing || !this.frame) return;
       const end = this.moves.t[this.moves.t.length - 1];
       this.at(this.time >= end ? 0 : this.time + (now - before) / 1000);
       before = now;
       requestAnimationFrame(next);
     };
     if (this.playing) requestAnimationFrame(next);
-  },
-};
+  }
+}
 document.addEventListener("input", (event) => {
-  if (event.target.dataset?.time === undefined || !arm.moves) return;
-  arm.at((event.target.value / 1000) * arm.moves.t[arm.moves.t.length - 1]);
+  const arm = arms[event.target.dataset?.time];
+  if (arm) arm.at((event.target.value / 1000) * arm.moves.t[arm.moves.t.length - 1]);
 });
 document.addEventListener("click", (event) => {
   const asked = event.target.closest?.("[data-copy]");

@@ -200,7 +200,7 @@ class Workbench:
 
     def _marks(self) -> tuple[int, bool, bool]:
         session = self.session
-        return len(session.ladder), session.findings is not None, session.methods is not None
+        return len(session.ladder), session.findings is not None, session.answer("methods") is not None
 
     def _lead_on(self) -> None:
         """Bring what is new into sight."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import multiprocessing
 import os
 import threading
 import warnings
@@ -30,6 +31,7 @@ def main(connection: Connection) -> None:
     except (EOFError, OSError):  # not needed any more
         return
     limit_memory(int(request.get("jobs", 1)))
+    multiprocessing.current_process().daemon = False  # so that a job may have processes of its own
     threading.Thread(target=_end_with, args=(connection,), daemon=True).start()
     answer = do(request, lambda text: _send(connection, {"progress": text}))
     _send(connection, answer)

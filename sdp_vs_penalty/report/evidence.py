@@ -2,65 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from html import escape
 
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.report.section import Material, Section, number, table, text
+
+
+def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
+    """What is certified of each: violations of every family of constraints, loss, objective, its bound
+    and their gap, mass matrices; the name first."""
+    found = [e.certificate for e in estimates]
+    families = sorted({f for c in found for f in c.violations})
+    rows = [
+        [f"worst violation: {f}", *(_violation(c.violations.get(f)) for c in found)] for f in families
+    ]
+    figures: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
+        ("loss (sum of squared weighted errors)", lambda c: number(c.loss, 6)),
+        (
+            "objective (the loss and, where the method has one, its regulariser)",
+            lambda c: number(c.upper, 6),
+        ),
+        ("certified lower bound of the objective", lambda c: number(c.lower, 6)),
+        ("objective above its bound, relative to the loss", lambda c: number(c.gap, 2)),
+        ("poses with positive definite M(q)", _poses),
+    )
+    return rows + [[name, *map(said, found)] for name, said in figures]
+
+
+def _poses(c: Certificate) -> str:
+    share = c.positive_mass_matrices
+    if share is None:
+        return "-"
+    return "all (follows from the links)" if c.at_every_pose else f"{100.0 * share:.4g} %"
+
+
+#: What the certificate says, and who computed it.
+CERTIFICATE = (
+    "Violations of every family of constraints, including those that a method did not receive. The "
+    "lower bound is computed here from dual multipliers, independently of what a solver claims."
+)
 
 
 def certificate(material: Material) -> Section:
     """Computed by this program, whoever solved the problem."""
-    families = sorted({f for e in material.models.values() for f in e.certificate.violations})
-    rows: list[list[object]] = [
-        [
-            f"worst violation: {family}",
-            *(_violation(e.certificate.violations.get(family)) for e in _all(material)),
-        ]
-        for family in families
-    ]
-    rows += [
-        [
-            "loss (sum of squared weighted errors)",
-            *(number(e.certificate.loss, 6) for e in _all(material)),
-        ],
-        [
-            "objective (the loss and, where the method has one, its regulariser)",
-            *(number(e.certificate.upper, 6) for e in _all(material)),
-        ],
-        [
-            "certified lower bound of the objective",
-            *(number(e.certificate.lower, 6) for e in _all(material)),
-        ],
-        [
-            "objective above its bound, relative to the loss",
-            *(number(e.certificate.gap, 2) for e in _all(material)),
-        ],
-        [
-            "poses with positive definite M(q)",
-            *(
-                "-"
-                if (share := e.certificate.positive_mass_matrices) is None
-                else "all (follows from the links)"
-                if e.certificate.at_every_pose
-                else f"{100.0 * share:.4g} %"
-                for e in _all(material)
-            ),
-        ],
-    ]
-    body = text(
-        "Violations of every family of constraints, including those that a method did not receive. "
-        "The lower bound is computed here from dual multipliers, independently of what a solver "
-        "claims."
-    )
-    body += table(["figure", *material.models], rows)
+    body = text(CERTIFICATE)
+    body += table(["figure", *material.models], certificate_rows(list(material.models.values())))
     for name, e in material.models.items():
         if e.certificate.held:
             held = ", ".join(e.certificate.held)
             body += text(f"{name}: objective and gap are of the added effects, with {held} held fixed.")
     return Section("certificate", "Certificate", body)
-
-
-def _all(material: Material) -> list:  # type: ignore[type-arg]
-    return list(material.models.values())
 
 
 def _violation(value: float | None) -> str:

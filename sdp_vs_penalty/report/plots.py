@@ -252,6 +252,7 @@ def styled(plot: Any, height: int) -> Any:
     if plot.layout.updatemenus:
         plot.update_layout(legend={"y": -80.0 / height, "yanchor": "top"})
     axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
+    axis["exponentformat"] = "e"  # not 50µ of a radian
     plot.update_xaxes(**axis)
     plot.update_yaxes(**axis)
     return plot

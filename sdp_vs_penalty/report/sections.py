@@ -147,26 +147,13 @@ def forward(material: Material) -> Section:
     title, made = "Run forward", material.forward
     if isinstance(made, str):
         return Section("forward", title, text(f"{material.last_name} cannot be simulated: {made}"))
-    runs, cut = [], False
-    for free in made.free:
-        t, q, names = free.simulated.t, free.simulated.q, free.simulated.names
-        whole = [r for r in material.measurements.runs() if r.names == names]
-        run = next(r for r in whole if r.t[0] <= t[0] <= r.t[-1])
-        cut |= not free.left and bool(run.t[-1] - t[-1] > 1.0)
-        measured = np.column_stack([np.interp(t, run.t, x) for x in run.q.T])
-        runs.append(Curves(t, measured, {material.last_name: q}))
-    spread = made.free[0].spread is not None
-    body = text(made.verdict) + table(*made.table(), numbers_from=2)
-    body += text(
-        "RMS errors in thousandths of the unit, driven by the measured torque alone: of the velocity "
-        f"after one sample (step/s), of the position {made.ahead.seconds:.3g} s ahead (5 %, 95 %: of "
-        "the errors' sizes; const.: what a constant velocity gives), and of the free run of "
-        f"{made.free[0].seconds:.3g} s"
-        + (" (+-: half the 95 % band that the parameters' intervals make of it)." if spread else ".")
-    )
+    runs = [Curves(f.simulated.t, f.measured, {material.last_name: f.simulated.q}) for f in made.free]
+    body = text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
     body += text(
         "Left: measured and simulated position of the free run, until the arm leaves the measured "
-        "motion. Right: its error." + " `report --forward` goes on to the run's end." * cut
+        "motion. Right: its error."
+        + " `report --forward` goes on to the run's end."
+        * any(f.cut for f in made.free)
     )
     for j, unit in enumerate(made.units):
         body += figure(torque_figure(runs, j, unit), "", JOINT_HEIGHT, "forward")

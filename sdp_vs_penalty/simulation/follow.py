@@ -67,7 +67,7 @@ class FreeRun:
     """One run from its first state: errors (n,) until ``seconds``, where it ``left`` the measured motion
     or that ended; spread : half a 95 % band that the parameters' intervals make of it, where they are
     known; loop : (n,) root mean square of what the loop added [N m, N], torque : of the measured one;
-    simulated : the motion."""
+    simulated : the motion; measured : (N, n) positions then; cut : whether the run goes on."""
 
     seconds: float
     left: bool
@@ -77,6 +77,8 @@ class FreeRun:
     loop: Array | None
     torque: Array
     simulated: Measurements
+    measured: Array
+    cut: bool
 
     def to_dict(self) -> dict[str, Any]:
         out: dict[str, Any] = {
@@ -162,6 +164,19 @@ class Following(Shown):
             for row, torque, unit in zip(rows, free.loop, self.units, strict=True):
                 row.append(f"{torque:.3g} {'N' if unit == 'm' else 'N m'}")
         return head, rows
+
+    @property
+    def explained(self) -> str:
+        """What the columns of :meth:`table` are."""
+        free = self.free[0]
+        said = (
+            "RMS errors in thousandths of the unit: of the velocity after one sample (step/s), of the "
+            f"position {self.ahead.seconds:.3g} s ahead (5 %, 95 %: of the errors' sizes; const.: what "
+            f"constant velocity gives), and of the free run of {free.seconds:.3g} s"
+        )
+        if free.spread is not None:
+            said += " (+-: half the 95 % band that the parameters' intervals make of it)"
+        return said + ("; loop: what the control loop had to add." if free.loop is not None else ".")
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -334,6 +349,8 @@ def _free_run(
         Measurements(
             course.t[start:until], motion[:, 0], course.torque[start:until], names=(course.name,)
         ),
+        course.q[start:until],
+        not left and bool(course.t[-1] - course.t[end] > 1.0),
     )
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.errors import unreadable
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
@@ -85,6 +86,23 @@ def infeasibility_proof(
 def write_proof(proof: Proof, path: str | Path) -> None:
     """Write proof.json, whole or not at all."""
     write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
+
+
+def verdict(path: str | Path) -> tuple[bool, str]:
+    """Whether the proof in a file holds (:mod:`verify_proof`), and the sentence that says so.
+
+    Raises InputError for a file that cannot be read.
+    """
+    try:
+        found = verify_proof.check(json.loads(Path(path).read_text(encoding="utf-8")))
+    except OSError as error:
+        raise unreadable(error, Path(path)) from error
+    except Exception as error:
+        return False, f"refused: {path}: {error or type(error).__name__}"
+    if found is None:
+        return True, f"accepted: {path}: no parameters satisfy all constraints"
+    low, high = (float(x) for x in found)
+    return True, f"accepted: {path}: the optimum lies in [{low!r}, {high!r}]"
 
 
 def _problem(

@@ -21,6 +21,7 @@ from sdp_vs_penalty.effects.presliding_hysteresis import bristle
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.robot import Robot
@@ -474,3 +475,15 @@ def test_a_filter_that_looks_both_ways_may_be_joints_that_stick() -> None:
     )
     assert "stand still" in zero.looks_like(0.005, stands=0.1)
     assert zero.looks_like(0.005, stands=0.0) == late.looks_like(0.005, stands=0.1) == ""
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["drift_friction:1@form=2@T=6@t0=1077", "drift_offset:1@form=2@T=6", "warming_friction:1@by=2@T=6"],
+)
+def test_what_settles_does_not_grow_without_end_in_an_older_run(text: str) -> None:
+    """The UR10e's runs are kept with the clock of the sitting: one was logged four minutes before."""
+    (effect,) = parse_effects(text, load_problem("two_link").robot)
+    t = np.linspace(-240.0, -200.0, 50) + effect.shape["t0"]
+    motion = Motion(t, *np.ones((3, 50, 2)))
+    assert np.abs(effect.column(motion, 0)).max() <= 1.0

@@ -386,10 +386,9 @@ def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.107]).tolist())
     assert told["inertia"] == pytest.approx(tensor.ravel().tolist(), abs=1e-12)
     estimate.save(tmp_path / "model.json")
-    out = str(tmp_path / "endeffector-config.json")
-    request = {"model": str(tmp_path / "model.json"), "out": out, "flange": "0,0,0.05"}
-    jobs.take(request, lambda _: None)  # as the page asks for it
-    told = json.loads(Path(out).read_text())
+    request = {"model": str(tmp_path / "model.json"), "folder": str(tmp_path), "flange": "0,0,0.05"}
+    jobs.take({**request, "name": "endeffector-config.json"}, lambda _: None)  # as the page asks for it
+    told = json.loads((tmp_path / "endeffector-config.json").read_text())
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())
     export(estimate, tmp_path / "load.script")
     line = (tmp_path / "load.script").read_text().splitlines()[0]

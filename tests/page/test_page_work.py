@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.check.urdf import check_urdf
 from sdp_vs_penalty.cli.verbs import identify as identify_verb
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
@@ -52,6 +53,7 @@ from sdp_vs_penalty.report.plots import (
     styled,
     torque_figure,
 )
+from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
 
 #: A job of seconds.
@@ -91,6 +93,75 @@ async def finish(session: Session, act: Callable[[], None]) -> None:
 
 def drop(session: Session, path: Path, name: str | None = None) -> None:
     session.arrived[name or path.name] = path
+
+
+def test_what_changes_nothing_is_what_the_verbs_say(
+    sessions: Sessions, two_link: Problem, hidden: HiddenRuns, tmp_path: Path
+) -> None:
+    """Run forward, proof, posed problem and inertials: the numbers of the functions behind the verbs."""
+    names = ("a.csv", "b.csv", "test.csv")  # two for two processes
+    for run, name in zip(hidden.runs[:3], names, strict=True):
+        save(run, tmp_path / name)
+    made: list[str] = []
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot("two_link"))
+        for name in names:
+            drop(s, tmp_path / name)
+        await finish(s, s.read_arrived)
+        s.effects, s.options = ["rigid_body", "viscous_friction"], {"window": "0:8", "jobs": "2"}
+        await finish(s, s.identify)
+        await finish(s, lambda: s.ask("forward", "Running forward", drive="torque"))
+        await finish(s, lambda: s.ask("prove", "Proving", made.append))
+        await finish(s, lambda: s.ask("pose", "Posing", made.append, name="problem.cbf"))
+        proof = json.loads((s.folder / "proof.json").read_text())
+        (s.folder / "false.json").write_text(json.dumps({**proof, "lower": "1000000"}))
+        wrong = {"proof": str(s.folder / "false.json")}
+        await finish(s, lambda: s.ask("verify", "Checking", **wrong))
+        return s
+
+    s = asyncio.run(story())
+    assert s.model is not None
+    model = load_estimate(s.model.file)
+    ahead = s.answer("forward")
+    assert ahead is not None
+    assert ahead["verdict"] == follow(model, tmp_path / "test.csv").verdict
+    arrays = s.arrays(ahead["file"], 0)
+    assert arrays["poses"].shape[1] == 2 * two_link.robot.n
+    assert arrays["simulated"][0] == pytest.approx(arrays["measured"][0])
+    assert made == ["proof.json", "problem.cbf", "problem.cbf.json"]
+    proved = s.answer("prove")
+    assert proved is not None
+    assert proved["holds"]
+    low, high = json.loads(proved["said"].rpartition(" in ")[2])
+    assert low <= model.certificate.upper * (1 + 1e-9)
+    assert high >= model.certificate.lower * (1 - 1e-9)
+    about = json.loads((s.folder / "problem.cbf.json").read_text())
+    assert about["lower"] <= about["upper"]
+    assert not s.answers["verify"]["holds"]
+    s.forget_models()
+    assert s.answer("forward") is None
+
+
+def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions: Sessions, tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "my_arm.urdf").read_text()
+    wrong = re.sub(r'izz="[^"]*"', 'izz="50"', text, count=1)
+    (tmp_path / "arm.urdf").write_text(wrong)
+    made: list[str] = []
+
+    async def story() -> Session:
+        s = sessions.new()
+        await finish(s, lambda: s.choose_robot(str(tmp_path / "arm.urdf"), "arm.urdf"))
+        await finish(s, lambda: s.ask("check_urdf", "Checking", made.append))
+        return s
+
+    s = asyncio.run(story())
+    found = s.answers["check_urdf"]
+    assert not found["possible"]
+    assert "physically impossible" in found["said"][0]
+    assert made == ["fixed.urdf"]
+    assert all(c.consistent for c in check_urdf(s.folder / "fixed.urdf"))
 
 
 def test_the_story_without_a_browser(
@@ -136,12 +207,13 @@ def test_the_story_without_a_browser(
     assert again.ladder[1].comparison["rmse"] == pytest.approx(after, rel=1e-9)
     assert again.findings is not None
     assert again.findings.to_dict() == s.findings.to_dict()
-    asyncio.run(finish(s, lambda: s.compare_methods(["ols"], folds=True)))
-    assert s.methods is not None
+    asyncio.run(finish(s, lambda: s.ask("methods", "Comparing", methods=["ols"], folds=True)))
+    found = s.answer("methods")
+    assert found is not None
     runs = [tmp_path / f"{name}.csv" for name in "abc"]
     effects = estimate.model.effects
     unseen = cross_validate(two_link, runs, "ols", effects=effects).relative_error_percent
-    assert s.methods[0]["unseen"] == pytest.approx(unseen, rel=1e-9)
+    assert found["rows"][0]["unseen"] == pytest.approx(unseen, rel=1e-9)
     s.undo()
     assert len(s.ladder) == 1
     assert len(s.models) == 2

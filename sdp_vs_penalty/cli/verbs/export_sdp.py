@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -31,11 +32,7 @@ def verb(
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.export import sdp
 
-    made = sdp.posed(problem, data, method, effects)
-    sdp.rewritten(made.sdp.conic, out)  # refuses a suffix before anything is solved
-    proof = sdp.prove(made.task, made.objective, made.constraints)
-    interval = proof["lower"], proof["upper"]
-    about = sdp.export_sdp(made.sdp, out, interval, problem=problem, method=method)
-    rows, columns = made.sdp.conic.A.shape
-    console.written(out, f"{columns} variables, {rows} rows")
-    console.written(about, f"the loss lies in [{interval[0]}, {interval[1]}]")
+    about = sdp.write_posed(problem, data, out, method, effects)
+    told = json.loads(about.read_text())
+    console.written(out, f"{told['variables']} variables, {told['rows']} rows")
+    console.written(about, f"the loss lies in [{told['lower']!r}, {told['upper']!r}]")

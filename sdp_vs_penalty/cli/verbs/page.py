@@ -42,7 +42,8 @@ def verb(
 
     forms = {
         "identify": fields_of(
-            identify.verb, "window", "filters", "bounds", "solver", "gain_uncertainty", "known_load"
+            identify.verb,
+            *("window", "filters", "bounds", "solver", "gain_uncertainty", "known_load", "jobs"),
         ),
         "robot": fields_of(identify.verb, "gravity"),
         "read": fields_of(convert.verb, "rename", "motors", "motor_side", "rate", "topic", "joints"),

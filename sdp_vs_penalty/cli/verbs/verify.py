@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.errors import InputError
 
 
 def verb(
@@ -21,29 +21,17 @@ def verb(
     Exit code 1 if one is refused. The checker is one file on Python's standard library alone.
     Example: sdp-vs-penalty verify proof.json
     """
-    import json
-
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.solvers import verify_proof
+    from sdp_vs_penalty.solvers.proof import verdict
 
     files = [f for p in proofs for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])]
     if not files:
         raise InputError("no file named *proof.json in this folder", "name the proofs", proofs[0])
     refused = 0
     for path in files:
-        try:
-            found = verify_proof.check(json.loads(path.read_text(encoding="utf-8")))
-        except OSError as error:
-            raise unreadable(error, path) from error
-        except Exception as error:
-            refused += 1
-            text = f"refused: {path}: {error or type(error).__name__}"
-        else:
-            if found is None:
-                text = f"accepted: {path}: no parameters satisfy all constraints"
-            else:
-                low, high = (float(x) for x in found)
-                text = f"accepted: {path}: the optimum lies in [{low!r}, {high!r}]"
+        holds, text = verdict(path)
+        refused += not holds
         console.say(text)
     console.warn(f"checker: {verify_proof.__file__}")
     if refused:

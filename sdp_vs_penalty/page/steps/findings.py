@@ -112,12 +112,15 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
 
 def _telling(view: View, effects: str, k: int) -> None:
     """The run that would tell a finding from its rival or from nothing, to be designed."""
+    said = "Designing the run that would tell"
     with details("Which run would tell", f"tell-options-{k}"):
         with tag("div", style="fields"):
             draw_form(view.forms.get("separate", ()), view.separating)
         button(
             "Design it",
-            lambda: view.session.separate(effects, view.separating, view.download),
+            lambda: view.session.ask(
+                "separate", said, view.download, effects=effects, options=view.separating
+            ),
             f"tell-{k}",
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, no_model_of, repeatability_warning
-from sdp_vs_penalty.page.arm import draw_arm
+from sdp_vs_penalty.page.arm import draw_arm, torque_errors
 from sdp_vs_penalty.page.charts import (
     asked_instants,
     asked_span,
@@ -80,7 +80,8 @@ def _draw(view: View) -> None:
         if seen.get("chart") != at:
             parts["chart"].update_figure(options())
         if seen.get("run") != view.run and "arm" in parts:
-            parts["arm"]()
+            read = session.recording(model, view.run)
+            parts["arm"](read, torque_errors(model, read))
         seen.update(chip=j, chart=at, run=view.run)
         parts["words"].text = _words(model, j, units[j])
 
@@ -96,7 +97,7 @@ def _draw(view: View) -> None:
         parts["chart"] = chart(options(), "Measured and modelled torque, and the residual")
         parts["chart"].on("plotly_relayout", zoom).classes("timed")
         if model.about["bodies"]:
-            parts["arm"] = draw_arm(view, model)
+            parts["arm"] = draw_arm(view, model.about, "redder: larger torque error")
     parts["words"] = tag("p", "", "words")
     if model.failures:
         _heat(view, model.failures)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder], session.methods
+    return [model.file for model in session.ladder], session.answer("methods")
 
 
 def _draw(view: View) -> None:
@@ -38,7 +38,7 @@ def _draw(view: View) -> None:
 
     def compare() -> None:
         names = [m["name"] for m in view.catalogue["methods"] if m["name"] in chosen]
-        session.compare_methods(names, view.folds)
+        session.ask("methods", "Comparing methods", methods=names, folds=view.folds)
 
     def fold(on: bool) -> None:
         view.folds = on
@@ -51,14 +51,14 @@ def _draw(view: View) -> None:
         "Each fold leaves out a stretch of the motion and all its repetitions",
     )
     button("Compare methods", compare, "compare")
-    if session.methods is None:
+    if (found := session.answer("methods")) is None:
         return
     heads = ["method", "error", "constraints", "thinnest link", "widest link", "certified gap", "time"]
-    folded = any(row.get("unseen") is not None for row in session.methods)
+    folded = any(row.get("unseen") is not None for row in found["rows"])
     if folded:
         heads.append("error on unseen motion")
     rows = []
-    for row in session.methods:
+    for row in found["rows"]:
         if "failed" in row:
             rows.append([row["method"], row["failed"], *[""] * (len(heads) - 2)])
             continue

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.page.controls import button, details, drop, tag, text_field
+from sdp_vs_penalty.check.urdf import HEADS
+from sdp_vs_penalty.page.controls import button, details, drop, table, tag, text_field
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
@@ -16,7 +18,8 @@ if TYPE_CHECKING:
 
 def _depends(session: Session) -> Any:
     robot = session.robot
-    return robot and (robot["source"], robot["title"], robot["gravity"])
+    found = session.answers.get("check_urdf")
+    return robot and (robot["source"], robot["title"], robot["gravity"], found)
 
 
 def _draw(view: View) -> None:
@@ -40,6 +43,22 @@ def _draw(view: View) -> None:
         if gravity is not None:
             now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
             text_field(gravity.help, now, session.mount, "gravity", gravity.example)
+        if robot["source"].lower().endswith(ROBOT_SUFFIXES):
+            _inertials(view)
+
+
+def _inertials(view: View) -> None:
+    """Whether the bodies that a URDF writes can exist."""
+    session, found = view.session, view.session.answers.get("check_urdf")
+    ask = partial(session.ask, "check_urdf", "Checking the inertials", view.download)
+    button("Check the file's inertials", ask, "check-urdf")
+    if found is None or session.robot is None or found["urdf"] != session.robot["source"]:
+        return
+    for k, said in enumerate(found["said"]):
+        level = "good" if found["possible"] else "bad"
+        tag("p", said, "finding" if k else f"verdict {level}")
+    with details("Every link: mass and margins (negative: violated)", "inertials"):
+        table(HEADS, found["rows"], "Inertials of the links", "numbers")
 
 
 def _tile(view: View, source: str, name: str, said: str, file: str | None = None) -> None:

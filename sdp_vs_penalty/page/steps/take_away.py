@@ -30,8 +30,13 @@ MORE = {
 #: Of a model with a payload, as the makers' controllers take it.
 LOAD = {"endeffector-config.json": "payload for Franka", "payload.script": "payload for UR"}
 
+#: The optimisation problem, for other solvers; beside each a .json with what it means.
+POSED = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse SDPA"}
 #: What else a job may have made to be fetched.
-MADE = ("trajectory.csv", "session.zip")
+MADE = (
+    *("trajectory.csv", "session.zip", "proof.json", "fixed.urdf"),
+    *(name for posed in POSED for name in (posed, f"{posed}.json")),
+)
 
 
 def _draw(view: View) -> None:
@@ -39,9 +44,13 @@ def _draw(view: View) -> None:
 
     flange = {"flange": ""}
 
+    def pose(name: str) -> None:
+        session.ask("pose", f"Making {name}", view.download, name=name)
+
     def tiles(files: dict[str, str]) -> None:
         for name, use in files.items():
             take = partial(session.take, name, view.download, flange)
+            take = partial(pose, name) if name in POSED else take
             with button("", take, f"take-{name}", "tile"):
                 tag("strong", name)
                 tag("span", use)
@@ -59,6 +68,9 @@ def _draw(view: View) -> None:
     more = details("For other simulators and controllers", "more-files")
     with more, tag("div", style="tiles", role="group", aria_label="More files to download"):
         tiles(MORE)
+    posed = details("The identification problem, for other solvers", "posed")
+    with posed, tag("div", style="tiles", role="group", aria_label="Problem files to download"):
+        tiles(POSED)
     with details("The same on the command line", "commands"):
         tag("pre", "\n".join(session.commands()), tabindex="0")
 

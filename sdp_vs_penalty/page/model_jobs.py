@@ -1,0 +1,106 @@
+"""Jobs about a model or a robot's file that change nothing: run forward, proved, posed, checked."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.check import urdf
+from sdp_vs_penalty.data.files import windowed
+from sdp_vs_penalty.data.texts import time_windows
+from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.export import sdp
+from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.page.run_jobs import Answer, Progress, Request, runs_of
+from sdp_vs_penalty.page.summary import placed
+from sdp_vs_penalty.simulation.follow import follow
+from sdp_vs_penalty.solvers.proof import verdict
+
+
+def forward(request: Request, progress: Progress) -> Answer:
+    """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
+
+    Its arrays, as .npz : t0, measured0, simulated0 of the first free run, t1, ...; and of some instants
+    tf0 (F,), poses0 (F, 2 joints, 4, 4), the measured arm before the simulated one.
+    """
+    estimate = load_estimate(request["model"])
+    made = follow(
+        estimate,
+        runs_of(request).judge,
+        drive=request["drive"],
+        seed=int(request["seed"]),
+        progress=progress,
+    )
+    arrays: dict[str, Any] = {}
+    for k, free in enumerate(made.free):
+        both = free.measured, free.simulated.q
+        arrays |= {f"t{k}": free.simulated.t, f"measured{k}": both[0], f"simulated{k}": both[1]}
+        arms = [placed(estimate.robot, free.simulated.t, q) for q in both]
+        arrays |= {f"tf{k}": arms[0][0], f"poses{k}": np.concatenate([a[1] for a in arms], axis=1)}
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+    file = Path(request["folder"]) / f"forward-{made.drive}.npz"
+    write_bytes(file, buffer.getvalue())
+    heads, rows = made.table()
+    return {
+        "file": str(file),
+        "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
+        "verdict": made.verdict,
+        "grade": made.grade,
+        "explained": made.explained,
+        "units": list(made.units),
+        "heads": heads,
+        "rows": rows,
+        "left_out": list(made.left_out),
+    }
+
+
+def prove(request: Request, progress: Progress) -> Answer:
+    """The model identified again with a proof, as `identify --proof` does, and that verified."""
+    model, out = load_estimate(request["model"]), Path(request["folder"]) / "proof.json"
+    runs = windowed(runs_of(request).train, time_windows(request["window"]))
+    identify(
+        model.problem,
+        runs,
+        model.method,
+        effects=model.model.effects,
+        seed=int(request["seed"]),
+        progress=progress,
+        proof=out,
+    )
+    progress("checking the proof")
+    return {**verify({"proof": str(out)}, progress), "files": [out.name]}
+
+
+def verify(request: Request, progress: Progress) -> Answer:
+    """What `sdp-vs-penalty verify` says of a proof."""
+    holds, said = verdict(request["proof"])
+    return {"holds": holds, "said": said}
+
+
+def pose(request: Request, progress: Progress) -> Answer:
+    """The SDP behind a model as a file, and what it means: what `sdp-vs-penalty export-sdp` does."""
+    model, out = load_estimate(request["model"]), Path(request["folder"]) / request["name"]
+    runs = windowed(runs_of(request).train, time_windows(request["window"]))
+    about = sdp.write_posed(model.problem, runs, out, model.method, model.model.effects)
+    return {"files": [out.name, about.name]}
+
+
+def check_urdf(request: Request, progress: Progress) -> Answer:
+    """What `sdp-vs-penalty check-urdf` says, and its mended copy."""
+    path, out = request["robot"]["source"], Path(request["folder"]) / "fixed.urdf"
+    checks = urdf.check_urdf(path)
+    broken = [c for c in checks if not c.consistent]
+    if broken:
+        urdf.write_nearest(path, checks, out)
+    return {
+        "urdf": path,
+        "possible": not broken,
+        "said": urdf.sentences(checks, urdf.massless_links(path)),
+        "rows": urdf.table(checks),
+        "files": [out.name] if broken else [],
+    }

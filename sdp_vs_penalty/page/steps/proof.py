@@ -1,0 +1,62 @@
+"""What is certified of the model, and its proof in exact arithmetic."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.page.controls import button, drop, table, tag
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.step import Verdict, after_model
+from sdp_vs_penalty.page.uploads import SUFFIXES
+from sdp_vs_penalty.page.wording import figure, held
+from sdp_vs_penalty.report.evidence import CERTIFICATE
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.page.view import View
+
+
+def _depends(session: Session) -> Any:
+    return [m.file for m in session.ladder], session.answer("prove"), session.answers.get("verify")
+
+
+def _draw(view: View) -> None:
+    session, model = view.session, view.session.model
+    assert model is not None
+    tag("p", CERTIFICATE, "soft")
+    table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
+    proved, told = session.answer("prove"), session.answers.get("verify")
+    tag("h3", "Proof")
+    tag(
+        "p",
+        "The model is identified again with a proof of its optimum, which a checker on the standard "
+        "library alone verifies in rational arithmetic, as the command verify does.",
+        "soft",
+    )
+    button(
+        "Prove the optimum",
+        lambda: session.ask("prove", "Proving the optimum", view.download),
+        "prove",
+        "primary" if proved is None else "",
+    )
+    for found in (proved, told):
+        if found is not None:
+            kind = "good" if found["holds"] else "bad"
+            said = session.without_paths(found["said"])
+            tag("p", f"{said[0].upper()}{said[1:]}.", f"verdict {kind}")
+    drop("Or check a proof.json", "drop a file here, or choose one", "proof", SUFFIXES["proof"], False)
+
+
+def _verdict(session: Session) -> Verdict | None:
+    model = session.model
+    assert model is not None
+    if model.violation["convex"] > 0.0:
+        return Verdict("bad", f"The constraints are {held(model.violation)}: no robot is like this.")
+    said = f"Constraints: {held(model.violation)}; "
+    if model.gap is None:
+        return Verdict("usable", said + "this method has no certified lower bound.")
+    return Verdict(
+        "good", f"{said}nothing under them is better by more than {figure(model.gap, 2)} of the loss."
+    )
+
+
+PROOF = after_model("proof", "Certificate and proof", _draw, _verdict, _depends)
