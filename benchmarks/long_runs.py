@@ -45,14 +45,23 @@ def write(path: Path, rows: int, model: Estimate) -> None:
             np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")
 
 
+#: Run by a small process: a child's peak begins with the memory of the process that starts it.
+_WORK = """
+import resource, subprocess, sys
+quiet = subprocess.DEVNULL
+subprocess.run([sys.executable, "-m", "sdp_vs_penalty", *sys.argv[1:]], stdout=quiet, stderr=quiet)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+"""
+
+
 def measured(*words: str) -> tuple[float, float]:
     """Processor time [s] and peak memory [MB] of one command."""
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    command = [sys.executable, "-m", "sdp_vs_penalty", *words]
-    process = subprocess.Popen(command, env={**os.environ, **threads}, **quiet)  # type: ignore[call-overload]
-    _, _, used = os.wait4(process.pid, 0)
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
+    command, env = [sys.executable, "-c", _WORK, *words], {**os.environ, **threads}
+    done = subprocess.run(command, env=env, check=True, capture_output=True, text=True)
+    seconds, peak = map(float, done.stdout.split())
+    return seconds, peak
 
 
 def commands(run: str, model: str, out: str) -> dict[str, list[str]]:
@@ -78,18 +87,20 @@ def main() -> None:
         true = identify("panda", load_measurements(given.data / "panda", joints=7))
         true.save(Path(folder, "model.json"))
         last: dict[str, tuple[int, float]] = {}
+        run, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
+        absent = commands(run + ".csv", model, out)
+        imports = {verb: measured(*absent[verb])[1] for verb in given.verbs}
         for rows in given.rows:
-            run, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
             write(Path(run), rows, true)
             for verb in given.verbs:
                 seconds, peak = measured(*commands(run, model, out)[verb])
-                imports = measured(*commands(run + ".csv", model, out)[verb])[1]
                 slope = ""
                 if verb in last:
                     slope = f"{np.log(seconds / last[verb][1]) / np.log(rows / last[verb][0]):.2f}"
                 last[verb] = rows, seconds
                 print(
-                    f"| {verb} | {rows} | {seconds:.1f} | {peak - imports:.0f} | {slope} |", flush=True
+                    f"| {verb} | {rows} | {seconds:.1f} | {peak - imports[verb]:.0f} | {slope} |",
+                    flush=True,
                 )
 
 

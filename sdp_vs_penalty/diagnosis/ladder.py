@@ -21,6 +21,7 @@ from scipy import special
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, wald_exponent
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
+from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.robot.arrays import Array
@@ -47,19 +48,22 @@ def search_through(start: SearchState) -> SearchState:
 
     Where only the residual shows the noise, it begins as what the model leaves beside the best
     explanation and is known better after each round. Its colour hides what resembles it; when
-    nothing more is found with it, one more look takes the noise as white.
+    nothing more is found with it, one more look takes the noise as white, until that repeats itself.
     """
     if start.stage.noise.source != RESIDUAL:
         return climbed(start)
     best = [] if start.picks else [h.effect for h in _with_white_noise(start).contenders()[:1]]
     state = climbed(start.with_noise(start.stage.noise_beside([*start.effects, *best])))
+    tried = set[frozenset[Key]]()
     for _ in range(_ROUNDS):
         found = len(state.picks)
         state = climbed(_with_noise_beside(state))
         if len(state.picks) == found:
             plain = climbed(_with_white_noise(state))
-            if len(plain.picks) == found:
+            keys = frozenset(p.candidate.key for p in plain.picks)
+            if len(plain.picks) == found or keys in tried:
                 break
+            tried.add(keys)
             state = plain
     return _with_noise_beside(state)
 

@@ -10,7 +10,7 @@ from random_robots import link_parameters, rotation
 
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.cones import cone_margin, project, smallest_eigenvalue
-from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet, alike
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.body import Body
@@ -313,3 +313,15 @@ def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length: float) -> No
             value = smallest_eigenvalue(t @ matrix @ t)
             assert np.sign(value) == np.sign(smallest)
             assert abs(value) <= max(length**2, 1.0) * 2e-9
+
+
+def test_constraints_alike_stand_side_by_side_each_once(panda: Problem) -> None:
+    convex = panda.constraints(panda.model()).convex
+    groups = alike(convex)
+    assert sorted(k for group in groups for k in group.places.tolist()) == list(range(len(convex)))
+    assert len({(g.cone, g.coefficients.shape[1:]) for g in groups}) == len(groups) < len(convex)
+    for group in groups:
+        for i, k in enumerate(group.places):
+            assert group.cone == convex[k].cone
+            for name in ("indices", "constant", "coefficients"):
+                np.testing.assert_array_equal(getattr(group, name)[i], getattr(convex[k], name))

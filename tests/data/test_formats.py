@@ -20,7 +20,9 @@ from small_runs import small_run, write_bag
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data.files import load_measurements, read_run, save
 from sdp_vs_penalty.data.formats import suffixes
+from sdp_vs_penalty.data.formats.columns import columns_of
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.export.sdp import posed
@@ -415,3 +417,15 @@ def test_a_bag_that_was_cut_off_is_refused(mcap: bool, share: float, tmp_path: P
     for path in (folder, file):
         with pytest.raises(InputError, match="not a readable ROS bag"):
             read_run(path)
+
+
+def test_npz_holds_what_numpy_would_write(tmp_path: Path) -> None:
+    """Byte by byte, of a run that is written in several pieces."""
+    rng = np.random.default_rng(0)
+    run = Measurements(np.arange(PART + 100) / 1e3, *rng.normal(size=(2, PART + 100, 2)))
+    save(run, tmp_path / "ours.npz")
+    with (tmp_path / "numpy.npz").open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **columns_of(run))
+    ours, theirs = (zipfile.ZipFile(tmp_path / f"{name}.npz") for name in ("ours", "numpy"))
+    assert ours.namelist() == theirs.namelist()
+    assert all(ours.read(name) == theirs.read(name) for name in ours.namelist())
