@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export import plain_robot
 from sdp_vs_penalty.export.compact import is_plain, plain_function
 from sdp_vs_penalty.export.content import about
-from sdp_vs_penalty.export.reachable import needed
+from sdp_vs_penalty.export.reachable import names, needed
 from sdp_vs_penalty.robot.robot import Robot
 
 _PACKAGE = "sdp_vs_penalty"
@@ -161,10 +161,9 @@ def make_function(estimate: Estimate) -> bytes:
 
 def _own(effect: Effect) -> str:
     """What an effect knows beside its robot, as keywords."""
-    cached = {k for kind in type(effect).__mro__ for k, x in vars(kind).items() if _is_cached(x)}
-    known = {
-        k: x for k, x in vars(effect).items() if k not in cached | {"robot", "given", "asked_joints"}
-    }
+    kind, rest = type(effect), ("robot", "given", "asked_joints")
+    known = {k: x for k, x in vars(effect).items() if k not in rest}
+    known = {k: x for k, x in known.items() if not isinstance(getattr(kind, k, 0), cached_property)}
     return ", ".join(f"{k}={_text(x)}" for k, x in known.items())
 
 
@@ -175,10 +174,6 @@ def _text(value: Any) -> str:
         return repr(value)
     whole = value.dtype.kind == "i"
     return f"np.array({value.tolist()!r}, int)" if whole else _array(value)
-
-
-def _is_cached(member: Any) -> bool:
-    return isinstance(member, cached_property)
 
 
 def _array(values: Any) -> str:
@@ -221,7 +216,7 @@ class _Bundle:
         self._done.add(name)
         source = textwrap.dedent(inspect.getsource(thing))
         home = vars(sys.modules[thing.__module__])
-        for used in _names(ast.parse(source)):
+        for used in names(source):
             if used in home and used != name:
                 self._need(used, home[used], source)
         self.sources.append(source.rstrip())
@@ -288,21 +283,3 @@ class _Bundle:
                     "rename one of them",
                 )
             self.sources.append(line)
-
-
-def _names(tree: ast.AST) -> list[str]:
-    """Names that code loads when it runs, in order; not those of annotations."""
-    found: list[str] = []
-
-    def visit(node: ast.AST) -> None:
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
-            found.append(node.id)
-        for key, value in ast.iter_fields(node):
-            if key in ("annotation", "returns"):
-                continue
-            for child in value if isinstance(value, list) else [value]:
-                if isinstance(child, ast.AST):
-                    visit(child)
-
-    visit(tree)
-    return list(dict.fromkeys(found))

@@ -40,6 +40,13 @@ def needed(sources: Sequence[str], end: str, known: Collection[str] = ()) -> tup
     return text.strip(), reached
 
 
+def names(source: str) -> list[str]:
+    """Names that code loads when it runs; not those of annotations."""
+    walked = ast.walk(_Bare().visit(ast.parse(source)))
+    found = (n.id for n in walked if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
+    return list(dict.fromkeys(found))
+
+
 @dataclass
 class _Part:
     """Some code, the names by which it is reached, and the class that it is in."""
@@ -112,7 +119,7 @@ def _family(name: str, kinds: Mapping[str, ast.ClassDef]) -> set[str]:
 
 
 class _Bare(ast.NodeTransformer):
-    """Takes docstrings away, and annotations but for those of a class's fields."""
+    """Takes docstrings away, and annotations; those of a class's fields become texts."""
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         node.returns = None
@@ -127,6 +134,8 @@ class _Bare(ast.NodeTransformer):
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
         self.generic_visit(node)
         node.body = [s for s in node.body if not _is_text(s)]
+        for part in (s for s in node.body if isinstance(s, ast.AnnAssign)):
+            part.annotation = ast.Constant(ast.unparse(part.annotation))
         return node
 
 

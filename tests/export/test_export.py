@@ -371,6 +371,16 @@ def test_the_function_of_a_plain_model_is_short_and_quick(tmp_path: Path) -> Non
     assert seconds < 300e-6  # 40 microseconds where nothing else runs
 
 
+def test_the_function_of_any_model_holds_only_what_a_torque_reaches(tmp_path: Path) -> None:
+    robot = load_problem("panda").robot
+    effects = f"{FULL},torque_offset,presliding_hysteresis:4+7,torque_gain:6,load_dependent_friction:2"
+    export(estimate_of(robot, effects, 3), tmp_path / "model.py")
+    text = (tmp_path / "model.py").read_text()
+    assert len(text.splitlines()) <= 500  # 1195 with every word and method of the effects
+    for unneeded in ("class Shape", "def constraints", "explanation", "def placement_derivatives"):
+        assert unneeded not in text
+
+
 def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
     """Mass, centre from the flange, inertia about the centre: the body's own, whoever writes it."""
     robot = load_problem("panda").robot

@@ -69,6 +69,19 @@ def story(
         page.click(key("compare"))
         page.wait_for_selector("table.methods")
         seen["methods"] = page.locator("table.methods tbody tr").all_inner_texts()
+        go(page, "forward")
+        page.click(key("forward"))
+        page.wait_for_selector("[data-step=forward] .js-line")
+        idle(page)
+        seen["forward"] = page.inner_text("[data-step=forward]")
+        seen["barriers"] += barriers(page)
+        go(page, "proof")
+        with page.expect_download() as waiting:
+            page.click(key("prove"))
+        seen["proof"] = waiting.value.suggested_filename
+        page.wait_for_selector("[data-step=proof] .verdict:has-text('Accepted')")
+        idle(page)
+        seen["barriers"] += barriers(page)
         go(page, "take-away")
         seen["barriers"] += barriers(page)
         folder = tmp_path_factory.mktemp("taken")
@@ -122,6 +135,11 @@ def test_methods_stand_side_by_side(story: dict[str, Any]) -> None:
     assert rows["lmi-sdp"][2] in ("all hold", "all convex constraints hold")
     assert rows["ols"][2].startswith("violated by")
     assert all(re.fullmatch(r"[0-9.]+ %", row[1]) for row in rows.values())
+
+
+def test_the_model_is_run_forward_and_proved(story: dict[str, Any]) -> None:
+    assert re.search(r"0\.1 s ahead the worst joint", story["forward"])
+    assert story["proof"] == "proof.json"
 
 
 def test_what_is_taken_away_works(story: dict[str, Any]) -> None:

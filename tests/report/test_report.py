@@ -202,6 +202,31 @@ def test_it_draws_in_chromium(
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_joints_are_zoomed_together_and_far_figures_wait(
+    made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path
+) -> None:
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = tmp_path / "report.html"
+    path.write_text(made[2])
+    assert "root.moduleName = factory" not in made[2]  # the function that a browser would read twice
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=shutil.which("chromium"))
+        page = browser.new_page(viewport={"width": 1000, "height": 500})
+        page.goto(path.as_uri())
+        page.wait_for_function("document.querySelectorAll('#torques .js-line').length >= 8")
+        assert page.locator("#provenance").count() == 1
+        assert page.locator("#friction .js-plotly-plot").count() == 0
+        first, second = (f"document.querySelectorAll('#torques .plot')[{k}]" for k in (0, 1))
+        page.evaluate(f"Plotly.relayout({first}, {{'xaxis.range[0]': 3, 'xaxis.range[1]': 5}})")
+        page.wait_for_function(f"{second}.layout.xaxis.range?.[1] === 5")
+        page.locator("#torques .legendtoggle").nth(1).click()
+        page.wait_for_function(f"{second}.data[1].visible === 'legendonly'")
+        page.evaluate("document.querySelector('#friction').scrollIntoView()")
+        page.wait_for_selector("#friction .js-plotly-plot")
+        browser.close()
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
 def test_on_paper_everything_is_open_and_no_figure_is_cut(
     made: tuple[dict[str, Estimate], Measurements, str], tmp_path: Path

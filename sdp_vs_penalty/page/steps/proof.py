@@ -28,8 +28,8 @@ def _draw(view: View) -> None:
     tag("h3", "Proof")
     tag(
         "p",
-        "The model is identified again with a proof of its optimum, which a checker on the standard "
-        "library alone verifies in rational arithmetic, as the command verify does.",
+        "The model is identified again with a proof of its optimum, which a checker in pure Python "
+        "then verifies in rational arithmetic, as the command verify does.",
         "soft",
     )
     button(
