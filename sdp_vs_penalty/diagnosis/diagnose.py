@@ -166,7 +166,7 @@ def conclude(
         retuned,
         measured.curves,
         tuple(carriers(stage.rows, stage.residual_beside(state.effects), left.matters)),
-        tuple((j + 1, float(left.repeats[j])) for j in left.matters),
+        tuple((j + 1, float(left.beyond[j])) for j in left.matters),
     )
 
 

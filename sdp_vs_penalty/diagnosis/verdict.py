@@ -7,8 +7,8 @@ Two tests on what the ladder leaves, white and of unit variance if only noise is
 - the variance of each joint against that of the noise, where the noise is known from repetition.
 
 White values weigh each frequency by how quiet it is there: what they show surely may be too little to
-matter. So the same products are taken in N m as well. Rows of standstill are no evidence: dry friction
-holds any torque up to its own there, comes back with the motion, and is no function of it.
+matter. So the error is compared with the noise in N m as well. Rows of standstill are no evidence: dry
+friction holds any torque up to its own there, comes back with the motion, and is no function of it.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class Remainder:
     """share (n,) : variance above the noise over that of the noise; p : smallest p value, corrected
     for the number of tests (1 where only the residual shows the noise: nothing can be tested then);
     remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat; joints : those
-    on which it is, from 0; repeats, floor (n,) [N m or N]: RMS of what repeats, and of the noise."""
+    on which it is, from 0; beyond, floor (n,) [N m or N]: RMS of what is not noise, and of the noise."""
 
     share: Array
     p: float
     remains: bool
     joints: tuple[int, ...]
-    repeats: Array
+    beyond: Array
     floor: Array
 
     @property
@@ -55,7 +55,7 @@ class Remainder:
     def raised(self) -> Array:
         """Share by which it raises the errors of ``joints`` above their noise."""
         at = list(self.joints)
-        total, floor = np.hypot(self.repeats, self.floor)[at], self.floor[at]
+        total, floor = np.hypot(self.beyond, self.floor)[at], self.floor[at]
         return np.divide(total, floor, out=np.full(len(at), np.inf), where=floor > 0.0) - 1.0
 
 
@@ -75,42 +75,38 @@ def remainder(
     p_values = []
     if noise.source == REPETITION:
         p_values += list(special.fdtrc(degrees, noise.degrees, variance))
-        sums, _ = _repeated_products(white, keep, rows, noise)
-        p_values += _chances(sums)
+        p_values += _repeated_products(white, keep, rows, noise)
     p = min(1.0, min(p_values, default=1.0) * max(len(p_values), 1))
     small = {k % n for k, each in enumerate(p_values) if each * len(p_values) < FALSE_UNKNOWN}
-    sums, counts = _repeated_products(residual, keep, rows, noise)
-    repeats = np.sqrt(np.maximum(sums.sum(axis=0), 0.0) / np.maximum(counts, 1.0))
+    square = (keep * residual**2).sum(axis=0) / degrees
+    beyond = np.sqrt(np.maximum(square - noise.floor**2, 0.0))
     joints = tuple(sorted(small))
-    return Remainder(variance - 1.0, float(p), p < FALSE_UNKNOWN, joints, repeats, noise.floor)
+    return Remainder(variance - 1.0, float(p), p < FALSE_UNKNOWN, joints, beyond, noise.floor)
 
 
-def _repeated_products(x: Array, keep: Mask, rows: SegmentedRuns, noise: Noise) -> tuple[Array, Array]:
-    """Sums (stretches of 1 s, n) of x(t) x(t + T) of x (M, n), and how many products each joint has."""
+def _repeated_products(white: Array, keep: Mask, rows: SegmentedRuns, noise: Noise) -> list[float]:
+    """One p value a joint: the mean of w(t) w(t + T), against its scatter over stretches of 1 s."""
     starts = np.cumsum([0, *(len(s.t) for s in rows.segments)])
-    sums, counts = [np.zeros((0, rows.n))], np.zeros(rows.n)
+    sums: list[Array] = []
     for repeat in noise.repeats:
         other = rows.segments[repeat.other]
         spacing = 1.0 / rows.rate
-        # RowLabels of white noise cannot be interpolated without mixing: the nearer row on each side.
+        # Rows of white noise cannot be interpolated without mixing: the nearer row on each side.
         position = (repeat.later - other.t[0]) / spacing
         below = np.floor(position).astype(np.intp)
         weight = position - below
         inside = (below >= 0) & (below + 1 < len(other.t))
         low = starts[repeat.other] + np.where(inside, below, 0)
         high = low + inside
-        later = (1.0 - weight)[:, None] * x[low] + weight[:, None] * x[high]
+        later = (1.0 - weight)[:, None] * white[low] + weight[:, None] * white[high]
         good = inside[:, None] & keep[repeat.rows] & keep[low] & keep[high]
-        product = np.where(good, x[repeat.rows] * later, 0.0)
-        counts += good.sum(axis=0)
-        sums.append(np.add.reduceat(product, np.arange(0, len(product), max(1, round(rows.rate)))))
-    return np.concatenate(sums), counts
-
-
-def _chances(s: Array) -> list[float]:
-    """One p value a joint: its sums (B, n) over stretches against their scatter; none for too few."""
-    if len(s) < 6:
+        product = np.where(good, white[repeat.rows] * later, 0.0)
+        width = max(1, round(rows.rate))
+        for first in range(0, len(product), width):
+            sums.append(product[first : first + width].sum(axis=0))
+    if len(sums) < 6:
         return []
+    s = np.array(sums)
     total, spread = s.sum(axis=0), np.sqrt(np.sum(s**2, axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(spread > 0.0, total / spread, 0.0)

@@ -91,7 +91,7 @@ def test_what_comes_back_remains(repeating: float, sign: float, remains: bool) -
     assert found.remains == remains == (found.p < FALSE_UNKNOWN)
     assert found.joints == ((0,) if remains else ()) == found.matters
     if repeating != 0.3:  # a wave of that amplitude, in N m
-        assert found.repeats[0] == pytest.approx(FLOOR[0] * repeating / np.sqrt(2.0), abs=0.05)
+        assert found.beyond[0] == pytest.approx(FLOOR[0] * repeating / np.sqrt(2.0), abs=0.05)
 
 
 def test_what_surely_repeats_may_hardly_matter() -> None:
@@ -102,6 +102,8 @@ def test_what_surely_repeats_may_hardly_matter() -> None:
     assert found.matters == ()
     assert "on joint 1 hardly matters" in negligible(found)
     assert negligible(remainder(fit, rows, noise, fit.torque)) == ""
+    noise.repeats = []  # a window of a recording whose noise is known from all of it
+    assert remainder(fit, rows, noise, fit.torque).matters == (0,)
 
 
 def test_what_friction_holds_at_rest_is_no_evidence() -> None:
@@ -110,7 +112,7 @@ def test_what_friction_holds_at_rest_is_no_evidence() -> None:
     rows.still[:, 0] = 1.0
     found = remainder(fit, rows, noise, fit.torque)
     assert not found.remains
-    assert found.repeats[0] == 0.0
+    assert found.beyond[0] == 0.0
 
 
 def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:
