@@ -253,12 +253,12 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
     errors += [f.held_out_rmse_after for f in shown]
     noise = "noise" if result.noise_source == "repetition" else "noise?"
     names = ["model", "retuned"][: 1 + retuned]
-    names += [*(f"+ {k}." for k in range(1, len(shown) + 1)), noise]
-    ends = [*[""] * (1 + retuned), *(f.confidence for f in shown), ""]
+    weak = (" weak" if f.confidence == "weak" else "" for f in shown)
+    names += [*(f"+ {k}.{mark}" for k, mark in enumerate(weak, start=1)), noise]
     cells = aligned([*errors, result.noise_floor])
-    rows = [(name, *row, end) for name, row, end in zip(names, cells, ends, strict=True)]
+    rows = [(name, *row) for name, row in zip(names, cells, strict=True)]
     joints = [str(j + 1) for j in range(len(units))]
-    table(f"{title}, refitted at each step by unconstrained least squares", ("with", *joints, ""), rows)
+    table(f"{title}, refitted at each step by unconstrained least squares", ("with", *joints), rows)
     said: set[str] = set()
     for k, finding in enumerate(shown, start=1):
         head, _, physics = finding.explanation.partition(". ")

@@ -118,13 +118,13 @@ def event_lines(events: Sequence[Any], every: bool = False) -> list[str]:
         hums = sum(e.frequency is not None for e in events)
         hum = f", {hums} of them a hum" if hums else ""
         first, last = min(e.t_start for e in events), max(e.t_end for e in events)
-        return [f"{len(events)} one-off events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
-    lines = [
-        f"one-off event on joint {e.joint + 1}: {e.t_start:.2f} s to {e.t_end:.2f} s" for e in events
-    ]
+        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
+    kinds = (
+        "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz" for e in events
+    )
     return [
-        line if e.frequency is None else f"{line}, a hum of {e.frequency:.3g} Hz"
-        for line, e in zip(lines, events, strict=True)
+        f"{kind} on joint {e.joint + 1}: {e.t_start:.2f} s to {e.t_end:.2f} s"
+        for kind, e in zip(kinds, events, strict=True)
     ]
 
 

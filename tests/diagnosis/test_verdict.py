@@ -140,9 +140,9 @@ def test_many_events_are_one_line() -> None:
     """The findings stay in sight; every event is still listed where it is asked for."""
     events = [Event(k % 2, float(k), k + 0.5, "hum", 12.0) for k in range(4)]
     (line,) = event_lines(events)
-    assert line == "4 one-off events on joints 1 and 2, 0.00 s to 3.50 s, 4 of them a hum"
+    assert line == "4 events on joints 1 and 2, 0.00 s to 3.50 s, 4 of them a hum"
     assert len(event_lines(events, every=True)) == 4
-    assert event_lines(events[:1]) == ["one-off event on joint 1: 0.00 s to 0.50 s, a hum of 12 Hz"]
+    assert event_lines(events[:1]) == ["a hum of 12 Hz on joint 1: 0.00 s to 0.50 s"]
 
 
 def test_a_joint_without_a_model_is_named() -> None:

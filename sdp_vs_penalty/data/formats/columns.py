@@ -111,6 +111,7 @@ def from_columns(
             "the groups have different numbers of joints: "
             + ", ".join(f"{group} {width}" for group, width in widths.items()),
             "give q, dq and tau a column a joint",
+            what,
         )
     return run_of(path, t, blocks)
 
