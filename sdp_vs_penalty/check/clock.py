@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +46,6 @@ def _row(index: int) -> int:
     return int(index) + 2
 
 
-#: Fewest rows of a run that follows another in one file.
-_RUN = 50
-
-
 def _missing(run: Measurements) -> Issue | None:
     bad = np.flatnonzero(~_finite(run))
     if not len(bad):
@@ -61,6 +58,8 @@ def _missing(run: Measurements) -> Issue | None:
     )  # fmt: skip
 
 
+#: Fewest rows of a run that follows another in one file.
+_RUN = 50
 #: Units of time that loggers write, in seconds.
 _TIME_UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 #: Ratios of a velocity channel to the velocity in rad/s that have nothing to do with time.
@@ -150,24 +149,24 @@ def _backwards(run: Measurements) -> Issue | None:
     if not len(bad):
         return None
     typical = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    repair = _run_on
+    repair = _only_forward
     if typical > 0.0 and _anew(run.t, bad):
         what = f"the clock begins anew {show.count(len(bad), 'time')}: several runs are in the file."
         remedy = "let each begin a second after the end of the one before (or write a file each)"
-        repair = _one_after_another
+        repair = partial(_run_on, step=max(1.0, 50.0 * typical))
     elif typical > 0.0 and all(_continues(run, int(k)) for k in bad):
         what = (
             f"the clock is set back {show.count(len(bad), 'time')}, by up to {-steps[bad].min():.3g} "
             "s, while the motion continues without a break."
         )
         remedy = "continue the time at the usual step there"
+        repair = partial(_run_on, step=typical)
     else:
         what = (
             f"time runs backwards {show.count(len(bad), 'time')}, and the rows there do not "
             "continue the motion."
         )
         remedy = "delete the rows whose time lies before that of an earlier row"
-        repair = _only_forward
     return Issue(
         "time runs backwards", "error", rows_text(_row(bad[0] + 1), len(bad)), what,
         "certain: read from the file", remedy, repair,
@@ -187,17 +186,10 @@ def _anew(t: Array, back: NDArray[np.intp]) -> bool:
     return bool(np.all(long) and np.all(t[back + 1] - t[0] < 0.05 * (t[back] - t[0])))
 
 
-def _one_after_another(run: Measurements) -> Measurements:
-    """Steps back replaced by a gap, at which runs are split."""
+def _run_on(run: Measurements, step: float) -> Measurements:
+    """Steps back replaced by ``step`` [s]: the usual one, or a gap, at which runs are split."""
     steps = np.diff(run.t)
-    pause = max(1.0, 50.0 * float(np.median(steps[steps > 0.0])))
-    return stamps.with_steps(run, np.where(steps < 0.0, pause, steps))
-
-
-def _run_on(run: Measurements) -> Measurements:
-    """Steps back replaced by the median step."""
-    steps = np.diff(run.t)
-    return stamps.with_steps(run, np.where(steps < 0.0, np.median(steps[steps > 0.0]), steps))
+    return stamps.with_steps(run, np.where(steps < 0.0, step, steps))
 
 
 def _repeats(run: Measurements) -> Issue | None:

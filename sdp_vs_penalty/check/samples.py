@@ -221,12 +221,13 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
     lattice = np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
     tells = (usual > 3.0 * lattice) & (rough < 2.0 * usual)
     ratio = np.where(tells, speed / np.maximum(usual, 1e-300), np.nan)
-    enough = tells.sum(axis=1) >= max(2, (int(moves.sum()) + 1) // 2)
+    telling = tells.sum(axis=1)
+    enough = telling >= max(2, (int(moves.sum()) + 1) // 2)
     low, high = (np.full(len(steps), np.nan) for _ in range(2))
     if not enough.any():
         return
-    for count in np.unique(tells[enough].sum(axis=1)):  # nanquantile takes the rows one by one
-        rows = np.flatnonzero(enough & (tells.sum(axis=1) == count))
+    for count in np.unique(telling[enough]):  # nanquantile takes the rows one by one
+        rows = np.flatnonzero(telling == count)
         known = ratio[rows][tells[rows]].reshape(-1, count)
         low[rows], high[rows] = np.quantile(known, [0.25, 0.75], axis=1)
     ordinary = steps < 3.0 * np.median(steps)

@@ -165,7 +165,7 @@ def conclude(
         new_share,
         retuned,
         measured.curves,
-        tuple(carriers(stage.rows, stage.residual_beside(state.effects), left.matters)),
+        tuple(carriers(stage.rows, state.residual, left.matters)),
         tuple((j + 1, float(left.beyond[j])) for j in left.matters),
     )
 

@@ -39,8 +39,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     rows, noise = stage.rows, stage.noise
     n, M = rows.n, len(rows.t)
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
-    residual = stage.residual_beside(state.effects)
-    left = remainder(fit, rows, noise, residual)
+    left = remainder(fit, rows, noise, state.residual)
     mask, faint = np.zeros((2, M, n), bool)
     rates = rate_features(rows)
     for j in range(n):
@@ -61,7 +60,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
         where = {*left.joints, *np.flatnonzero(repeats.any(axis=0)).tolist()}
         left = replace(left, remains=True, joints=tuple(sorted(where)))
     if mask.any():
-        without = remainder(fit, rows, noise, residual, mask)
+        without = remainder(fit, rows, noise, state.residual, mask)
         if without.remains:
             mask[:] = False
         else:
@@ -97,7 +96,7 @@ def _hums(state: SearchState) -> list[Event]:
     if repeats:
         left, found = differences(rows, rows.residual, repeats), consecutive(repeats)
     else:
-        left = state.stage.residual_beside(state.effects)
+        left = state.residual
     out = []
     for j in range(rows.n):
         every = found if repeats else rows.pieces(j)
@@ -134,7 +133,7 @@ def _odd_ones(state: SearchState) -> Mask:
     if not suspect.any():
         return out
     width = np.ones(2 * _reach(stage) + 1)
-    squares = stage.residual_beside(state.effects) ** 2
+    squares = state.residual**2
     energy = np.array([np.convolve(x, width, mode="same") for x in squares.T]).T
     for repeat in stage.noise.repeats:
         rows, later = repeat.rows, later_rows(stage.rows, repeat)

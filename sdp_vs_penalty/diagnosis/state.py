@@ -74,6 +74,11 @@ class SearchState:
         """The model with all picks."""
         return _extended(self.base, self.picks)
 
+    @cached_property
+    def residual(self) -> Array:
+        """(M, n) what the model with all picks leaves, not whitened [N m or N]."""
+        return self.stage.residual_beside(self.effects)
+
     def coloured(self, best: Candidate | None = None) -> SearchState:
         """The same picks, with the colour taken out of the error that stays unexplained even with the
         ``best`` candidate so far."""

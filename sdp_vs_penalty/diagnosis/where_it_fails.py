@@ -199,9 +199,7 @@ def where_it_fails(
     return out
 
 
-def carriers(
-    rows: SegmentedRuns, error: Array, joints: Iterable[int], most: int = 3
-) -> list[tuple[int, str, float]]:
+def carriers(rows: SegmentedRuns, error: Array, joints: Iterable[int]) -> list[tuple[int, str, float]]:
     """The variables that carry most of the error (M, n) of some joints (from 0): joint (from 1),
     variable, and the RMS [N m or N] that follows a smooth function of it on stretches left out."""
     folds, keep = phase_folds(rows, clocks_of(rows)), np.asarray(rows.keep.all(axis=1), bool)
@@ -219,7 +217,7 @@ def carriers(
         for name, features in {**hats, f"ddq{j + 1}": _hats(states["acceleration"][:, j])}.items():
             share = _held_out_share(features[keep], own[keep], folds[keep])
             found.append((j + 1, name, size * float(np.sqrt(share))))
-    best = sorted(found, key=lambda one: -one[2])[:most]
+    best = sorted(found, key=lambda one: -one[2])[:_MOST_NAMED]
     return [one for one in best if one[2] > 0.0]
 
 

@@ -14,14 +14,13 @@ RATE, PERIOD = 10.0, 20.0
 T = np.arange(400) / RATE  # two periods
 
 
-def stage(suspect: Any = None, left: Any = None) -> Any:
+def stage(suspect: Any = None) -> Any:
     """Rows of one run of one joint whose second half repeats the first."""
     first = np.arange(200)
     repeats = [Repeat(first, 0, T[first] + PERIOD)]
     return SimpleNamespace(
         rows=SimpleNamespace(segments=[SimpleNamespace(t=T)], rate=RATE, n=1),
         noise=SimpleNamespace(repeats=repeats, suspect=suspect),
-        residual_beside=lambda _: left,
     )
 
 
@@ -42,7 +41,7 @@ def test_what_happens_in_one_period_only_is_an_event() -> None:
 def test_of_two_periods_that_differ_the_one_with_more_error_holds_the_event() -> None:
     for true, other in ((2.24, 22.24), (22.24, 2.24)):
         left = 0.01 * np.ones((400, 1)) + around(true)
-        state: Any = SimpleNamespace(stage=stage(around(true, other), left), effects=[])
+        state: Any = SimpleNamespace(stage=stage(around(true, other)), residual=left)
         found = _odd_ones(state)
         assert found[around(true)].any()
         assert not found[around(other)].any()
