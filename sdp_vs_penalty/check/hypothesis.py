@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.evidence import PARTS, Evidence, in_parts, solve, without_each
 from sdp_vs_penalty.check.issue import Issue, Repair
-from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
+from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, settled
 from sdp_vs_penalty.robot.arrays import Array
 
 #: A hypothesis has to raise the score (see evidence.py) by so much: the residual of one joint, or of
@@ -62,9 +62,7 @@ class Number:
 
     def fitted(self, physics: Physics, grid: Iterable[float], steps: int = 8) -> Number:
         """The same with the value that leaves least unexplained, found from a grid."""
-        told = self.where(physics)
-        found = best_number(lambda x: self.at(x)(told).evidence.misfit, grid, steps)
-        return replace(self, value=found)
+        return all_fitted([self], physics, grid, steps)[0]
 
     def determined(self, physics: Physics) -> bool:
         """Whether it is certainly not zero, or certainly more than is usual."""
@@ -125,6 +123,21 @@ class Number:
             )
         ]
         return here, wide, 1.0 / (here.evidence.shares * here.evidence.energy)
+
+
+def all_fitted(
+    numbers: Sequence[Number], physics: Physics, grid: Iterable[float], steps: int = 8
+) -> list[Number]:
+    """Several numbers, each by itself, with the values that leave least unexplained."""
+    if not numbers:
+        return []
+    told = numbers[0].where(physics)
+
+    def misfits(asked: list[tuple[int, float]]) -> list[float]:
+        return [e.misfit for e in settled(numbers[k].at(x)(told) for k, x in asked)]
+
+    found = best_numbers(misfits, [list(grid)] * len(numbers), steps)
+    return [replace(number, value=x) for number, x in zip(numbers, found, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -226,13 +239,37 @@ def few_rows(physics: Physics) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, _FEW_ROWS)).astype(np.intp))
 
 
-def best_number(score: Callable[[float], float], grid: Iterable[float], steps: int = 8) -> float:
-    """The number with the lowest score: the best of a grid, refined by parabolas around it.
+def best_numbers(
+    scores: Callable[[list[tuple[int, float]]], Sequence[float]],
+    grids: Sequence[Sequence[float]],
+    steps: int = 8,
+) -> list[float]:
+    """The numbers with the lowest score, each the best of its grid, refined by parabolas around it.
+
+    scores : of (which number, value), as many as are asked for at once: the searches go side by side.
+    """
+    searches = [_search(grid, steps) for grid in grids]
+    asked = {k: next(search) for k, search in enumerate(searches)}
+    found = [0.0] * len(grids)
+    while asked:
+        flat = [(k, x) for k, wanted in asked.items() for x in wanted]
+        answers, going = iter(scores(flat)), {}
+        for k, wanted in asked.items():
+            try:
+                going[k] = searches[k].send([next(answers) for _ in wanted])
+            except StopIteration as end:
+                found[k] = end.value
+        asked = going
+    return found
+
+
+def _search(grid: Sequence[float], steps: int) -> Generator[list[float], list[float], float]:
+    """Asks for scores of numbers, and returns the best.
 
     A logarithm of squares is sharp at its minimum; where a parabola lands beside it the longer side
     is cut by the golden section.
     """
-    known = {x: score(x) for x in grid}
+    known = dict(zip(grid, (yield list(grid)), strict=True))
     width = np.inf
     for _ in range(steps):
         places = sorted(known)
@@ -247,5 +284,5 @@ def best_number(score: Callable[[float], float], grid: Iterable[float], steps: i
         width = c - a
         if min(abs(at - x) for x in (a, b, c)) < 1e-3 * (c - a):
             break
-        known[at] = score(at)
+        (known[at],) = yield [at]
     return min(known, key=lambda x: known[x])

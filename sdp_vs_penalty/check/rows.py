@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.check import beyond
+from sdp_vs_penalty.check.columns import independent_of
 from sdp_vs_penalty.check.own import Own, own_effects
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
@@ -66,7 +67,8 @@ def physics_of(
 
     late = (cache(partial(_stacked, own, make)) for make in (beyond.usual, beyond.rivals))
     kept = Own(_stacked(own, known), indices, *late)
-    given = Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
+    independent, nominal = independent_of(model, problem.nominal(model))
+    given = Physics(model, Motion(t, q, dq, ddq), tau, rate, nominal, independent=independent, own=kept)
     return beyond.widened(given.part(_sliding(dq[:, moving_joints(run)])))
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import Evidence, in_parts, solve
+from sdp_vs_penalty.check.evidence import Evidence, in_parts, settle, solve
 from sdp_vs_penalty.check.hypothesis import HALF, Hypothesis, propose
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
@@ -129,6 +130,7 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
     edges = [0, *(int(share * count) for share in cuts), count]
     pieces = in_parts(physics.columns, physics.channels, edges)
     before, after = list(accumulate(pieces)), list(accumulate(pieces[::-1]))[::-1]
+    settle([*before[:-1], *after[1:]])
     for cut, *parts in zip(edges[1:-1], before, after[1:], strict=False):
         left = sum(part.shares * part.energy for part in parts) / one.energy
         score = float(np.log(np.maximum(left, 1e-5)).sum())
@@ -173,7 +175,8 @@ def _with_load(physics: Physics, cut: int) -> Evidence:
     """The evidence where the last link has ten parameters of its own after the cut."""
     last = physics.model.rigid_indices[-10:]
     after = (np.arange(len(physics.motion.t)) >= cut)[:, None]
-    columns = [np.hstack([c, c[:, last] * after]) for c in physics.columns]
+    whole = replace(physics, independent=None).columns
+    columns = [np.hstack([c, x[:, last] * after]) for c, x in zip(physics.columns, whole, strict=True)]
     return Evidence.of(columns, physics.channels)
 
 
