@@ -98,7 +98,9 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64]) -> tuple[tu
 
 def _stacked(pieces: Sequence[_Dense], make: Callable[[Motion], list[Array]]) -> Array:
     """(n, M, k) columns of each joint's own motion, low-passed as the torque is."""
-    if not make(pieces[0][0]):
-        return np.zeros((pieces[0][0].q.shape[1], sum(x.shape[0] for _, x in pieces), 0))
-    parts = [np.stack([low_pass @ c for c in make(dense)], axis=2) for dense, low_pass in pieces]
+    parts = []
+    for dense, low_pass in pieces:
+        made = [low_pass @ c for c in make(dense)]
+        empty = np.zeros((low_pass.shape[0], dense.q.shape[1], 0))
+        parts.append(np.stack(made, axis=2) if made else empty)
     return np.moveaxis(np.concatenate(parts), 1, 0)
