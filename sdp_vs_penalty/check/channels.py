@@ -18,6 +18,7 @@ from sdp_vs_penalty.robot.arrays import Array
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
 _SMALLEST_GAIN, _GROSS_GAIN = 0.06, 0.2
+_DECADE = float(np.log(10.0))
 #: Logarithm by which the channels of one arm, as its drives are calibrated, differ.
 _USUAL_GAIN = 0.1
 #: A model of channels that differ by less is wrong by as much, but not meaningless.
@@ -47,6 +48,10 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
         if abs(found) < np.log1p(_SMALLEST_GAIN):
             continue
+        tried = settled(number.at(found + x)(physics) for x in (0.0, -_DECADE, _DECADE))
+        best, *others = (e.misfit for e in tried)
+        if min(others) < best + LEAST:
+            continue  # any size explains as much: a channel that is clipped, or none of this arm's
         factor = float(np.exp(found)) if unit is None else unit
         size = f"{1.0 / factor:.3g} times too large" if factor < 1.0 else f"{factor:.3g} times too small"
         what = f"the torque of joint {j + 1} is {size} beside those of the joints that it moves with"
