@@ -241,6 +241,8 @@ class _Reduced:
     def weighted(self, weights: Array) -> Array:
         """(K, s) the shared parameters by least squares with these weights (K, n) of the channels."""
         k, n, s = self.cross.shape
+        if not s:
+            return np.zeros((k, 0))
         gram = (weights[:, None] @ self.shared.reshape(-1, n, s * s)).reshape(k, s, s)
         right = (weights[:, None] @ self.cross)[:, 0]
         norms = np.sqrt((weights[:, None] @ self.sizes)[:, 0])
