@@ -48,7 +48,8 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
         if abs(found) < np.log1p(_SMALLEST_GAIN):
             continue
-        tried = settled(number.at(found + x)(physics) for x in (0.0, -_DECADE, _DECADE))
+        told = number.where(physics)
+        tried = settled(number.at(found + x)(told) for x in (0.0, -_DECADE, _DECADE))
         best, *others = (e.misfit for e in tried)
         if min(others) < best + LEAST:
             continue  # any size explains as much: a channel that is clipped, or none of this arm's
@@ -74,7 +75,7 @@ def gain_number(j: int, n: int) -> Number:
         scale = np.where(np.arange(n) == j, np.exp(x), 1.0)
         return partial(Physics.with_channels, scale=scale, order=np.arange(n))
 
-    return Number(0.0, at, _USUAL_GAIN)
+    return Number(0.0, at, _USUAL_GAIN, where=lambda p: p.sliding)
 
 
 def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

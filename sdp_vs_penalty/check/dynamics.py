@@ -104,8 +104,9 @@ def _worth_a_look(
         made = list(family(few, moving))
         for k in range(0, len(made), _AT_ONCE):
             some = made[k : k + _AT_ONCE]
-            for hypothesis, after in zip(some, settled(h.apply(few) for h in some), strict=True):
-                gain = few.evidence.score - after.score
+            after = settled(h.apply(h.where(few)) for h in some)
+            for hypothesis, evidence in zip(some, after, strict=True):
+                gain = hypothesis.where(few).evidence.score - evidence.score
                 number, least = hypothesis.number, 0.6 * min(hypothesis.needed, GROSS)
                 least = least if number is None else min(least, number.least)
                 if gain > least:

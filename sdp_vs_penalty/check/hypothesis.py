@@ -78,11 +78,11 @@ class Number:
         it scales a channel C, its column is made of Y theta, whose noise would else tell of a gain
         (errors in variables). Leaving out parts in turn (a delete-a-group jackknife) moves its size.
         """
-        return self._deviation(*self._tangent(physics))
+        return self._deviation(*self._tangent(self.where(physics)))
 
     @staticmethod
     def _deviation(here: Physics, wide: list[Array], weights: Array) -> float:
-        parts = in_parts(wide, here.channels)
+        parts = in_parts(wide, here.counted)
         found = np.array([e.weighted(weights)[-1] for e in without_each(parts)])
         left_out = (PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)
         # Where nothing tells of the number, each part says zero alike: the noise's share speaks then.
@@ -96,8 +96,8 @@ class Number:
         To first order: an x raises the residual of joint j from r_j to r_j + x^2 d_j, d_j what the arm's
         columns leave of the number's own.
         """
-        here, wide, weights = self._tangent(physics)
-        evidence = Evidence.of(wide, here.channels)
+        here, wide, weights = self._tangent(self.where(physics))
+        evidence = Evidence.of(wide, here.counted)
         gram = np.tensordot(weights, evidence.gram, 1)
         left = np.append(-solve(gram[:-1, :-1], gram[:-1, -1:])[:, 0], 1.0)
         ratio = np.maximum(evidence.gram @ left @ left, 0.0) * weights
@@ -113,9 +113,9 @@ class Number:
         low, high = (self.at(self.value + x)(physics) for x in (-h, h))
         here = self.at(self.value)(physics) if self.value else physics
         theta = here.evidence.theta
-        change = high.channels - low.channels
-        scaled = np.sum(change * here.channels, axis=0) / np.sum(here.channels**2 + 1e-300, axis=0)
-        change = change - scaled * here.channels
+        change, said = high.counted - low.counted, here.counted
+        scaled = np.sum(change * said, axis=0) / np.sum(said**2 + 1e-300, axis=0)
+        change = change - scaled * said
         wide = [
             np.column_stack([c, ((a - b - k * c) @ theta - x) / (2.0 * h)])
             for c, a, b, k, x in zip(
@@ -145,7 +145,7 @@ class Hypothesis:
     """Something that may be wrong with the file; ``apply`` turns the test's data into what is right.
 
     needed : gain of the score below which it is not believed; once : it happens at one moment, or grows,
-    and need not show in both halves of a run; gross : no arm is like that by itself; number : what was
+    and need not show in both halves of a run, but where its joint slides; gross : no arm is like that by itself; number : what was
     estimated, where it is one.
     """
 
@@ -157,9 +157,17 @@ class Hypothesis:
     gross: bool = False
     number: Number | None = None
 
+    def where(self, physics: Physics) -> Physics:
+        """The data that tell of it. Where a joint rests, dry friction holds any torque between two
+        limits, another one at every stop: what happens once has to show where it slides."""
+        if self.number is not None:
+            return self.number.where(physics)
+        return physics.sliding if self.once else physics
+
     def gain(self, physics: Physics) -> float:
         """By how much it raises the score."""
-        return physics.evidence.score - self.apply(physics).evidence.score
+        told = self.where(physics)
+        return told.evidence.score - self.apply(told).evidence.score
 
     def needed_for(self, physics: Physics) -> float:
         """The gain of the score below which it is not believed of these data."""
@@ -178,7 +186,7 @@ class Hypothesis:
         """
         if self.number is None or not self.number.determined(physics):
             return self.number is None
-        rival = self.number.where(beyond.rival(physics))
+        rival = beyond.rival(physics)
         return self.gain(rival) > min(HALF * self.gain(physics), ENOUGH)
 
     def pays(self, physics: Physics, gain: float) -> bool:
@@ -187,7 +195,8 @@ class Hypothesis:
         What happens once need not show everywhere, but in most of them; nor need a number that no arm
         has by itself, which has to be the same all over the run (see :class:`Number`).
         """
-        before, after = physics.left_out, self.apply(physics).left_out
+        told = self.where(physics)
+        before, after = told.left_out, self.apply(told).left_out
         each = np.log(before / after).sum(axis=1)
         large = self.number is not None and abs(self.number.value) > 2.0 * self.number.tolerance
         least = _MOST if self.once or large else NEARLY_ALL
@@ -197,7 +206,8 @@ class Hypothesis:
         """The issue, with what the hypothesis explains of these data."""
         if self.issue.certainty:
             return self.issue
-        before, after = (p.evidence.shares for p in (physics, self.apply(physics)))
+        told = self.where(physics)
+        before, after = (p.evidence.shares for p in (told, self.apply(told)))
         change = np.log(before / after)
         j = int(np.argmax(change))
         word = "certain" if change[j] > np.log(10.0) else "likely"

@@ -127,11 +127,15 @@ class Physics:
     @cached_property
     def evidence(self) -> Evidence:
         """What one arm explains of the channels."""
-        heard = self.channels if self.heard is None else self.heard * self.channels
         cross = np.zeros((self.n, self.p))
-        for out, c, y in zip(cross, self.acting, heard.T, strict=True):
+        for out, c, y in zip(cross, self.acting, self.counted.T, strict=True):
             out[c.indices] = c.columns.T @ y
-        return Evidence(self.grams, cross, energy_of(heard))
+        return Evidence(self.grams, cross, energy_of(self.counted))
+
+    @property
+    def counted(self) -> Array:
+        """(M, n) the channels, 0 where nothing is asked of them, as the columns are there."""
+        return self.channels if self.heard is None else self.heard * self.channels
 
     @cached_property
     def sliding(self) -> Physics:
@@ -151,7 +155,7 @@ class Physics:
     @cached_property
     def left_out(self) -> Array:
         """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
-        return left_out(self.columns, self.channels)
+        return left_out(self.columns, self.counted)
 
     def _other_channels(self, channels: Array, rate: Array) -> Physics:
         """Other channels on the same motion: the columns, which are dear, are kept."""
