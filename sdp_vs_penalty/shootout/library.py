@@ -22,13 +22,14 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.export.sdp import export_sdp, prove
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.shootout.card import CARD, CITATION
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import Entry
 from sdp_vs_penalty.solvers.conic import ConicProblem
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, write_proof
 from sdp_vs_penalty.solvers.rewrite import linear_objective
 
+#: The data card and the citation that go with a library are files beside this one.
+_HERE = Path(__file__).parent
 #: A proved interval of at most this share of the loss makes an instance easy, or of medium difficulty.
 _EASY, _MEDIUM = 1e-8, 1e-6
 
@@ -56,8 +57,9 @@ def write_library(
     table.writerows(rows)
     write_text(folder / "index.csv", text.getvalue())
     proved = sum(r["status"] != "not proved" for r in rows)
-    write_text(folder / "README.md", CARD.format(count=len(rows), proved=proved))
-    write_text(folder / "CITATION.cff", CITATION)
+    card = (_HERE / "card.md").read_text()
+    write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
+    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text())
     return rows
 
 
