@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -74,8 +73,7 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     sums = {}
     for name in ("problem.cbf",) if exponential else ("problem.cbf", "problem.dat-s"):
         more = {"name": item.name, "about": item.sentence, "formulation": instance.formulation}
-        about = export_sdp(sdp, folder / name, interval, status=status, **more)
-        sums[name] = json.loads(about.read_text())["sha256"]
+        sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)["sha256"]
     made = linear_objective(sdp.conic)
     for name, content in (
         ("problem.npz", _npz(made.problem)),
