@@ -18,7 +18,7 @@ CORRELATED = 0.8
 #: Share of a larger effect's gain up to which a smaller one on its joints may be that law's own error: a
 #: law of friction holds to about a tenth of its torque.
 LAW = 0.01
-#: ... and of a law of the same friction: what bends that in another way is nearly the same.
+#: ... and of a law that the smaller one refines: what bends it in another way is nearly the same.
 FINER_LAW = 0.03
 #: ... and up to which it is taken for a part of that law, where both change the same friction.
 PART = 0.005
@@ -148,7 +148,10 @@ def overshadowed(state: SearchState, k: int) -> Pick | None:
 def _part_of_a_law(state: SearchState, k: int) -> bool:
     """Whether pick k is a small change of the friction that a much larger one changes, too."""
     pick, larger = state.picks[k], overshadowed(state, k)
-    return larger is not None and pick.gain < PART * larger.gain and _same_friction(pick, larger)
+    if larger is None or pick.gain >= PART * larger.gain:
+        return False
+    one, other = (p.candidate.effect for p in (pick, larger))
+    return not {one.name, *one.refines}.isdisjoint({other.name, *other.refines})
 
 
 def _drowned(state: SearchState, k: int) -> bool:
@@ -163,13 +166,7 @@ def _drowned(state: SearchState, k: int) -> bool:
 
 def _own_error(pick: Pick, larger: Pick) -> float:
     """Share of a larger pick's gain that its law may leave to the other."""
-    return FINER_LAW if _same_friction(pick, larger) else LAW
-
-
-def _same_friction(one: Pick, other: Pick) -> bool:
-    """Whether one law refines the other, or both the same plain one."""
-    a, b = (p.candidate.effect for p in (one, other))
-    return not {a.name, *a.refines}.isdisjoint({b.name, *b.refines})
+    return FINER_LAW if larger.candidate.effect.name in pick.candidate.effect.refines else LAW
 
 
 def _taken(state: SearchState, k: int, m: int) -> float:

@@ -103,8 +103,8 @@ class Effect(ABC):
     beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
-    #: What dry friction does at rest by this law; a search asks it only of joints that do that, or do not
-    #: ("" where it says nothing): "holds", without motion that could be told; "turns", over a travel.
+    #: What dry friction does at rest by this law, if it says so: a search tries "holds" on joints that
+    #: hold without motion that could be told, and "turns" (over a travel) on all others.
     at_rest: ClassVar[Literal["", "holds", "turns"]] = ""
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: ClassVar[tuple[str, ...]] = ()

@@ -16,10 +16,10 @@ class Stiction(PreslidingHysteresis):
     name = "stiction"
     equation = "f_h (z - sign(dq)), z the last way of sliding"
     explanation = (
-        "Dry friction holds a joint that has come to rest, where a smooth sign of the velocity lets go: "
-        "what it held at last it goes on holding, until the joint slides the other way. Pushed further it "
-        "is anything up to its Coulomb level, which no motion tells. The positions stay alike meanwhile, "
-        "so that no travel over which it turns round (presliding) can be told."
+        "Dry friction holds a joint at rest, where a smooth sign of the velocity lets go: what it held at "
+        "last it goes on holding until the joint slides the other way. Pushed, it is anything up to its "
+        "Coulomb level, which no motion tells. The positions stay alike meanwhile, so that no travel over "
+        "which it turns round (presliding) can be told."
     )
     reference = "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
     symbol = "f_h"
@@ -32,7 +32,7 @@ class Stiction(PreslidingHysteresis):
 
     def remark(self, size: float) -> str:
         d, unit = self.shape["d"], self.robot.position_units[self.joints[0]]
-        return f"It turned round while the positions stayed alike: over how far, below {d:.2g} {unit}, is open."
+        return f"It turned round without a motion that shows: over how far below {d:.2g} {unit} is open."
 
 
 def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:

@@ -69,7 +69,9 @@ def still(q: Array) -> NDArray[np.bool_]:
     return out
 
 
-def turned_at_rest(friction: Array, rates: Array, share: Array, pieces: Sequence[NDArray[np.intp]]) -> bool:
+def turned_at_rest(
+    friction: Array, rates: Array, share: Array, pieces: Sequence[NDArray[np.intp]]
+) -> bool:
     """Whether friction held a joint while it changed by more than its own size, at least twice: then no
     travel that these positions tell turns it round.
 
