@@ -18,8 +18,8 @@ class Stiction(PreslidingHysteresis):
     explanation = (
         "Dry friction holds a joint at rest, where a smooth sign of the velocity lets go: what it held "
         "at last it goes on holding until the joint slides the other way. Pushed, it is anything up to "
-        "its Coulomb level, which no motion tells. The positions stay alike meanwhile, so that no travel "
-        "over which it turns round (presliding) can be told."
+        "its Coulomb level, which no motion tells. The positions stay alike meanwhile: over what travel "
+        "it turns round (presliding) cannot be told."
     )
     reference = "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
     symbol = "f_h"
