@@ -58,11 +58,11 @@ class Factors:
         return cls(raw - C.T @ C, Z.T @ fit.residual[mine], raw, float(fit.rows.count[joint])), C
 
     def priors(self, penalties: Sequence[Array], weights: Array) -> Array:
-        """(W, k, k) P for each of W sets of weights, one a penalty."""
+        """(W, k, k) P for each of W sets of weights, one a penalty of unit trace."""
         total = float(np.trace(self.raw))
         own = self.raw / max(self.count, 1.0) + 1e-10 * total * np.eye(len(self.s))
-        rough = [(total / max(float(np.trace(S)), 1e-300)) * S for S in penalties]
-        return np.asarray(own + np.tensordot(weights, np.reshape(rough, (-1, *own.shape)), axes=1))
+        rough = (total * w[:, None, None] * S for w, S in zip(weights.T, penalties, strict=True))
+        return np.asarray(own[None] + sum(rough))
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,8 @@ def smooth(
     if fine and len(penalties) > 1:
         weights = np.array(list(product(_FINE_PAIR, repeat=len(penalties))))
     else:
-        weights = np.repeat((_FINE if fine else _COARSE)[:, None], len(penalties), axis=1)
+        weights = (_FINE if fine else _COARSE)[:, None]
+        penalties = [np.sum(penalties, axis=0)] if penalties else []
     P = f.priors(penalties, weights if penalties else np.zeros((1, 0)))
     k = len(f.s)
     # Bordered by s, the factor's last row is L^-1 s; the corner only has to be large enough.
@@ -105,7 +106,7 @@ def smooth(
     values = gain(np.sum(half**2, axis=1)) - size[0] + size[1]
     best = int(np.argmax(values))
     P, value = P[best], float(values[best])
-    c = np.linalg.solve(f.D + P, f.s)
+    c = scipy.linalg.solve_triangular(after[best], half[best], trans="T", lower=True, check_finite=False)
     return Smooth(c, P, value, float(2.0 * c @ f.s - c @ f.D @ c), f.D)
 
 
