@@ -170,11 +170,13 @@ def above_chance(
     place = _SHARE * (len(signs) - 1)
     enough, allowed = len(signs) - int(place), len(signs) - 1 - int(np.ceil(place))
     pending: list[tuple[int, float, int | None, NDArray[np.intp]]] = []
-    for batch in library.batches:
+    for batch, solved in zip(library.batches, scores.batches, strict=True):
         which = _allowed(library, batch, eligible)
-        groups, columns = batch.groups[which], batch.columns[which]
+        if solved is None or not which.any():
+            continue
+        columns = batch.columns[which]
         limit = float(special.chdtri(columns.shape[1], 10.0**-exponent))
-        could = (_classical(groups, columns, scores, blocks[batch.joint], signs) > limit).sum(axis=1)
+        could = (_classical(columns, solved.gram[which], blocks[batch.joint], signs) > limit).sum(axis=1)
         order = np.argsort(-could)[: np.count_nonzero(could)]
         for start in range(0, len(order), _AT_ONCE):
             part = order[start : start + _AT_ONCE]
@@ -214,15 +216,12 @@ def _block_scores(fit: WhiteFit, library: Library) -> dict[int | None, Array]:
     return out
 
 
-def _classical(
-    groups: NDArray[np.intp], columns: NDArray[np.intp], scores: Scores, blocks: Array, signs: Array
-) -> Array:
-    """(G, S) s'D^-1 s of groups of columns (G, k) with the blocks' scores (B, C) changing sign."""
+def _classical(columns: NDArray[np.intp], grams: Array, blocks: Array, signs: Array) -> Array:
+    """(G, S) s'D^-1 s of groups of columns (G, k), partialled grams (G, k, k), when the blocks' scores
+    (B, C) change sign."""
     G, k = columns.shape
-    if not G:
-        return np.zeros((0, len(signs)))
     pull = (signs @ blocks[:, columns.ravel()]).reshape(-1, G, k).transpose(1, 0, 2)
-    beta = pull @ np.linalg.inv(_ridged(np.array([scores.products[g][0] for g in groups])))
+    beta = pull @ np.linalg.inv(_ridged(grams))
     return np.asarray(np.sum(pull * beta, axis=2))
 
 

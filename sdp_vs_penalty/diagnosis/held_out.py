@@ -299,4 +299,4 @@ def _stage_on(stage: Stage, train: NDArray[np.bool_], keys: frozenset[Key]) -> S
     off = ~train[:, None] | ~stage.rows.keep
     rows = stage.rows.with_masked(off)
     labels = replace(stage.labels, count=informative(rows, stage.noise))
-    return replace(stage, rows=rows, labels=labels, candidacy=replace(stage.candidacy, keys=keys))
+    return replace(stage, rows=rows, labels=labels, candidacy=stage.candidacy.only(keys))

@@ -91,6 +91,17 @@ class Library:
                 out.append(grams(self.joints[batch.joint][:, columns], count))
         return tuple(out)
 
+    def only(self, keys: Set[Key]) -> Library:
+        """The candidates with these keys."""
+        groups: list[Group] = []
+        own: list[list[int]] = [[] for _ in range(len(self.joints) + 1)]
+        for g in (g for g in self.groups if g.key in keys):
+            places = own[-1 if g.joint is None else g.joint]
+            groups.append(replace(g, columns=slice(len(places), len(places) + g.k)))
+            places += range(g.columns.start, g.columns.stop)
+        joints = tuple(Z[:, k] for Z, k in zip(self.joints, own, strict=False))
+        return Library(tuple(groups), joints, self.robot[:, :, own[-1]], _batches(groups))
+
     def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:
         pieces = [rows.pieces(j) for j in range(rows.n)]
         joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
@@ -100,24 +111,29 @@ class Library:
 
 @dataclass(frozen=True)
 class Candidacy:
-    """What a library is made of, and the library, made when it is first asked for; keys : of the
-    candidates that are to be in it (None: all)."""
+    """What a library is made of, and the library, made when it is first asked for; whole : a larger one
+    whose candidates with these keys are in it."""
 
     rows: SegmentedRuns
     model: Model
     frozen: bool
-    keys: frozenset[Key] | None = None
+    whole: Library | None = None
+    keys: frozenset[Key] = frozenset()
 
     @cached_property
     def library(self) -> Library:
-        return build_library(self.rows, self.model, self.frozen, self.keys)
+        if self.whole is not None:
+            return self.whole.only(self.keys)
+        return build_library(self.rows, self.model, self.frozen)
+
+    def only(self, keys: frozenset[Key]) -> Candidacy:
+        """Some of the candidates."""
+        return replace(self, whole=self.library, keys=keys)
 
 
-def build_library(
-    rows: SegmentedRuns, model: Model, frozen: bool, only: Set[Key] | None = None
-) -> Library:
-    """Columns of every candidate; ``only`` restricts them. Effects that the model already has
-    on a joint are left out, unless it is held fixed and they may have changed."""
+def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
+    """Columns of every candidate. Effects that the model already has on a joint are left out, unless it
+    is held fixed and they may have changed."""
     robot, n = model.robot, rows.n
     taken = set()
     if not frozen:
@@ -134,7 +150,7 @@ def build_library(
             continue
         for joint in (None,) if kind.whole_robot else range(n):
             key = (name, joint)
-            if key in taken or (only is not None and key not in only):
+            if key in taken:
                 continue
             spread = several if joint is None or kind.spreads or kind.joins else own[joint]
             spread += [

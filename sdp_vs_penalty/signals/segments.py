@@ -63,7 +63,7 @@ class Segment:
 
 
 class _Widths(tuple[float, ...]):
-    """The velocities over which the joints' signs turn; asked : which of them an effect has looked at."""
+    """The velocities over which the joints' signs turn; asked : those that an effect has looked at."""
 
     def __init__(self, _: Iterable[float]) -> None:
         self.asked: dict[int, float] = {}

@@ -120,7 +120,9 @@ class _Scan:
 @lru_cache(maxsize=64)
 def _scan(basis: Basis) -> _Scan:
     points, laws = basis.points, []
-    inverse = np.asarray(np.linalg.pinv(basis.at(*points.T), rcond=1e-10), float)
+    inverse = np.ones((1, 1))
+    for axis, values in zip(basis.axes, basis.grid, strict=True):  # of a product, the products
+        inverse = np.kron(inverse, np.linalg.pinv(axis.columns(values), rcond=1e-10))
     for law in dictionary(basis.axes):
         starts = np.array(law.starts, float)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -17,8 +17,8 @@ _SCAN, _SCAN_TWO = 60, 14
 
 @dataclass(frozen=True)
 class Law:
-    """terms(variables, constants) -> its m columns, by broadcasting; starts : constants that a fit begins
-    with, and within whose ends it stays; text(amplitudes, constants) -> how it reads."""
+    """terms(variables, constants) -> its m columns, by broadcasting; starts : constants that a fit
+    begins with, and within whose ends it stays; text(amplitudes, constants) -> how it reads."""
 
     terms: Callable[[Array, Array], Sequence[Array]]
     text: Callable[[Array, Array], str]
