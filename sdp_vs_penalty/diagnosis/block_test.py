@@ -205,13 +205,14 @@ def _block_scores(fit: WhiteFit, library: Library) -> dict[int | None, Array]:
     """(B, C) scores z_b'r_b of the library's partialled columns, by joint (None: on several)."""
     sums, residual = fit.rows.products, fit.residual.reshape(fit.rows.n, -1)
 
-    def summed(columns: Array) -> Array:
+    def summed(columns: Array, residual: Array) -> Array:
         return np.sum([sums(z, r) for z, r in zip(columns, residual, strict=True)], axis=0)
 
-    model = summed(fit.Q.reshape(*residual.shape, -1))
-    robot = summed(library.robot) - model @ fit.overlaps(library, None).sum(axis=0)
+    model = summed(fit.Q.reshape(*residual.shape, -1), residual)
+    weighted = residual / np.reshape(library.divisors, (-1, 1))
+    robot = summed(library.robot, weighted) - model @ fit.overlaps(library, None).sum(axis=0)
     out: dict[int | None, Array] = {None: robot}
-    for j, (z, r) in enumerate(zip(library.joints, residual, strict=True)):
+    for j, (z, r) in enumerate(zip(library.joints, weighted, strict=True)):
         out[j] = sums(z, r) - model @ fit.overlaps(library, j)
     return out
 
@@ -230,10 +231,11 @@ def _seen(fit: WhiteFit, library: Library, joint: int | None, columns: NDArray[n
     which it leaves anything."""
     n, M = fit.rows.n, len(fit.rows.block)
     if joint is None:
-        Z = library.robot[:, :, columns.ravel()].reshape(n * M, -1)
+        Z = library.robot[:, :, columns.ravel()] / np.reshape(library.divisors, (-1, 1, 1))
+        Z = Z.reshape(n * M, -1)
         fresh = Z - fit.Q @ (fit.Q.T @ Z)
     else:
-        Z = library.joints[joint][:, columns.ravel()]
+        Z = library.joints[joint][:, columns.ravel()] / library.divisors[joint]
         mine = slice(joint * M, (joint + 1) * M)
         fresh = np.negative(fit.Q @ (fit.Q[mine].T @ Z))
         fresh[mine] += Z

@@ -118,9 +118,7 @@ class Weighting:
 
     def library(self, white: Library) -> Library:
         """A white library's columns, weighted."""
-        joints = tuple(self.apply(m, j) for j, m in enumerate(white.joints))
-        robot = np.stack([self.apply(m, j) for j, m in enumerate(white.robot)])
-        return replace(white, joints=joints, robot=robot)
+        return white.coloured(self.colour, self.pieces).divided(self.level)
 
 
 @dataclass(frozen=True)
