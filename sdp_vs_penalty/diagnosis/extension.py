@@ -74,7 +74,7 @@ class Extension:
 def products(columns: Array, library: Library, joint: int | None) -> Array:
     """x_j'z_j of columns x (n M, r) with those of a library on a joint, (r, C_j), or on several, joint
     by joint (n, r, C)."""
-    parts, level = columns.reshape(len(library.joints), -1, columns.shape[1]), library.divisors
+    parts, level = columns.reshape(*library.robot.shape[:2], columns.shape[1]), library.divisors
     if joint is not None:
         return np.asarray(parts[joint].T @ library.joints[joint]) / level[joint]
     return np.asarray(parts.transpose(0, 2, 1) @ library.robot) / np.reshape(level, (-1, 1, 1))
