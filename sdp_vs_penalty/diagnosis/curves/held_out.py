@@ -122,7 +122,6 @@ class Judge:
         """With one more curve, or what its law makes of it, and what that does to the error of its
         joint."""
         rows, f = self.state.stage.rows, found
-        fit = replace(look.fit, rows=replace(look.fit.rows, fold=self.fold))
         if law is None:
             design = f.Z, f.C, f.factors, f.smooth.P
             # What the model's columns make comes out at random in a fold, and as large as rounding
@@ -132,7 +131,8 @@ class Judge:
         else:
             design = of_amplitudes(law, f, look)
             grid = law.law.columns(f.basis.points, law.constants)
-        tables = [effect.valued(grid @ c) for c in fold_coefficients(fit, *design, f.joint)]
+        parts = fold_coefficients(look.fit, *design, f.joint, self.fold)
+        tables = [effect.valued(grid @ c) for c in parts]
 
         def joined(old: Array, rows: SegmentedRuns, new: MeasuredCurve) -> Array:
             return np.concatenate([old, spread_columns(rows, new)], axis=2)
