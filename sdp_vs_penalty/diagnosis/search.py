@@ -136,7 +136,7 @@ def _plainer(again: SearchState, before: SearchState) -> bool:
     """Whether fewer findings say as much, or as many say more, of the same rows and noise."""
     other = again.with_noise(before.stage.noise)
     better = before.fit.likelihood_gain(other.fit.joint_chi2)
-    return better > -TOLD_APART * (len(before.picks) - len(again.picks))
+    return bool(better > -TOLD_APART * (len(before.picks) - len(again.picks)))
 
 
 def _lost(again: SearchState, before: SearchState) -> bool:
