@@ -32,7 +32,8 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.hidden import at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import draw_motion, draw_world, log_run
+from sdp_vs_penalty.simulation.worlds.runs import draw_motion, log_run
+from sdp_vs_penalty.simulation.worlds.world import draw_world
 
 JOINT, SIZE = 1, 0.4
 

@@ -8,14 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.arm import ARMS, inverse_dynamics, load_arm
 from sdp_vs_penalty.simulation.worlds.channel import SensorNoise, average, first_order
-from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, draw_conditions, fair
+from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, Conditions, draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.friction import DryFriction, bristles
-from sdp_vs_penalty.simulation.worlds.motion import KINDS, plan
-from sdp_vs_penalty.simulation.worlds.world import draw_motion, draw_world, log_run
+from sdp_vs_penalty.simulation.worlds.motion import KINDS, TrueMotion, plan
+from sdp_vs_penalty.simulation.worlds.runs import draw_motion, log_run
+from sdp_vs_penalty.simulation.worlds.servo import _held, _smooth, driven
+from sdp_vs_penalty.simulation.worlds.world import draw_world
 
 FOLDER = Path(worlds.__file__).parent
 #: Of the package, what a world may know: how measurements look, and where Pinocchio is.
@@ -78,6 +82,34 @@ def test_lugre_slides_at_the_stribeck_level() -> None:
     for speed in (0.01, 0.05, -0.4):
         level = np.sign(speed) * (1.0 + 0.3 * np.exp(-((speed / 0.05) ** 2)))
         assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(level, rel=1e-4)
+
+
+def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque() -> None:
+    """Between two moves; what moves follows the plan, and its rates are the derivatives."""
+    world = draw_world(Conditions("scara", law="sign", servo=True), np.random.default_rng(2))
+    t = np.arange(0.0, 6.0, 1e-3)
+    planned = TrueMotion(t, *plan(world.arm, "points", 8.0, np.random.default_rng(5))(t))
+    m = driven(world, planned)
+    assert m.share is not None
+    stuck = np.abs(m.dq) < 2e-6
+    assert (stuck.mean(axis=0) > 0.02).all()
+    assert np.abs(m.share[stuck]).max() <= 1.0
+    assert (np.abs(m.share[stuck]) < 0.9).mean() > 0.1
+    assert (m.share == world.share(m)).all()
+    assert np.abs(m.q - planned.q).max() < 0.02
+    assert np.abs(np.gradient(m.q, t, axis=0) - m.dq)[1:-1].max() < 0.01
+    assert np.abs(np.diff(world.torque(m), axis=0)).max() < 0.1 * np.ptp(world.torque(m))
+
+
+@given(*[st.floats(-x, x) for x in (50.0, 1.0)], st.floats(1e-4, 5.0), st.floats(1e-5, 0.05))
+def test_one_joints_step_solves_its_equation(r: float, z: float, m: float, c: float) -> None:
+    v, share = _held(m, c, r, z, 1e-4)
+    assert m * v + c * share == pytest.approx(r, abs=1e-9)
+    assert abs(share) <= 1.0
+    a = v / 1e-4
+    assert share == pytest.approx((z + a) / (1.0 + abs(a)), abs=1e-6)
+    v, share = _smooth(m, c, r, 0.01, 0.0)
+    assert m * v + c * np.tanh(v / 0.01) == pytest.approx(r, abs=1e-6)
 
 
 def test_channels_and_noise_are_what_they_say() -> None:

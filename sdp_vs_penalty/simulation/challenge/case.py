@@ -22,7 +22,8 @@ from sdp_vs_penalty.simulation.challenge.truth import energies, true_floor
 from sdp_vs_penalty.simulation.worlds.conditions import draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import Logged, World, draw_motion, draw_world, log_run
+from sdp_vs_penalty.simulation.worlds.runs import Logged, draw_motion, log_run
+from sdp_vs_penalty.simulation.worlds.world import World, draw_world
 
 Record = dict[str, Any]
 _KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from", "finer")

@@ -78,7 +78,7 @@ class CaseClass:
             "payload": FROZEN["payload"],
         }
         makers = [EFFECTS[name] for name in names] or [kinds[x] for x in (self.what,) if x in kinds]
-        coarse = [TrueMotion(m.t[::10], m.q[::10], m.dq[::10], m.ddq[::10]) for m in motions]
+        coarse = [m.thinned(10) for m in motions]
         n = world.arm.n
         made = [make(world, n - 1 if self.wrist else int(rng.integers(n)), rng) for make in makers]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in made]

@@ -25,7 +25,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.simulation.challenge.truth import beyond_one_name, true_floor
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
-from sdp_vs_penalty.simulation.worlds.world import Logged
+from sdp_vs_penalty.simulation.worlds.runs import Logged
 
 #: Relative error of a formula's constants.
 CLOSE = 0.05

@@ -16,7 +16,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import Noise, noise_in
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.simulation.worlds.world import Logged
+from sdp_vs_penalty.simulation.worlds.runs import Logged
 
 
 def energies(logged: Sequence[Logged], estimate: Estimate, frozen: bool) -> list[float]:

@@ -25,7 +25,8 @@ class Conditions:
     friction, as a share; warming : share of the viscous friction that goes as grease warms up;
     thermometer : whether the gears' temperatures are logged; misplacement : (m, degrees) of the true
     joints beside the URDF; runs, duration : of what is diagnosed, a test run apart; motion : of
-    motion.KINDS."""
+    motion.KINDS; servo : whether a servo drives it, and friction holds what stands; rotor : inertia of
+    geared rotors over that of the links that they move, none of which the URDF tells."""
 
     arm: str = "panda"
     law: str = "tanh"
@@ -39,6 +40,8 @@ class Conditions:
     motion: str = "periodic"
     runs: int = 3
     duration: float = 20.0
+    servo: bool = False
+    rotor: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -73,11 +76,19 @@ def _noise(c: Conditions, rng: Generator) -> Conditions:
     return replace(c, noise=SensorNoise(log_uniform(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails))
 
 
+def _servo(c: Conditions, rng: Generator) -> Conditions:
+    """Driven in closed loop, mostly from point to point; friction that sticks, or turns fast."""
+    law = str(rng.choice(["sign", "sign", "tanh", "dahl"]))
+    motion = str(rng.choice(["points", "points", "periodic", "aperiodic"]))
+    return replace(c, servo=True, law=law, width=(0.003, 0.03), motion=motion)
+
+
 def _mixed(c: Conditions, rng: Generator) -> Conditions:
     """Several at once: each kind of nuisance in half of the cases."""
     kinds = ("sign", "tanh_0.002", "widths", "dahl", "lugre")
     drawn = [str(rng.choice(kinds)), *("asymmetric", "warming", "geometry", "encoder", "rate", "noise")]
-    drawn += [str(rng.choice(["smoothed", "causal", "delay"])), "points", "aperiodic"]
+    drawn += [str(rng.choice(["smoothed", "causal", "delay"])), str(rng.choice(["points", "servo"]))]
+    drawn += ["aperiodic", "rotor"]
     for name in drawn:
         if rng.random() < 0.5:
             c = NUISANCES[name].draw(c, rng)
@@ -123,6 +134,11 @@ NUISANCES: Mapping[str, Nuisance] = {
         Nuisance("rate", lambda c, rng: _channel(c, rate=float(rng.choice(RATES)))),
         Nuisance("noise", _noise),
         Nuisance("points", lambda c, _: replace(c, motion="points")),
+        # A sign of the velocity lets go at rest, where set-valued friction holds.
+        Nuisance("servo", _servo, ("stiction",)),
+        Nuisance(
+            "rotor", lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))), ("rotor_inertia",)
+        ),
         Nuisance("aperiodic", lambda c, _: replace(c, motion="aperiodic")),
         Nuisance("one_run", lambda c, rng: replace(c, runs=1, duration=float(rng.uniform(15.0, 60.0)))),
         Nuisance("short", lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0)))),
@@ -150,6 +166,8 @@ def fair(c: Conditions) -> tuple[set[str], bool]:
         "causal": c.channel.lag > 0.0,
         "delay": c.channel.delay > 0.0,
         "geometry": c.misplacement != (0.0, 0.0),
+        "servo": c.servo and c.law == "sign",
+        "rotor": c.rotor > 0.0,
     }
     present = [NUISANCES[name] for name, here in at_work.items() if here]
     return {effect for x in present for effect in x.fair}, any(x.abstains for x in present)

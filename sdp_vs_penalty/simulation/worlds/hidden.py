@@ -125,4 +125,4 @@ def rigid(world: World, m: TrueMotion) -> Array:
 
 def sign(world: World, joint: int, m: TrueMotion) -> Array:
     """(N,) the direction in which a joint rubs, as sharp as its own dry friction is."""
-    return world.dry.share(m.t, m.dq)[:, joint]
+    return world.share(m)[:, joint]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
-from sdp_vs_penalty.simulation.worlds.world import LEAD, World, start_of
+from sdp_vs_penalty.simulation.worlds.runs import LEAD, start_of
+from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator

@@ -21,12 +21,19 @@ KINDS = ("periodic", "aperiodic", "points")
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the encoders show."""
+    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the encoders show;
+    share (N, n): dry friction over the Coulomb torque, where a servo met it."""
 
     t: Array
     q: Array
     dq: Array
     ddq: Array
+    share: Array | None = None
+
+    def thinned(self, every: int) -> TrueMotion:
+        """One in so many rows."""
+        share = None if self.share is None else self.share[::every]
+        return TrueMotion(self.t[::every], self.q[::every], self.dq[::every], self.ddq[::every], share)
 
 
 def plan(arm: Arm, kind: str, duration: float, rng: np.random.Generator) -> Callable[[Array], States]:
