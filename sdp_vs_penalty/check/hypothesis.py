@@ -145,8 +145,8 @@ class Hypothesis:
     """Something that may be wrong with the file; ``apply`` turns the test's data into what is right.
 
     needed : gain of the score below which it is not believed; once : it happens at one moment, or grows,
-    and need not show in both halves of a run, but where its joint slides; gross : no arm is like that by itself; number : what was
-    estimated, where it is one.
+    and need not show in both halves of a run, but where its joint slides; gross : no arm is like that by
+    itself; number : what was estimated, where it is one.
     """
 
     issue: Issue
