@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.check.own import own_effects
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.regression.base_parameters import random_motion, structure
 from sdp_vs_penalty.robot.arrays import Array
@@ -80,6 +81,16 @@ def added(parts: Iterable[tuple[float | Array, list[JointColumns]]]) -> list[Joi
     ]
 
 
+def slowed(
+    still: list[JointColumns], weight: list[JointColumns], factor: float, links: int
+) -> list[JointColumns]:
+    """Columns of the links where time is ``factor`` times as long: what is no weight goes with dq^2."""
+    return [
+        replace(s, columns=np.where(s.indices < links, factor**-2, 1.0) * s.columns + g.columns)
+        for s, g in zip(still, weight, strict=True)
+    ]
+
+
 def only_links(physics: Physics) -> bool:
     """Whether columns are those of links and of each joint's own motion, the joints moved one by one."""
     model = physics.model
@@ -117,3 +128,38 @@ def turned_gravity(model: Model, gravity: Sequence[float]) -> Model:
     x, y, z = (float(g) for g in gravity)
     robot: Robot = replace(model.robot, gravity=(x, y, z))
     return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
+
+
+def at_zeros(physics: Physics, j: int) -> Callable[[float], Physics]:
+    """The data with what is to be added to joint j's position, a few regressors for all of them."""
+    unit, one, same = np.eye(physics.n)[j], np.ones(physics.n), np.arange(physics.n)
+
+    def moved(x: float) -> Physics:
+        return physics.with_motion(one, same, x * unit)
+
+    if not only_links(physics) or physics.weight is not None:
+        return moved
+    places, shares = interpolation(physics.model.robot.joints[j].kind)
+    made = [(moved(x) if x else physics).acting for x in places]
+
+    def at(x: float) -> Physics:
+        out = replace(moved(x))
+        out.__dict__["acting"] = added(zip(shares(x), made, strict=True))
+        return out
+
+    return at
+
+
+def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:
+    """Cubic interpolation of x (M,) with known slopes; constant beyond the ends."""
+    at = np.clip(at, t[0], t[-1])
+    k = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)
+    h = np.maximum(t[k + 1] - t[k], np.finfo(float).tiny)  # a clock that stands still for a sample
+    u = (at - t[k]) / h
+    value = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * x[k] + u**2 * (3.0 - 2.0 * u) * x[k + 1]
+    return np.asarray(value + h * (u * (1.0 - u) ** 2 * slope[k] - u**2 * (1.0 - u) * slope[k + 1]))
+
+
+def wide_columns(model: Model, motion: Motion) -> list[Array]:
+    """Per joint (M, p) the columns of all parameters."""
+    return [block.wide(len(model.parameters)) for block in model.columns(motion)]

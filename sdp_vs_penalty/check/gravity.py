@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.check.columns import wide_columns
 from sdp_vs_penalty.check.evidence import solve
 from sdp_vs_penalty.check.hypothesis import (
     AGREES,
@@ -21,9 +22,10 @@ from sdp_vs_penalty.check.hypothesis import (
     propose,
 )
 from sdp_vs_penalty.check.issue import Issue, joints_text
-from sdp_vs_penalty.check.physics import Array, Physics, wide_columns
+from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Gravity is said to point elsewhere from this angle on [degrees]; less is the effect base_tilt.
 _SMALLEST_ANGLE = 2.0

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.check.columns import at_zeros
 from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_numbers, propose
 from sdp_vs_penalty.check.issue import Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics, settled
@@ -125,7 +126,7 @@ def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
 def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """Encoders that count from another zero than the robot's kinematics."""
     robot = physics.model.robot
-    at = {j: physics.at_zeros(j) for j in np.flatnonzero(moving).tolist()}
+    at = {j: at_zeros(physics, j) for j in np.flatnonzero(moving).tolist()}
 
     def left(asked: Sequence[tuple[int, float]]) -> list[float]:
         return [e.misfit for e in settled(at[j](shift) for j, shift in asked)]

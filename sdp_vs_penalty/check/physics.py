@@ -12,7 +12,7 @@ all joints sharing one theta: that couples them, so that E knows a channel's sig
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check.columns import (
     added,
     columns_of,
-    interpolation,
+    hermite,
     only_links,
+    slowed,
     turned_gravity,
+    wide_columns,
 )
 from sdp_vs_penalty.check.evidence import Evidence, Grams, energy_of, left_out, settle, solve
 from sdp_vs_penalty.check.own import Own
@@ -114,9 +116,8 @@ class Physics:
     @cached_property
     def by_gravity(self) -> list[list[JointColumns]]:
         """The columns of the arm without weight, and what 1 m/s^2 along x, y and z adds to them."""
-        still, *full = (
-            columns_of(self, turned_gravity(self.model, g)) for g in ((0.0,) * 3, *np.eye(3))
-        )
+        vectors = np.vstack([np.zeros(3), np.eye(3)])
+        still, *full = (columns_of(self, turned_gravity(self.model, g)) for g in vectors.tolist())
         return [still, *(added([(1.0, x), (-1.0, still)]) for x in full)]
 
     @cached_property
@@ -161,9 +162,8 @@ class Physics:
         """Other channels on the same motion: the columns, which are dear, are kept."""
         made = replace(self, channels=channels, rate=rate, parent=None)
         made.__dict__.update(acting=self.acting, grams=self.grams)
-        for name in ("columns", "pulled"):
-            if name in self.__dict__:
-                made.__dict__[name] = self.__dict__[name]
+        kept = self.__dict__.keys() & {"columns", "pulled"}
+        made.__dict__.update({name: self.__dict__[name] for name in kept})
         return made
 
     def part(self, rows: slice | NDArray[np.intp]) -> Physics:
@@ -221,33 +221,9 @@ class Physics:
         m = self.motion
         motion = Motion(m.t[0] + factor * (m.t - m.t[0]), m.q, m.dq / factor, m.ddq / factor**2)
         made = replace(self, motion=motion, rate=self.rate / factor)
-        if only_links(self) and self.weight is None:  # what is no weight goes with dq^2 and ddq
-            links = len(self.model.rigid_indices)
-            slower = [np.where(c.indices < links, factor**-2, 1.0) for c in self.pulled[0]]
-            made.__dict__["acting"] = [
-                replace(s, columns=k * s.columns + g.columns)
-                for k, s, g in zip(slower, *self.pulled, strict=True)
-            ]
+        if only_links(self) and self.weight is None:
+            made.__dict__["acting"] = slowed(*self.pulled, factor, len(self.model.rigid_indices))
         return made
-
-    def at_zeros(self, j: int) -> Callable[[float], Physics]:
-        """The data with what is to be added to joint j's position: see columns.py."""
-        unit, one, same = np.eye(self.n)[j], np.ones(self.n), np.arange(self.n)
-
-        def moved(x: float) -> Physics:
-            return self.with_motion(one, same, x * unit)
-
-        if not only_links(self) or self.weight is not None:
-            return moved
-        places, shares = interpolation(self.model.robot.joints[j].kind)
-        made = [(moved(x) if x else self).acting for x in places]
-
-        def at(x: float) -> Physics:
-            out = replace(moved(x))
-            out.__dict__["acting"] = added(zip(shares(x), made, strict=True))
-            return out
-
-        return at
 
     def reversed(self) -> Physics:
         """The hypothesis that time runs from the last row to the first."""
@@ -372,18 +348,3 @@ def settled(many: Iterable[Physics]) -> list[Evidence]:
     out = [physics.evidence for physics in many]
     settle(out)
     return out
-
-
-def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:
-    """Cubic interpolation of x (M,) with known slopes; constant beyond the ends."""
-    at = np.clip(at, t[0], t[-1])
-    k = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)
-    h = np.maximum(t[k + 1] - t[k], np.finfo(float).tiny)  # a clock that stands still for a sample
-    u = (at - t[k]) / h
-    value = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * x[k] + u**2 * (3.0 - 2.0 * u) * x[k + 1]
-    return np.asarray(value + h * (u * (1.0 - u) ** 2 * slope[k] - u**2 * (1.0 - u) * slope[k + 1]))
-
-
-def wide_columns(model: Model, motion: Motion) -> list[Array]:
-    """Per joint (M, p) the columns of all parameters."""
-    return [block.wide(len(model.parameters)) for block in model.columns(motion)]
