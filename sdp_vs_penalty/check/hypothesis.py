@@ -195,12 +195,15 @@ class Hypothesis:
         What happens once need not show everywhere, but in most of them; nor need a number that no arm
         has by itself, which has to be the same all over the run (see :class:`Number`).
         """
-        told = self.where(physics)
-        before, after = told.left_out, self.apply(told).left_out
-        each = np.log(before / after).sum(axis=1)
+        # Rows at rest say nothing against what happens once, or no arm has; a small number holds there.
         large = self.number is not None and abs(self.number.value) > 2.0 * self.number.tolerance
         least = _MOST if self.once or large else NEARLY_ALL
-        return bool(np.mean(each) > HALF * min(gain, 3.0) and np.sum(each > 0.0) >= least)
+        told = [self.where(physics)] if self.once or large else [physics, self.where(physics)]
+        for p in told:
+            each = np.log(p.left_out / self.apply(p).left_out).sum(axis=1)
+            if np.mean(each) <= HALF * min(gain, 3.0) or np.sum(each > 0.0) < least:
+                return False
+        return True
 
     def stated(self, physics: Physics) -> Issue:
         """The issue, with what the hypothesis explains of these data."""
