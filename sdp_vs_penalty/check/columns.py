@@ -10,23 +10,33 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.own import own_effects
+from sdp_vs_penalty.check.own import Own, own_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.regression.base_parameters import random_motion, structure
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-if TYPE_CHECKING:
-    from sdp_vs_penalty.check.physics import Physics
-
 #: States that tell which parameters of the links are independent, for each joint.
 _STATES = 12
+
+
+class Data(Protocol):
+    """As much of :class:`~sdp_vs_penalty.check.physics.Physics` as its columns follow from."""
+
+    @property
+    def model(self) -> Model: ...
+    @property
+    def motion(self) -> Motion: ...
+    @property
+    def own(self) -> Own | None: ...
+    @property
+    def independent(self) -> NDArray[np.bool_] | None: ...
 
 
 def independent_of(model: Model, nominal: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -49,13 +59,15 @@ def independent_of(model: Model, nominal: Array) -> tuple[NDArray[np.bool_], Arr
     return kept, nominal
 
 
-def columns_of(physics: Physics, model: Model) -> list[JointColumns]:
+def columns_of(physics: Data, model: Model) -> list[JointColumns]:
     """Per joint the columns of this model at the data's motion."""
     own = physics.own
     effects = [] if own is None else own_effects(model)
     rest = [k for k in range(len(model.effects)) if k not in effects]
     where = np.concatenate([np.arange(0), *(model.indices[k] for k in rest)]).astype(np.intp)
-    made = [JointColumns(np.zeros(0, np.intp), np.zeros((len(physics.motion.t), 0)))] * physics.n
+    made = [
+        JointColumns(np.zeros(0, np.intp), np.zeros((len(physics.motion.t), 0)))
+    ] * physics.model.robot.n
     if rest:
         made = Model(model.robot, tuple(model.effects[k] for k in rest)).columns(physics.motion)
     made = [JointColumns(where[c.indices], c.columns) for c in made]
@@ -91,7 +103,7 @@ def slowed(
     ]
 
 
-def only_links(physics: Physics) -> bool:
+def only_links(physics: Data) -> bool:
     """Whether columns are those of links and of each joint's own motion, the joints moved one by one."""
     model = physics.model
     own = own_effects(model) if physics.own is not None else []
@@ -128,26 +140,6 @@ def turned_gravity(model: Model, gravity: Sequence[float]) -> Model:
     x, y, z = (float(g) for g in gravity)
     robot: Robot = replace(model.robot, gravity=(x, y, z))
     return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
-
-
-def at_zeros(physics: Physics, j: int) -> Callable[[float], Physics]:
-    """The data with what is to be added to joint j's position, a few regressors for all of them."""
-    unit, one, same = np.eye(physics.n)[j], np.ones(physics.n), np.arange(physics.n)
-
-    def moved(x: float) -> Physics:
-        return physics.with_motion(one, same, x * unit)
-
-    if not only_links(physics) or physics.weight is not None:
-        return moved
-    places, shares = interpolation(physics.model.robot.joints[j].kind)
-    made = [(moved(x) if x else physics).acting for x in places]
-
-    def at(x: float) -> Physics:
-        out = replace(moved(x))
-        out.__dict__["acting"] = added(zip(shares(x), made, strict=True))
-        return out
-
-    return at
 
 
 def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.columns import at_zeros
+from sdp_vs_penalty.check.columns import added, interpolation, only_links
 from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_numbers, propose
 from sdp_vs_penalty.check.issue import Repair, joints_text
 from sdp_vs_penalty.check.physics import Physics, settled
@@ -154,6 +154,26 @@ def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
         if abs(found) > (np.radians(1.5) if revolute else 2e-3 * length):
             gross = np.radians(_GROSS_DEGREES) if revolute else _GROSS_SHIFT * length
             yield zero_offset(physics, (j,), (found,), abs(found) > gross)
+
+
+def at_zeros(physics: Physics, j: int) -> Callable[[float], Physics]:
+    """The data with what is to be added to joint j's position, a few regressors for all of them."""
+    unit, one, same = np.eye(physics.n)[j], np.ones(physics.n), np.arange(physics.n)
+
+    def moved(x: float) -> Physics:
+        return physics.with_motion(one, same, x * unit)
+
+    if not only_links(physics) or physics.weight is not None:
+        return moved
+    places, shares = interpolation(physics.model.robot.joints[j].kind)
+    made = [(moved(x) if x else physics).acting for x in places]
+
+    def at(x: float) -> Physics:
+        out = replace(moved(x))
+        out.__dict__["acting"] = added(zip(shares(x), made, strict=True))
+        return out
+
+    return at
 
 
 def two_quarters(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.check.channels import _LATE, _lead
-from sdp_vs_penalty.check.columns import at_zeros, independent_of
+from sdp_vs_penalty.check.columns import independent_of
 from sdp_vs_penalty.check.hypothesis import all_fitted, best_numbers
+from sdp_vs_penalty.check.motion import at_zeros
 from sdp_vs_penalty.check.physics import Physics, settled
 from sdp_vs_penalty.check.rows import physics_of
 from sdp_vs_penalty.data.measurements import Measurements
