@@ -23,6 +23,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
+from sdp_vs_penalty.diagnosis.library import turning
 from sdp_vs_penalty.diagnosis.own_shapes import moved
 from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed
 from sdp_vs_penalty.diagnosis.remaining import remaining
@@ -46,6 +47,8 @@ from sdp_vs_penalty.signals.segments import segmented
 
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
+#: How many times farther than Coulomb friction turns a law of velocity has to reach to be none of it.
+_BEYOND = 2.0
 #: By so much other constants of the model may raise a joint's held-out error before they are taken back.
 _RAISED = 1.01
 
@@ -212,6 +215,12 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
     stands = float(np.mean(state.stage.rows.still > STILL))
     looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])), stands)
+    if h.effect.shape.get(h.effect.beyond_turning, np.inf) < _BEYOND * turning(
+        state.stage.rows, h.effect
+    ):
+        looks_like = (
+            "it hardly outlasts the velocity over which Coulomb friction turns: a width looks so"
+        )
     over = overshadowed(state, k)
     larger = "" if over is None else over.candidate.effect.name
     weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), larger, looks_like)

@@ -88,7 +88,7 @@ class Effect(ABC):
     #: :meth:`undone`), or nothing that a state of positions and velocities can tell.
     forward: ClassVar[Literal["torque", "channel", "left out"]] = "torque"
 
-    #: True where one parameter acts on the whole robot: there is nothing to choose joints from.
+    #: True where one parameter acts on the whole robot: no joints to choose from.
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.
     frozen_only: ClassVar[bool] = False
@@ -98,13 +98,11 @@ class Effect(ABC):
     turns: ClassVar[str] = ""
     #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
     widens: ClassVar[bool] = False
-    #: The shape constant that is a velocity below which the law is a matter of how dry friction turns
-    #: round: it is looked for beyond the velocity over which that happens.
+    #: The shape constant that is a velocity, beyond that over which dry friction turns round.
     beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
-    #: What dry friction does at rest by this law, if it says so: a search tries "holds" on joints that
-    #: hold without motion that could be told, and "turns" (over a travel) on all others.
+    #: What dry friction does at rest by this law: "holds" is tried where joints do, "turns" elsewhere.
     at_rest: ClassVar[Literal["", "holds", "turns"]] = ""
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: ClassVar[tuple[str, ...]] = ()
