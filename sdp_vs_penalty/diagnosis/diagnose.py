@@ -25,7 +25,7 @@ from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
 from sdp_vs_penalty.diagnosis.library import turning
 from sdp_vs_penalty.diagnosis.own_shapes import moved
-from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed
+from sdp_vs_penalty.diagnosis.parsimony import believable, bent, correlated, overshadowed
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -137,7 +137,7 @@ def conclude(
     left, events = remaining(state)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
-    findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
+    findings = tuple(_finding(found, k, held_out, errors) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
     rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
     measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
@@ -197,7 +197,8 @@ def _offered(found: Found, on: Callable[[Found], OnFolds | OnTest]) -> tuple[Fou
             return found, held_out
 
 
-def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Finding:
+def _finding(found: Found, k: int, held_out: HeldOut, errors: Array) -> Finding:
+    estimate, state = found.estimate, found.state
     pick = state.picks[k]
     h = pick.candidate
     beta, covariance = coefficients(state, k, errors)
@@ -222,7 +223,7 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
             "it hardly outlasts the velocity over which Coulomb friction turns: a width looks so"
         )
     over = overshadowed(state, k)
-    larger = "" if over is None else over.candidate.effect.name
+    larger = bent(estimate, h.effect, size) if over is None else over.candidate.effect.name
     weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), larger, looks_like)
     return Finding(
         h.effect.name,

@@ -338,8 +338,7 @@ def _values(own: _Own, was: float, most: float = np.inf) -> tuple[Array, tuple[f
     low, high = shape.bounds
     high = max(min(high, most), *(v for v in (was, value, 2.0 * low) if v <= high))
     if shape.role == "estimated" and value <= shape.bounds[1] * (1.0 + _ROUNDING):
-        grid = np.array(shape.grid)
-        return _among(np.append(grid[grid < high], high), was), (low, high)
+        return _among(np.array([*(v for v in shape.grid if v < high), high]), was), (low, high)
     # What was found wide once has earned it: it stays in its neighbourhood.
     ends = min(low, value), max(shape.earned or high, value)
     around = value * _AROUND if shape.scale == "log" else value + np.linspace(-0.6, 0.6, 7)

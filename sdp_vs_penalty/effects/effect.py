@@ -84,15 +84,14 @@ class Effect(ABC):
     #: True where the columns need Motion.temperature.
     needs_temperature: bool = False
 
-    #: What the effect is when the model runs forward: a torque, a property of the measuring channel (see
-    #: :meth:`undone`), or nothing that a state of positions and velocities can tell.
+    #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`), or nothing.
     forward: ClassVar[Literal["torque", "channel", "left out"]] = "torque"
 
     #: True where one parameter acts on the whole robot: no joints to choose from.
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.
     frozen_only: ClassVar[bool] = False
-    #: True where a joint can have it more than once, with other shape constants.
+    #: True where a joint can have it several times, with other shape constants.
     several: ClassVar[bool] = False
     #: How a sentence begins that tells a new value of its shape constant: "Coulomb turns over".
     turns: ClassVar[str] = ""
