@@ -9,7 +9,7 @@ which the joint moves (:mod:`~sdp_vs_penalty.signals.stillness`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,21 +72,32 @@ class OnTest:
 
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
         found, effects = self.found, [p.candidate.effect for p in picks]
-        frozen, split = found.state.stage.frozen, self._split(found.estimate, effects)
+        frozen, (split,) = found.state.stage.frozen, self._kept.of(effects, self._splits)
         evidence, every = (
             _rmse(x, rows.joint_rows())
             for x, rows in zip(_ladder(found.estimate, frozen, effects, split), split.there, strict=True)
         )
-        before = every[0]
-        if found.first is not found.estimate:
-            own = self._split(found.first, [])
-            before = _rmse(_squares(found.first, frozen, [], own, [])[1], own.there[1].joint_rows())
 
         def squares(chosen: Sequence[int]) -> Array:
-            return _squares(found.estimate, frozen, effects, split, chosen)[0]
+            return _squares(found.estimate, frozen, [effects[k] for k in chosen], split)[0]
 
+        before = every[0] if found.first is found.estimate else self._before
         told = _told(picks, evidence, squares, found.state.stage.noise.source == RESIDUAL)
         return HeldOut(before, every, "test", told, evidence[-1])
+
+    @cached_property
+    def _kept(self) -> _Kept:
+        return _Kept()
+
+    def _splits(self, effects: Sequence[Effect]) -> list[_Split]:
+        return [self._split(self.found.estimate, effects)]
+
+    @cached_property
+    def _before(self) -> Array:
+        """(n,) errors of the model as it was given."""
+        first, own = self.found.first, self._split(self.found.first, ())
+        squares = _squares(first, self.found.state.stage.frozen, (), own)[1]
+        return _rmse(squares, own.there[1].joint_rows())
 
     def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
         """The rows of both runs in the columns of the model and of all effects."""
@@ -103,7 +114,7 @@ class OnTest:
         there = compress_cells(self.test, model, settings, self._cells)
         if frozen:
             train, there = (rows.beside(estimate.theta) for rows in (train, there))
-        return _Split(train, (there.select([0]), there))
+        return _Split(tuple(effects), train, (there.select([0]), there))
 
     @cached_property
     def _cells(self) -> _Evidence:
@@ -141,28 +152,41 @@ class OnFolds:
 
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
         stage, now = self.found.state.stage, self.found.estimate
-        given, first = stage, self.found.first
-        if first is not now:
-            rows = with_estimate(stage.rows, first)
-            columns = model_columns(rows, first, stage.frozen)
-            given = replace(stage, rows=rows, columns=columns, residual=rows.residual)
         effects, frozen = [p.candidate.effect for p in picks], stage.frozen
-        total = np.zeros((len(picks) + 1, stage.rows.n))
-        same, before, splits = np.zeros_like(total), np.zeros(stage.rows.n), []
-        for train, own in self._searched:
-            total += _matched(now, stage, picks, own, train)
-            splits.append(_left_out(now, stage, effects, train))
-            same += _ladder(now, frozen, effects, splits[-1])[0]
-            before += _squares(first, frozen, [], _left_out(first, given, [], train), [])[1]
+        splits = self._kept.of(effects, self._splits)
+        total = np.sum(
+            [_matched(now, stage, picks, own, train) for train, own in self._searched], axis=0
+        )
+        same = np.sum([_ladder(now, frozen, effects, split)[0] for split in splits], axis=0)
 
         def squares(chosen: Sequence[int]) -> Array:
-            return np.sum([_squares(now, frozen, effects, s, chosen)[0] for s in splits], axis=0)
+            own = [effects[k] for k in chosen]
+            return np.sum([_squares(now, frozen, own, split)[0] for split in splits], axis=0)
 
         keep = stage.rows.keep
         count, evident = keep.sum(axis=0), (keep & _evident(stage)).sum(axis=0)
         evidence = _rmse(same, evident)
         told = _told(picks, evidence, squares, stage.noise.source == RESIDUAL)
-        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", told, evidence[-1])
+        return HeldOut(_rmse(self._before, count), _rmse(total, count), "folds", told, evidence[-1])
+
+    @cached_property
+    def _kept(self) -> _Kept:
+        return _Kept()
+
+    def _splits(self, effects: Sequence[Effect]) -> list[_Split]:
+        stage, now = self.found.state.stage, self.found.estimate
+        return [_left_out(now, stage, effects, train) for train, _ in self._searched]
+
+    @cached_property
+    def _before(self) -> Array:
+        """(n,) squared errors of the model as it was given."""
+        stage, first = self.found.state.stage, self.found.first
+        if first is not self.found.estimate:
+            rows = with_estimate(stage.rows, first)
+            columns = model_columns(rows, first, stage.frozen)
+            stage = replace(stage, rows=rows, columns=columns, residual=rows.residual)
+        splits = [_left_out(first, stage, (), train) for train, _ in self._searched]
+        return np.asarray(np.sum([_squares(first, stage.frozen, (), s)[1] for s in splits], axis=0))
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
@@ -180,28 +204,46 @@ class OnFolds:
 @dataclass(frozen=True)
 class _Split:
     """Rows in the columns of a model and of effects, or of what a frozen model leaves in those of the
-    effects: ``train`` to fit to, ``there`` to judge on, those that are evidence and all."""
+    effects: ``train`` to fit to, ``there`` to judge on, those that are evidence and all; known : squared
+    errors with some of the effects."""
 
+    effects: tuple[Effect, ...]
     train: Regression
     there: tuple[Regression, Regression]
+    known: dict[tuple[int, ...], Array] = field(default_factory=dict, init=False)
 
 
-def _squares(
-    estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split, chosen: Sequence[int]
-) -> Array:
-    """(2, n) squared errors on the rows to judge on of the model with the chosen effects."""
-    sizes = [len(e.parameters) for e in effects]
-    picked = np.repeat(np.isin(np.arange(len(effects)), chosen), sizes)
-    wanted = np.concatenate([np.ones(split.train.p - len(picked), bool), picked])
-    own = [effects[k] for k in chosen]
-    theta = fitted_parameters(estimate, own, split.train.keeping(wanted), frozen)
-    return np.array([rows.keeping(wanted).joint_losses(theta) for rows in split.there])
+class _Kept:
+    """The splits of the effects that were first asked for, which later ones are among."""
+
+    def __init__(self) -> None:
+        self.splits: list[_Split] = []
+
+    def of(
+        self, effects: Sequence[Effect], made: Callable[[Sequence[Effect]], list[_Split]]
+    ) -> list[_Split]:
+        have = {id(e) for s in self.splits[:1] for e in s.effects}
+        if not self.splits or not have.issuperset(map(id, effects)):
+            self.splits = made(effects)
+        return self.splits
+
+
+def _squares(estimate: Estimate, frozen: bool, own: Sequence[Effect], split: _Split) -> Array:
+    """(2, n) squared errors on the rows to judge on of the model with these effects, of those split."""
+    chosen = tuple(k for k, e in enumerate(split.effects) if any(e is x for x in own))
+    if chosen not in split.known:
+        sizes = [len(e.parameters) for e in split.effects]
+        picked = np.repeat(np.isin(np.arange(len(sizes)), chosen), sizes)
+        wanted = np.concatenate([np.ones(split.train.p - len(picked), bool), picked])
+        theta = fitted_parameters(estimate, own, split.train.keeping(wanted), frozen)
+        split.known[chosen] = np.array([x.keeping(wanted).joint_losses(theta) for x in split.there])
+    return split.known[chosen]
 
 
 def _ladder(estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split) -> Array:
     """(2, steps + 1, n) the same of the model with the first effects, one step after the other."""
     steps = range(len(effects) + 1)
-    return np.stack([_squares(estimate, frozen, effects, split, range(k)) for k in steps], axis=1)
+    return np.stack([_squares(estimate, frozen, effects[:k], split) for k in steps], axis=1)
 
 
 def _rmse(squares: Array, rows: NDArray[np.int64]) -> Array:
@@ -229,7 +271,7 @@ def _left_out(
             indices = np.arange(len(parameters))
             factors.append(Factor(j, block, indices, triangular([kept]), len(kept)))
     both = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
-    return _Split(both.select([0]), (both.select([1]), both.select([1, 2])))
+    return _Split(tuple(effects), both.select([0]), (both.select([1]), both.select([1, 2])))
 
 
 def _evident(stage: Stage) -> NDArray[np.bool_]:
@@ -285,7 +327,7 @@ def _change(pick: Pick, before: Array, after: Array) -> float:
 
 def _acts(pick: Pick) -> list[int] | slice:
     effect = pick.candidate.effect
-    return slice(None) if effect.whole_robot else list(effect.joints)
+    return slice(None) if effect.whole_robot or effect.spreads else list(effect.joints)
 
 
 def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:
@@ -300,4 +342,4 @@ def _stage_on(stage: Stage, train: NDArray[np.bool_], keys: frozenset[Key]) -> S
     off = ~train[:, None] | ~stage.rows.keep
     rows = stage.rows.with_masked(off)
     labels = replace(stage.labels, count=informative(rows, stage.noise))
-    return replace(stage, rows=rows, labels=labels, candidacy=replace(stage.candidacy, keys=keys))
+    return replace(stage, rows=rows, labels=labels, candidacy=stage.candidacy.only(keys))
