@@ -41,9 +41,9 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.noise import STILL
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
+from sdp_vs_penalty.signals.stillness import STILL
 
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
