@@ -69,10 +69,12 @@ def samples(problem: Problem, run: Measurements) -> list[Series]:
 
 def runs(problem: Problem, run: Measurements) -> list[Series]:
     """The same of as many runs of 5 s each."""
-    piece = run.rows(slice(0, 5_000))
+    piece, rng = run.rows(slice(0, 5_000)), np.random.default_rng(0)
 
     def of(count: int) -> Callable[[], object]:
-        return lambda: identify(problem, [piece] * count, METHOD)
+        noise = 1e-4 * rng.normal(size=(count, *piece.tau.shape))
+        pieces = [Measurements(piece.t + 10.0 * k, piece.q, piece.tau + x) for k, x in enumerate(noise)]
+        return lambda: identify(problem, pieces, METHOD)
 
     return [_series("identify", "runs of 5 000 samples", [1, 2, 4, 8, 16], of, 2)]
 
