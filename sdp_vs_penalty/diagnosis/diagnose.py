@@ -23,12 +23,13 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
+from sdp_vs_penalty.diagnosis.own_shapes import moved
 from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.scoring import score_library
-from sdp_vs_penalty.diagnosis.search import Found, search
+from sdp_vs_penalty.diagnosis.search import Found, reverted, search
 from sdp_vs_penalty.diagnosis.sizes import coefficients, torque_errors
 from sdp_vs_penalty.diagnosis.stage import quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
@@ -45,6 +46,8 @@ from sdp_vs_penalty.signals.segments import segmented
 
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
+#: By so much other constants of the model may raise a joint's held-out error before they are taken back.
+_RAISED = 1.01
 
 
 def diagnose(
@@ -126,7 +129,7 @@ def conclude(
     new_share: float | None = None,
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
-    found, held_out = _offered(found, OnFolds(found) if test is None else OnTest(found, data, test))
+    found, held_out = _offered(found, lambda f: OnFolds(f) if test is None else OnTest(f, data, test))
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
@@ -170,16 +173,25 @@ def conclude(
     )
 
 
-def _offered(found: Found, judge: OnFolds | OnTest) -> tuple[Found, HeldOut]:
+def _offered(found: Found, on: Callable[[Found], OnFolds | OnTest]) -> tuple[Found, HeldOut]:
     """The search without the picks that may be what others leave, and those that do not lower their
-    joints' error on data left out."""
+    joints' error on data left out; with the constants that the model was given on joints whose error
+    there other ones raise."""
+    judge, back = on(found), frozenset[int]()
     while True:
         found = replace(found, state=believable(found.state))
         held_out = judge.errors(found.state.picks)
         kept = [p for p, pays in zip(found.state.picks, held_out.pays, strict=True) if pays]
-        if len(kept) == len(found.state.picks):
+        worse = held_out.ladder[-1] > _RAISED * held_out.before
+        raised = [j for j in moved(found.first, found.estimate) if worse[j]]
+        if len(kept) < len(found.state.picks):
+            found = replace(found, state=found.state.with_picks(kept))
+        elif not back.issuperset(raised):
+            back |= frozenset(raised)
+            found = reverted(found, raised)
+            judge = on(found)
+        else:
             return found, held_out
-        found = replace(found, state=found.state.with_picks(kept))
 
 
 def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Finding:

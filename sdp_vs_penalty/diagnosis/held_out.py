@@ -326,7 +326,7 @@ def _change(pick: Pick, before: Array, after: Array) -> float:
 
 def _acts(pick: Pick) -> list[int] | slice:
     effect = pick.candidate.effect
-    return slice(None) if effect.whole_robot else list(effect.joints)
+    return slice(None) if effect.whole_robot or effect.spreads else list(effect.joints)
 
 
 def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:

@@ -6,7 +6,7 @@ search's white rows before the first name is given, and again beside the picks.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -281,6 +281,13 @@ def moved(before: Estimate, after: Estimate) -> frozenset[int]:
     """The joints on which a shape constant of the model has changed."""
     old, new = _values_of(before), _values_of(after)
     return frozenset(key[1] for key, value in new.items() if abs(np.log(value / old[key])) > _MOVES)
+
+
+def given_again(first: Estimate, now: Estimate, joints: Collection[int]) -> list[ShapeEstimate]:
+    """The constants on some joints as the model was given."""
+    before = _values_of(first)
+    own = [(key, before[key]) for key in _values_of(now) if key[1] in joints and key in before]
+    return [ShapeEstimate(*key, value, value, np.inf, 0.0, False) for key, value in own]
 
 
 def _constants(estimate: Estimate) -> list[_Own]:
