@@ -23,8 +23,9 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
+from sdp_vs_penalty.diagnosis.library import turning
 from sdp_vs_penalty.diagnosis.own_shapes import moved
-from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed
+from sdp_vs_penalty.diagnosis.parsimony import believable, bent, correlated, overshadowed
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -40,12 +41,14 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.noise import STILL
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
+from sdp_vs_penalty.signals.stillness import STILL
 
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
+#: How many times farther than Coulomb friction turns a law of velocity has to reach to be none of it.
+_BEYOND = 2.0
 #: By so much other constants of the model may raise a joint's held-out error before they are taken back.
 _RAISED = 1.01
 
@@ -134,7 +137,7 @@ def conclude(
     left, events = remaining(state)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
-    findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
+    findings = tuple(_finding(found, k, held_out, errors) for k in range(len(state.picks)))
     doubted = explanations.doubts(findings)
     rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
     measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
@@ -194,7 +197,8 @@ def _offered(found: Found, on: Callable[[Found], OnFolds | OnTest]) -> tuple[Fou
             return found, held_out
 
 
-def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Finding:
+def _finding(found: Found, k: int, held_out: HeldOut, errors: Array) -> Finding:
+    estimate, state = found.estimate, found.state
     pick = state.picks[k]
     h = pick.candidate
     beta, covariance = coefficients(state, k, errors)
@@ -212,8 +216,14 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
     stands = float(np.mean(state.stage.rows.still > STILL))
     looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])), stands)
+    if h.effect.shape.get(h.effect.beyond_turning, np.inf) < _BEYOND * turning(
+        state.stage.rows, h.effect
+    ):
+        looks_like = (
+            "it hardly outlasts the velocity over which Coulomb friction turns: a width looks so"
+        )
     over = overshadowed(state, k)
-    larger = "" if over is None else over.candidate.effect.name
+    larger = bent(estimate, h.effect, size) if over is None else over.candidate.effect.name
     weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), larger, looks_like)
     return Finding(
         h.effect.name,

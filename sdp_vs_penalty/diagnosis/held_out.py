@@ -35,8 +35,9 @@ from sdp_vs_penalty.regression.regression import (
     triangular,
 )
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import RESIDUAL, STILL
+from sdp_vs_penalty.signals.noise import RESIDUAL
 from sdp_vs_penalty.signals.segments import segmented
+from sdp_vs_penalty.signals.stillness import STILL
 
 #: What lowers its joints' errors by less than this share, summed over them, does not pay ...
 _PAYS = 0.001

@@ -195,7 +195,8 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
             spread += [
                 (key, effect)
                 for effect in kind.candidates(robot, joint, start)
-                if (warm or not effect.needs_temperature) and _beyond_turning(rows, effect)
+                if (warm or not effect.needs_temperature)
+                and effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
             ]
     groups: list[Group] = []
     matrices = []
@@ -217,10 +218,9 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
     return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
 
 
-def _beyond_turning(rows: SegmentedRuns, effect: Effect) -> bool:
-    """Whether an effect's velocity lies beyond that over which dry friction turns round in the model."""
-    key = effect.beyond_turning
-    return not key or effect.shape[key] >= rows.segments[0].motion.width(effect.joints[0])
+def turning(rows: SegmentedRuns, effect: Effect) -> float:
+    """The velocity over which dry friction turns round on an effect's joint, in the model."""
+    return rows.segments[0].motion.width(effect.joints[0])
 
 
 def grams(columns: Array, count: int) -> Array:

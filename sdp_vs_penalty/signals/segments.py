@@ -31,7 +31,13 @@ from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
-from sdp_vs_penalty.signals.stillness import Standstill, turned_at_rest
+from sdp_vs_penalty.signals.stillness import (
+    STILL,
+    Standstill,
+    friction_laws,
+    lawless,
+    turned_at_rest,
+)
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
@@ -145,14 +151,26 @@ class SegmentedRuns:
 
     @cached_property
     def held(self) -> Array:
-        """(M, n) standard deviation of what friction may hold of a row while its joint stands still.
+        """(M, n) standard deviation of what friction holds of a row while its joint stands still, beyond
+        what Dahl's law, whatever its travel, and sliding friction can say of it."""
+        return self._standstill[0]
 
-        Friction is as large as what the links leave of the torque; held, it is anywhere up to that.
-        """
-        links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
-        rest = self.torque - np.concatenate(links) if links else self.torque
-        size = np.sqrt(np.sum(self.keep * rest**2, axis=0) / np.maximum(self.keep.sum(axis=0), 1))
-        return np.asarray(size * self.still)
+    @cached_property
+    def stuck(self) -> NDArray[np.bool_]:
+        """(M, n) whether a row is of a standstill of which no law of friction says anything."""
+        return self._standstill[1]
+
+    @cached_property
+    def _standstill(self) -> tuple[Array, NDArray[np.bool_]]:
+        held, stuck = np.zeros_like(self.still), np.zeros(self.still.shape, bool)
+        for j, share in enumerate(self.still.T):
+            keep = self.keep[:, j]
+            if share[keep].any():
+                laws = [s.low_pass @ friction_laws(s.motion, j) for s in self.segments]
+                left = self.residual[keep, j]
+                std, no_law = lawless(left, np.concatenate(laws)[keep], share[keep])
+                held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
+        return held, stuck
 
     @cached_property
     def dense_residuals(self) -> list[Array]:
@@ -292,7 +310,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
         motion.t[rows],
         filters.torque(part, grid[rows]),
         keep,
-        Standstill(part, filters.column, grid[rows]),
+        Standstill(part, (filters.state, filters.column), grid[rows]),
         low_pass,
         motion.t[dense],
         filters.torque(part, grid[dense]),

@@ -296,7 +296,9 @@ def test_a_finding_lowers_the_error_where_the_effect_acts() -> None:
 
     def pick(joints: tuple[int, ...], whole: bool = False) -> Any:
         return SimpleNamespace(
-            candidate=SimpleNamespace(effect=SimpleNamespace(joints=joints, whole_robot=whole))
+            candidate=SimpleNamespace(
+                effect=SimpleNamespace(joints=joints, whole_robot=whole, spreads=False)
+            )
         )
 
     ladder = np.array([[1.0, 1.0, 1.0], [1.0, 0.9, 1.1]])
@@ -313,7 +315,7 @@ def test_a_finding_that_needs_a_later_one_is_judged_beside_it() -> None:
 
     from sdp_vs_penalty.diagnosis.held_out import _told
 
-    effect = SimpleNamespace(joints=(0,), whole_robot=False)
+    effect = SimpleNamespace(joints=(0,), whole_robot=False, spreads=False)
     picks: Any = [SimpleNamespace(candidate=SimpleNamespace(effect=effect))] * 3
     # The second helps beside the third only, the first never does.
     error = {(): 1.0, (0,): 1.1, (0, 1): 1.2, (0, 1, 2): 0.5, (1, 2): 0.4, (2,): 0.6}
