@@ -23,7 +23,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
-from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed
+from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed, seen_sliding
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -127,11 +127,17 @@ def conclude(
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
     found, held_out = _offered(found, OnFolds(found) if test is None else OnTest(found, data, test))
+    major = held_out.minor.count(False)
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
-    findings = tuple(_finding(state, k, held_out, errors) for k in range(len(state.picks)))
+    # What minor ones share with the others costs nothing when they are left out.
+    lean = state if major == len(state.picks) else state.with_picks(state.picks[:major])
+    every = [
+        _finding(lean if k < major else state, k, held_out, errors) for k in range(len(state.picks))
+    ]
+    findings, minor = tuple(every[:major]), tuple(replace(f, confidence="minor") for f in every[major:])
     doubted = explanations.doubts(findings)
     rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
     measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
@@ -147,7 +153,7 @@ def conclude(
         events,
         stage.noise.source,
         left.share,
-        held_out.ladder[-1],
+        held_out.ladder[major],
         stage.rows.cutoff,
         explanations.remarks(
             stage.noise.source,
@@ -167,19 +173,29 @@ def conclude(
         measured.curves,
         tuple(carriers(stage.rows, state.residual, left.matters)),
         tuple((j + 1, float(left.beyond[j])) for j in left.matters),
+        minor,
     )
 
 
 def _offered(found: Found, judge: OnFolds | OnTest) -> tuple[Found, HeldOut]:
     """The search without the picks that may be what others leave, and those that do not lower their
-    joints' error on data left out."""
+    joints' error on data left out; those that are minor come last."""
+    found = replace(found, state=seen_sliding(found.state))
     while True:
         found = replace(found, state=believable(found.state))
-        held_out = judge.errors(found.state.picks)
-        kept = [p for p, pays in zip(found.state.picks, held_out.pays, strict=True) if pays]
-        if len(kept) == len(found.state.picks):
-            return found, held_out
+        picks = found.state.picks
+        held_out = judge.errors(picks)
+        kept = [p for p, pays in zip(picks, held_out.pays, strict=True) if pays]
+        if len(kept) == len(picks):
+            break
         found = replace(found, state=found.state.with_picks(kept))
+    order = sorted(range(len(picks)), key=lambda k: held_out.minor[k])
+    if order != list(range(len(picks))):
+        found = replace(found, state=found.state.with_picks([picks[k] for k in order]))
+        ladder = judge.errors(found.state.picks).ladder
+        minor = tuple(held_out.minor[k] for k in order)
+        held_out = replace(held_out, ladder=ladder, minor=minor)
+    return found, held_out
 
 
 def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Finding:

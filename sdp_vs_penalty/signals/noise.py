@@ -42,6 +42,8 @@ REPETITION, RESIDUAL = "repetition", "residual"
 _FEWEST = 60
 #: Rows of which a joint stood still for more than this show friction, not noise.
 STILL = 0.01
+#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
+SLOW = 0.1
 #: Share of a guessed noise that is left a row later, at most.
 _FADES = 0.95
 #: Independent values that a median of squares is worth, a value: its efficiency.
