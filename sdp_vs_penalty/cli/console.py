@@ -6,16 +6,20 @@ headings.
 
 from __future__ import annotations
 
+import json
 import math
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+from sdp_vs_penalty.files import write_text
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
@@ -51,6 +55,13 @@ def written(path: str | Path, note: str = "") -> None:
     say(f"written: {path}" + (f" ({note})" if note else ""))
 
 
+def save_json(path: Path | None, content: object) -> None:
+    """Write what --json asks for, if it does."""
+    if path is not None:
+        write_text(path, json.dumps(content, indent=1) + "\n")
+        written(path)
+
+
 def next_step(words: Sequence[object]) -> None:
     """The command to run next, ready to be copied."""
     say(f"Next: {shlex.join(['sdp-vs-penalty', *map(str, words)])}")
@@ -72,23 +83,25 @@ def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], wo
     """A table of figures under its title: the first ``words`` columns hold words, the others numbers."""
     if title:
         say(title, style="italic")
-    made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for k, heading in enumerate(headings):
-        made.add_column(
-            escape(heading), justify="left" if k < words else "right", no_wrap=not 0 < k < words
-        )
-    for row in rows:
-        made.add_row(*(escape(cell) for cell in row))
-    out.print(made)
+    sides = ["left" if k < words else "right" for k in range(len(headings))]
+    whole = [not 0 < k < words for k in range(len(headings))]
+    _print(map(escape, headings), rows, justify=sides, no_wrap=whole)
 
 
 def listing(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table of words, whose first column is never wrapped: it holds the names to type."""
+    _print(
+        headings, rows, no_wrap=[k == 0 for k in range(len(headings))], overflow=["fold"] * len(headings)
+    )
+
+
+def _print(headings: Iterable[str], rows: Sequence[Sequence[str]], **settings: Sequence[Any]) -> None:
+    """A table; settings : of rich's columns, one each."""
     made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     for k, heading in enumerate(headings):
-        made.add_column(heading, no_wrap=k == 0, overflow="fold")
+        made.add_column(heading, **{name: values[k] for name, values in settings.items()})
     for row in rows:
-        made.add_row(*(escape(cell) for cell in row))
+        made.add_row(*map(escape, row))
     out.print(made)
 
 

@@ -1,16 +1,20 @@
-"""The verbs by name, each imported when it is used: --help of the program loads none of them."""
+"""The verbs by name, each imported when it is used: --help of the program loads none of them.
+
+The files that a verb is given are protected before it runs.
+"""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
-from sdp_vs_penalty.cli.command import VerbCommand
+from sdp_vs_penalty.files import opened
 
 #: Every file of verbs/ with the line that the program's --help shows, by what it is for.
 VERBS = {
@@ -42,6 +46,30 @@ VERBS = {
         "export-sdp": "Write the identification SDP for another solver.",
     },
 }
+
+
+#: Parameters that name what a verb writes.
+OUTPUTS = frozenset({"out", "json_file", "fix", "proof"})
+
+
+class VerbCommand(TyperCommand):
+    """Every path among the parsed parameters that is not an output is an input."""
+
+    def invoke(self, ctx: Any) -> Any:
+        for name, value in ctx.params.items():
+            if name not in OUTPUTS:
+                for path in _paths(value):
+                    opened(path)
+        return super().invoke(ctx)
+
+
+def _paths(value: Any) -> Iterable[Path]:
+    """Paths, and texts that may be one (a problem is a name or a file)."""
+    if isinstance(value, Path):
+        return [value]
+    if isinstance(value, str):
+        return [Path(value)] if 0 < len(value) < 4096 and "\0" not in value else []
+    return [p for v in value for p in _paths(v)] if isinstance(value, list | tuple) else []
 
 
 class _Lazy(Mapping[str, Any]):

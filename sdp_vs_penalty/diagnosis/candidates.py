@@ -257,6 +257,8 @@ class Candidates:
         constant = start.effect.shapes[name].on(robot.joints[start.effect.joints[0]].kind)
         assert constant.bounds is not None
         low, high = constant.bounds
+        if name == start.effect.beyond_turning:
+            low = max(low, self.rows.segments[0].motion.width(start.effect.joints[0]))
         linear = constant.scale == "linear"
         half = 0.6 * self._spacing(start.effect, name) if linear else 0.0
         a, b = (value - half, value + half) if linear else (value / 2.2, value * 2.2)

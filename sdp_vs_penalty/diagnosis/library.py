@@ -136,11 +136,13 @@ def build_library(
             key = (name, joint)
             if key in taken or (only is not None and key not in only):
                 continue
+            if joint is not None and kind.at_rest == ("turns" if rows.holds[joint] else "holds"):
+                continue
             spread = several if joint is None or kind.spreads or kind.joins else own[joint]
             spread += [
                 (key, effect)
                 for effect in kind.candidates(robot, joint, start)
-                if warm or not effect.needs_temperature
+                if (warm or not effect.needs_temperature) and _beyond_turning(rows, effect)
             ]
     groups: list[Group] = []
     matrices = []
@@ -160,6 +162,12 @@ def build_library(
         robot_parts.append(spread_columns(rows, effect))
     robot_columns = np.concatenate(robot_parts, axis=2)
     return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
+
+
+def _beyond_turning(rows: SegmentedRuns, effect: Effect) -> bool:
+    """Whether an effect's velocity lies beyond that over which dry friction turns round in the model."""
+    key = effect.beyond_turning
+    return not key or effect.shape[key] >= rows.segments[0].motion.width(effect.joints[0])
 
 
 def grams(columns: Array, count: int) -> Array:

@@ -74,7 +74,8 @@ def profiled(first: Estimate, now: Estimate, state: SearchState) -> list[ShapeEs
     own, before = _constants(now), _values_of(first)
     if not own:
         return []
-    tried = [(o, *_values(o, before[o.key]), before[o.key]) for o in own]
+    least = _turned_by(state)
+    tried = [(o, *_values(o, before[o.key], least.get(o.joint, np.inf)), before[o.key]) for o in own]
     # The picks' own constants are as free: one would hide what another gets wrong.
     picked = {id(p): _picked(p.candidate.effect) for p in state.picks}
     tried += [(o, *_values(o, v := o.effect.shape[o.name]), v) for o in picked.values() if o]
@@ -139,6 +140,8 @@ def _together(
         found = best_shapes(data, base, banks, 1.0)
         error = data.left(fitted(data, base, banks, [f.after for f in found]))
         value, other = (f.after for f in found)
+        if partner.name == partner.effect.beyond_turning and other < value:
+            return np.inf, value  # no law of its own: both say how dry friction turns round
         partner = replace(partner, effect=alone(partner.effect, own.joint, **{partner.name: other}))
     return error, value
 
@@ -313,14 +316,23 @@ def _shape(own: _Own) -> Shape:
     return own.effect.shapes[own.name].on(own.effect.robot.joints[own.joint].kind)
 
 
-def _values(own: _Own, was: float) -> tuple[Array, tuple[float, float]]:
+def _turned_by(state: SearchState) -> dict[int, float]:
+    """The least velocity, by joint, of picks that are laws of their own only beyond the turning."""
+    effects = [p.candidate.effect for p in state.picks if p.candidate.effect.beyond_turning]
+    found = [(e.joints[0], e.shape[e.beyond_turning]) for e in effects]
+    return {j: min(v for i, v in found if i == j) for j, _ in found}
+
+
+def _values(own: _Own, was: float, most: float = np.inf) -> tuple[Array, tuple[float, float]]:
     """The values to profile a constant over, that of the given model among them, and the ends of its
-    range."""
+    range; most : what it is at most, unless it is more already."""
     shape, value = _shape(own), own.effect.shape[own.name]
     assert shape.bounds is not None
     low, high = shape.bounds
-    if shape.role == "estimated" and value <= high * (1.0 + _ROUNDING):
-        return _among(np.array(shape.grid), was), shape.bounds
+    high = max(min(high, most), *(v for v in (was, value, 2.0 * low) if v <= high))
+    if shape.role == "estimated" and value <= shape.bounds[1] * (1.0 + _ROUNDING):
+        grid = np.array(shape.grid)
+        return _among(np.append(grid[grid < high], high), was), (low, high)
     # What was found wide once has earned it: it stays in its neighbourhood.
     ends = min(low, value), max(shape.earned or high, value)
     around = value * _AROUND if shape.scale == "log" else value + np.linspace(-0.6, 0.6, 7)

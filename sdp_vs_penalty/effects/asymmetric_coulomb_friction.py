@@ -19,7 +19,8 @@ class AsymmetricCoulombFriction(JointEffect):
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_ca"
     units = ("N*m", "N")
-    refines = ("coulomb_friction",)
+    #: Beside an offset it shows only where friction turns round, which is what laws with a memory bend.
+    refines = ("coulomb_friction", "presliding_hysteresis", "stiction")
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.abs(motion.sign(joint))

@@ -98,8 +98,14 @@ class Effect(ABC):
     turns: ClassVar[str] = ""
     #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
     widens: ClassVar[bool] = False
+    #: The shape constant that is a velocity below which the law is a matter of how dry friction turns
+    #: round: it is looked for beyond the velocity over which that happens.
+    beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
+    #: What dry friction does at rest by this law, if it says so: a search tries "holds" on joints that
+    #: hold without motion that could be told, and "turns" (over a travel) on all others.
+    at_rest: ClassVar[Literal["", "holds", "turns"]] = ""
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: ClassVar[tuple[str, ...]] = ()
 

@@ -22,7 +22,8 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     symbol = "f_lh"
     units = ("-", "-")
     #: Where the load hardly changes, or is mostly friction itself, the two make the same torque.
-    refines = ("presliding_hysteresis", "coulomb_friction")
+    refines = ("presliding_hysteresis", "stiction", "coulomb_friction")
+    at_rest = ""
     needs_links = True
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:

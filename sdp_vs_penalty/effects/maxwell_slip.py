@@ -24,6 +24,7 @@ class MaxwellSlip(Remembering):
     reference = "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip), sec. III"
     symbol = "f_m"
     refines = ("presliding_hysteresis", "coulomb_friction")
+    at_rest = "turns"
     shapes = {
         "d": Shape(
             0.002, POSITION, grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.00005, 0.05)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class PreslidingHysteresis(Remembering, OneAJoint):
     units = ("N*m", "N")
     lower = 0.0
     refines: ClassVar[tuple[str, ...]] = ("coulomb_friction",)
+    at_rest: ClassVar[Literal["", "holds", "turns"]] = "turns"
     shapes = {
         "d": Shape(
             0.003,

@@ -34,16 +34,18 @@ FORMATS = {
     ".script": "UR's payload",
 }
 
-_PARTLY: dict[str, Callable[[Estimate], tuple[bytes, tuple[str, ...]]]] = {
-    ".h": make_c_header,
-    ".csv": make_friction_table,
-}
 _SIMULATORS: dict[str, Callable[[Robot, Content], bytes]] = {
     ".xml": make_mjcf,
     ".sdf": make_sdf,
     ".usda": make_usd,
 }
-_WHOLE: dict[str, Callable[[Estimate], bytes]] = {".json": make_sidecar, ".py": make_function}
+#: Of the others what is written, and the effects that are lost.
+_OTHERS: dict[str, Callable[[Estimate], tuple[bytes, tuple[str, ...]]]] = {
+    ".json": lambda e: (make_sidecar(e), ()),
+    ".py": lambda e: (make_function(e), ()),
+    ".h": make_c_header,
+    ".csv": make_friction_table,
+}
 
 
 def export(
@@ -80,11 +82,8 @@ def export(
     if out.name.endswith(FRANKA) or suffix == ".script":
         write_bytes(out, (make_set_payload if suffix == ".script" else make_franka)(estimate, flange))
         return ()
-    if suffix in _WHOLE:
-        write_bytes(out, _WHOLE[suffix](estimate))
-        return ()
-    if suffix in _PARTLY:
-        made, left_out = _PARTLY[suffix](estimate)
+    if suffix in _OTHERS:
+        made, left_out = _OTHERS[suffix](estimate)
         write_bytes(out, made)
         return left_out
     content = Content.of(estimate)

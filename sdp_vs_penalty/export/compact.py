@@ -10,21 +10,24 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.export.content import about, number
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.joint import Joint
 
 #: Effects that the expressions hold.
 PLAIN = frozenset(
     {"rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia"}
 )
-#: A number, or the text of one.
-Scalar = float | str
-Vector = list[Scalar]
+#: A number, or the code of one.
+Scalar: TypeAlias = "float | _Sum"
+Vector = NDArray[Any]
 
 _PLAIN = '''\
 """Joint torques of {robot}, identified by {method}; written by sdp-vs-penalty {version}.
@@ -85,57 +88,43 @@ def plain_function(estimate: Estimate) -> bytes:
 def torque_lines(estimate: Estimate) -> list[str]:
     """Statements that make tau1 ... taun from q1 ..., v1 ... (velocities) and a1 ... (accelerations),
     with sin, cos and tanh: Python's and C's alike. Effects that are not PLAIN are left out."""
-    code, robot = _Code(), estimate.robot
-    sums = _friction(estimate)
-    none: Vector = [0.0, 0.0, 0.0]
-    up: Vector = [-float(g) for g in robot.gravity]
-    w, dw, a, turn, place, force, moment = ([none] * robot.n for _ in range(7))
+    code, robot, friction = _Code(), estimate.robot, _friction(estimate)
+    none: Vector = np.array([0.0] * 3, object)
+    base = none, none, -np.array(robot.gravity, float).astype(object)
+    states: list[tuple[Vector, Vector, Vector]] = []
+    poses, force, moment = [], [], []
     for i, joint in enumerate(robot.joints):
-        k: Vector = [float(x) for x in joint.axis]
-        slides = joint.kind == "prismatic"
-        own = inertia.transform(joint.link_frame) @ estimate.links[i]
-        turn[i], place[i] = _placed(code, i, joint.placement, np.asarray(joint.axis, float), slides)
-        at = (
-            (w[joint.parent], dw[joint.parent], a[joint.parent])
-            if joint.parent >= 0
-            else (none, none, up)
-        )
-        inner = _cross(at[0], place[i])
-        t = [_sum(*x) for x in zip(at[2], _cross(at[1], place[i]), _cross(at[0], inner), strict=True)]
-        back = [[turn[i][3 * y + x] for y in range(3)] for x in range(3)]
-        before, turned = _apply(back, at[0]), _apply(back, at[1])
-        speed, push = ([_times(x, f"{name}{i + 1}") for x in k] for name in "va")
-        accel = _apply(back, t)
-        if slides:
-            w[i], dw[i] = code.put(f"w{i}", before), code.put(f"u{i}", turned)
-            coriolis = [_times(2.0, x) for x in _cross(w[i], speed)]
-            accel = [_sum(*x) for x in zip(accel, coriolis, push, strict=True)]
+        link = inertia.transform(joint.link_frame) @ estimate.links[i]
+        m, h = float(link[0]), link[1:4].astype(object)
+        tensor = inertia.inertia_matrix(link[4:]).astype(object)
+        speed, push = (joint.axis.astype(object) * _Sum([f"{x}{i + 1}"]) for x in "va")
+        turn, place = _placed(code, i, joint)
+        w, dw, a = states[joint.parent] if joint.parent >= 0 else base
+        a = a + np.cross(dw, place) + np.cross(w, np.cross(w, place))
+        w, dw, a = (turn.T @ x for x in (w, dw, a))
+        if joint.kind == "prismatic":
+            w, dw = code.put(f"w{i}", w), code.put(f"u{i}", dw)
+            a = a + 2.0 * np.cross(w, speed) + push
         else:
-            w[i] = code.put(f"w{i}", [_sum(*x) for x in zip(before, speed, strict=True)])
-            swing = _cross(w[i], speed)
-            dw[i] = code.put(f"u{i}", [_sum(*x) for x in zip(turned, swing, push, strict=True)])
-        a[i] = code.put(f"b{i}", accel)
-        m, h, tensor = _link(own)
-        spun = code.put(f"h{i}", _cross(w[i], h))
-        parts = ([_times(m, x) for x in a[i]], _cross(dw[i], h), _cross(w[i], spun))
-        force[i] = code.put(f"f{i}", [_sum(*x) for x in zip(*parts, strict=True)])
-        spin = code.put(f"s{i}", _apply(tensor, w[i]))
-        parts = (_apply(tensor, dw[i]), _cross(w[i], spin), _cross(h, a[i]))
-        moment[i] = code.put(f"n{i}", [_sum(*x) for x in zip(*parts, strict=True)])
-    for i in reversed(range(robot.n)):
-        joint = robot.joints[i]
+            w = code.put(f"w{i}", w + speed)
+            dw = code.put(f"u{i}", dw + np.cross(w, speed) + push)
+        a = code.put(f"b{i}", a)
+        spun = code.put(f"h{i}", np.cross(w, h))
+        force.append(code.put(f"f{i}", m * a + np.cross(dw, h) + np.cross(w, spun)))
+        spin = code.put(f"s{i}", tensor @ w)
+        moment.append(code.put(f"n{i}", tensor @ dw + np.cross(w, spin) + np.cross(h, a)))
+        states.append((w, dw, a))
+        poses.append((turn, place))
+    for i, joint in reversed(list(enumerate(robot.joints))):
+        (turn, place), p = poses[i], joint.parent
         half = force[i] if joint.kind == "prismatic" else moment[i]
-        own_part = [_times(float(x), y) for x, y in zip(joint.axis, half, strict=True)]
-        code.lines.append(f"tau{i + 1} = {_text(_sum(*own_part, *sums[i]))}")
-        if joint.parent >= 0:
-            rows = [turn[i][3 * x : 3 * x + 3] for x in range(3)]
-            handed = code.put(f"g{i}", _apply(rows, force[i]))
-            bent = [
-                _sum(*x) for x in zip(_apply(rows, moment[i]), _cross(place[i], handed), strict=True)
-            ]
-            p = joint.parent
-            force[p] = code.put(f"f{p}", [_sum(*x) for x in zip(force[p], handed, strict=True)])
-            moment[p] = code.put(f"n{p}", [_sum(*x) for x in zip(moment[p], bent, strict=True)])
+        torque: Any = joint.axis.astype(object) @ half + friction[i]
+        code.lines.append(f"tau{i + 1} = {number(torque) if isinstance(torque, float) else torque}")
+        if p >= 0:
+            handed = code.put(f"g{i}", turn @ force[i])
+            bent = turn @ moment[i] + np.cross(place, handed)
+            force[p] = code.put(f"f{p}", force[p] + handed)
+            moment[p] = code.put(f"n{p}", moment[p] + bent)
     return _needed(code.lines)
 
 
@@ -155,9 +144,9 @@ def _needed(lines: Sequence[str]) -> list[str]:
     return out[::-1]
 
 
-def _friction(estimate: Estimate) -> list[list[Scalar]]:
-    """Terms of the joints' own effects."""
-    terms: list[list[Scalar]] = [[] for _ in range(estimate.robot.n)]
+def _friction(estimate: Estimate) -> list[Scalar]:
+    """What the joints' own effects make."""
+    sums: list[Scalar] = [0.0] * estimate.robot.n
     widths = estimate.model.sign_width
     for parameter, value in zip(estimate.model.parameters, estimate.theta, strict=True):
         j, x = parameter.joint, float(value)
@@ -167,36 +156,24 @@ def _friction(estimate: Estimate) -> list[list[Scalar]]:
             "rotor_inertia": f"a{j}",
         }
         if parameter.effect == "torque_offset":
-            terms[j - 1].append(x)
+            sums[j - 1] += x
         elif parameter.effect in of:
-            terms[j - 1].append(_times(x, of[parameter.effect]))
-    return terms
+            sums[j - 1] += x * _Sum([of[parameter.effect]])
+    return sums
 
 
-def _placed(code: _Code, i: int, placement: Array, k: Array, slides: bool) -> tuple[Vector, Vector]:
-    """Rotation (9, by rows) and origin (3) of joint i in its parent."""
-    fixed, origin = placement[:3, :3], placement[:3, 3]
-    if slides:
-        along = fixed @ k
-        moved = [
-            _sum(float(o), _times(float(x), f"q{i + 1}")) for o, x in zip(origin, along, strict=True)
-        ]
-        return [float(x) for x in fixed.ravel()], code.put(f"p{i}", moved)
+def _placed(code: _Code, i: int, joint: Joint) -> tuple[Vector, Vector]:
+    """Rotation (3, 3) and origin (3,) of joint i in its parent."""
+    fixed, origin, k = joint.placement[:3, :3], joint.placement[:3, 3], joint.axis
+    if joint.kind == "prismatic":
+        moved = origin.astype(object) + (fixed @ k).astype(object) * _Sum([f"q{i + 1}"])
+        return fixed.astype(object), code.put(f"p{i}", moved)
     code.lines.append(f"c{i} = cos(q{i + 1}); s{i} = sin(q{i + 1})")
     skew = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
     still = np.outer(k, k)
-    parts = (fixed @ still, fixed @ (np.eye(3) - still), fixed @ skew)
-    rows = [
-        _sum(_flat(o), _times(_flat(c), f"c{i}"), _times(_flat(s), f"s{i}"))
-        for o, c, s in zip(*(part.ravel() for part in parts), strict=True)
-    ]
-    return code.put(f"r{i}", rows), [_flat(x) for x in origin]
-
-
-def _link(own: Array) -> tuple[float, Vector, list[Vector]]:
-    """Mass, first moment and inertia of a link about its joint's frame."""
-    xx, xy, yy, xz, yz, zz = (float(x) for x in own[4:])
-    return float(own[0]), [float(x) for x in own[1:4]], [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    o, c, s = (_flat(fixed @ part).ravel() for part in (still, np.eye(3) - still, skew))
+    turn = o + c * _Sum([f"c{i}"]) + s * _Sum([f"s{i}"])
+    return code.put(f"r{i}", turn).reshape(3, 3), _flat(origin)
 
 
 class _Code:
@@ -204,77 +181,70 @@ class _Code:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
+        self._taken: set[str] = set()
 
-    def put(self, name: str, values: Sequence[Scalar]) -> Vector:
+    def put(self, name: str, values: Vector) -> Vector:
         """The values, each that is no plain number or name under a name of its own; one line."""
-        out: Vector = []
-        made: list[str] = []
+        out, made = [], []
         for k, value in enumerate(values):
-            if isinstance(value, float) or re.fullmatch(r"-?\w+", value):
+            if isinstance(value, float) or re.fullmatch(r"-?\w+", str(value)):
                 out.append(value)
                 continue
             while f"{name}_{k}" in self._taken:
                 name += "x"
             made.append(f"{name}_{k} = {value}")
-            out.append(f"{name}_{k}")
+            out.append(_Sum([f"{name}_{k}"]))
         self._taken |= {str(x) for x in out}
         if made:
             self.lines.append("; ".join(made))
-        return out
-
-    _taken: frozenset[str] = frozenset()
+        return np.array(out, object)
 
 
-def _flat(value: float) -> float:
+def _flat(values: Array) -> Vector:
     """Zero and one where rounding alone keeps a rotation from them."""
-    near = round(float(value))
-    return float(near) if abs(value - near) < 1e-15 else float(value)
+    near = np.round(values)
+    return np.where(np.abs(values - near) < 1e-15, near, values).astype(object)
 
 
-def _text(value: Scalar) -> str:
-    return number(value) if isinstance(value, float) else value
+class _Sum:
+    """A sum of words and a constant, as code: a float that is not known yet.
 
+    Zeros vanish and ones are not written: what arrays of these and floats make is all that is computed.
+    """
 
-def _times(a: Scalar, b: Scalar) -> Scalar:
-    if isinstance(b, float) and not isinstance(a, float):
-        a, b = b, a
-    if isinstance(a, float):
-        if isinstance(b, float):
-            return a * b
-        if a == 0.0:
-            return 0.0
-        if a in (1.0, -1.0):
-            return b if a == 1.0 else _negative(b)
-    return f"{_factor(a)} * {_factor(b)}"
+    def __init__(self, words: Sequence[str], constant: float = 0.0) -> None:
+        self.words, self.constant = list(words), constant
 
+    def __str__(self) -> str:
+        words = self.words + ([number(self.constant)] if self.constant else [])
+        return " + ".join(words).replace("+ -", "- ")
 
-def _factor(a: Scalar) -> str:
-    text = _text(a)
-    return f"({text})" if " + " in text or " - " in text else text
+    def __add__(self, other: Scalar) -> _Sum:
+        more = other if isinstance(other, _Sum) else _Sum([], other)
+        return _Sum(self.words + more.words, self.constant + more.constant)
 
+    def __radd__(self, other: float) -> _Sum:
+        return self + other
 
-def _negative(text: str) -> str:
-    factor = _factor(text)
-    return factor[1:] if factor.startswith("-") else f"-{factor}"
+    def __sub__(self, other: Scalar) -> _Sum:
+        return self + -1.0 * other
 
+    def __rsub__(self, other: float) -> Scalar:
+        return -1.0 * self + other
 
-def _sum(*terms: Scalar) -> Scalar:
-    constant = sum(t for t in terms if isinstance(t, float))
-    words = [t for t in terms if isinstance(t, str)]
-    if constant != 0.0 or not words:
-        words.append(number(float(constant)))
-    if words == [number(float(constant))]:
-        return float(constant)
-    return " + ".join(words).replace("+ -", "- ")
+    def __mul__(self, other: Scalar) -> Scalar:
+        if isinstance(other, _Sum):
+            return _Sum([f"{self._factor()} * {other._factor()}"])
+        return other * self
 
+    def __rmul__(self, other: float) -> Scalar:
+        if other in (0.0, 1.0):
+            return self if other else 0.0
+        factor = self._factor()
+        if other == -1.0:
+            return _Sum([factor[1:] if factor.startswith("-") else f"-{factor}"])
+        return _Sum([f"{number(other)} * {factor}"])
 
-def _cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vector:
-    def less(x: Scalar, y: Scalar) -> Scalar:
-        return _sum(x, _times(-1.0, y))
-
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return [less(_times(a[i], b[j]), _times(a[j], b[i])) for i, j in pairs]
-
-
-def _apply(rows: Sequence[Sequence[Scalar]], v: Sequence[Scalar]) -> Vector:
-    return [_sum(*(_times(x, y) for x, y in zip(row, v, strict=True))) for row in rows]
+    def _factor(self) -> str:
+        text = str(self)
+        return f"({text})" if " + " in text or " - " in text else text

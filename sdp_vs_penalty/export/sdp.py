@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,16 +40,6 @@ MEANING = (
     "loss = offset + scale * (optimum of the file); lower <= loss <= upper is proved in exact "
     "arithmetic for the identification problem, whose numbers the file holds rounded to doubles"
 )
-
-
-@dataclass(frozen=True)
-class Posed:
-    """minimise objective over constraints: the task and its conic form."""
-
-    task: Task
-    objective: Objective
-    constraints: ConstraintSet
-    sdp: SdpProblem
 
 
 def rewritten(problem: ConicProblem, path: str | Path) -> tuple[Rewritten, str]:
@@ -82,8 +71,8 @@ def export_sdp(
     interval: tuple[str, str] | None,
     status: str = "optimum proved",
     **more: Any,
-) -> Path:
-    """Write the problem, and beside it FILE.json with what its optimum means; returns the latter.
+) -> dict[str, Any]:
+    """Write the problem, and beside it FILE.json with what its optimum means; returns what that holds.
 
     interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None where none is
     proved. status : what is proved; more : further entries of the JSON.
@@ -105,9 +94,8 @@ def export_sdp(
         "nonzeros": int(made.problem.A.nnz),
         **more,
     }
-    beside = Path(f"{path}.json")
-    write_text(beside, json.dumps(about, indent=1, allow_nan=False) + "\n")
-    return beside
+    write_text(f"{path}.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
+    return about
 
 
 def prove(task: Task, objective: Objective, constraints: ConstraintSet) -> Proof:
@@ -125,15 +113,18 @@ def prove(task: Task, objective: Objective, constraints: ConstraintSet) -> Proof
     )
 
 
-def posed(
+def write_posed(
     problem: str | Path | Problem,
     data: Source,
+    out: str | Path,
     method: str = "lmi-sdp",
     effects: str | Sequence[Effect] | None = None,
-) -> Posed:
-    """The conic form of identifying a problem from measured runs, centred and scaled.
+) -> dict[str, Any]:
+    """Write the SDP of identifying a problem from measured runs, centred and scaled, and beside it
+    OUT.json with what it means and the proved interval of the loss; returns what that holds.
 
-    Raises InputError where the method solves no one-step SDP, or the input cannot be used.
+    Raises InputError where the method solves no one-step SDP, the input cannot be used, or as
+    :func:`rewritten` does.
     """
     from sdp_vs_penalty.estimators import make_estimator
     from sdp_vs_penalty.estimators.task import make_task
@@ -155,21 +146,7 @@ def posed(
     sent = essential(constraints, objective)
     least = 1e-6 * objective.least_squares.tau_squared
     sdp = least_squares_sdp(objective, sent, interior, task.bound, interior, least_loss=least)
-    return Posed(task, objective, constraints, sdp)
-
-
-def write_posed(
-    problem: str | Path | Problem,
-    data: Source,
-    out: str | Path,
-    method: str = "lmi-sdp",
-    effects: str | Sequence[Effect] | None = None,
-) -> Path:
-    """Write the SDP of identifying a problem, and beside it what it means with the proved interval of
-    the loss; returns the latter. Raises InputError as :func:`posed` and :func:`rewritten` do."""
-    made = posed(problem, data, method, effects)
-    rewritten(made.sdp.conic, out)  # refuses a suffix before anything is solved
-    proof = prove(made.task, made.objective, made.constraints)
-    interval = proof["lower"], proof["upper"]
+    rewritten(sdp.conic, out)  # refuses a suffix before anything is solved
+    proof = prove(task, objective, constraints)
     name = problem.name if isinstance(problem, Problem) else str(problem)
-    return export_sdp(made.sdp, out, interval, problem=name, method=method)
+    return export_sdp(sdp, out, (proof["lower"], proof["upper"]), problem=name, method=method)

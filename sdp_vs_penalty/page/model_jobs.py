@@ -86,8 +86,8 @@ def pose(request: Request, progress: Progress) -> Answer:
     """The SDP behind a model as a file, and what it means: what `sdp-vs-penalty export-sdp` does."""
     model, out = load_estimate(request["model"]), Path(request["folder"]) / request["name"]
     runs = windowed(runs_of(request).train, time_windows(request["window"]))
-    about = sdp.write_posed(model.problem, runs, out, model.method, model.model.effects)
-    return {"files": [out.name, about.name]}
+    sdp.write_posed(model.problem, runs, out, model.method, model.model.effects)
+    return {"files": [out.name, f"{out.name}.json"]}
 
 
 def check_urdf(request: Request, progress: Progress) -> Answer:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,13 +21,14 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.export.sdp import export_sdp, prove
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.shootout.card import CARD, CITATION
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import Entry
 from sdp_vs_penalty.solvers.conic import ConicProblem
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, write_proof
 from sdp_vs_penalty.solvers.rewrite import linear_objective
 
+#: The data card and the citation that go with a library are files beside this one.
+_HERE = Path(__file__).parent
 #: A proved interval of at most this share of the loss makes an instance easy, or of medium difficulty.
 _EASY, _MEDIUM = 1e-8, 1e-6
 
@@ -56,8 +56,9 @@ def write_library(
     table.writerows(rows)
     write_text(folder / "index.csv", text.getvalue())
     proved = sum(r["status"] != "not proved" for r in rows)
-    write_text(folder / "README.md", CARD.format(count=len(rows), proved=proved))
-    write_text(folder / "CITATION.cff", CITATION)
+    card = (_HERE / "card.md").read_text()
+    write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
+    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text())
     return rows
 
 
@@ -72,8 +73,7 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     sums = {}
     for name in ("problem.cbf",) if exponential else ("problem.cbf", "problem.dat-s"):
         more = {"name": item.name, "about": item.sentence, "formulation": instance.formulation}
-        about = export_sdp(sdp, folder / name, interval, status=status, **more)
-        sums[name] = json.loads(about.read_text())["sha256"]
+        sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)["sha256"]
     made = linear_objective(sdp.conic)
     for name, content in (
         ("problem.npz", _npz(made.problem)),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,9 +32,6 @@ class Reference:
     @property
     def gap(self) -> float:
         return (self.upper - self.lower) / self.scale
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def reference(instance: Instance) -> Reference:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import Any
@@ -42,15 +41,14 @@ def key(row: Row) -> Key:
 
 
 class Results:
-    """The runs of one output folder.
+    """The runs of one output folder: runs.csv is written anew, whole or not at all, after each.
 
-    Opening drops a torn last row, and nothing else; InputError where the folder holds other results.
+    Raises InputError where the folder holds other results.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "runs.csv"
         self.rows: list[Row] = []
-        self.torn = False
         if self.path.exists():
             self._read()
         elif folder.is_dir() and any(not p.name.startswith(".") for p in folder.iterdir()):
@@ -58,48 +56,32 @@ class Results:
                 "holds other files and no runs.csv", "give --out an empty or a new folder", folder
             )
         else:
-            write_text(self.path, ",".join(COLUMNS) + "\n")
+            self._write()
 
     def _read(self) -> None:
         try:
-            text = self.path.read_text()
+            head, *lines = [*csv.reader(io.StringIO(self.path.read_text()))] or [[]]
         except (OSError, UnicodeDecodeError) as error:
             raise unreadable(error, self.path) from error
-        head, _, body = text.partition("\n")
-        if head.split(",") != list(COLUMNS):
+        if head != list(COLUMNS):
             raise InputError(
-                f"holds the results of something else (its columns are {head[:60]}...)",
+                f"holds the results of something else (its columns are {','.join(head)[:60]}...)",
                 "give --out another folder",
                 self.path,
             )
-        whole = body[: body.rfind("\n") + 1]
-        self.torn = whole != body
-        lines = list(csv.reader(io.StringIO(whole)))
         for number, cells in enumerate(lines, start=2):
             if len(cells) != len(COLUMNS):
-                if number == len(lines) + 1:
-                    self.torn = True
-                    break
                 raise InputError(
                     f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}",
                     "delete that row, and the run is done again",
                     self.path,
                 )
             self.rows.append(parsed(dict(zip(COLUMNS, cells, strict=True))))
-        if self.torn:
-            self.rewrite()
 
     def add(self, row: Row) -> None:
-        """Append one run; it is on the disk when this returns."""
+        """One more run; it is on the disk when this returns."""
         self.rows.append(parsed(row))
-        line = table_text(COLUMNS, [row]).partition("\n")[2].encode()
-        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-        try:
-            while line:
-                line = line[os.write(handle, line) :]
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        self._write()
 
     def keep(self, current: dict[str, str]) -> int:
         """Drop runs of instances whose hash (by problem name) has changed; returns how many."""
@@ -107,11 +89,10 @@ class Results:
         dropped = len(self.rows) - len(kept)
         if dropped:
             self.rows = kept
-            self.rewrite()
+            self._write()
         return dropped
 
-    def rewrite(self) -> None:
-        """The whole file again, whole or not at all, sorted."""
+    def _write(self) -> None:
         order = sorted(self.rows, key=lambda r: (r["group"], r["problem"], r["solver"], -r["accuracy"]))
         write_text(self.path, table_text(COLUMNS, order))
 

@@ -71,7 +71,7 @@ def _run(setup: Shootout, say: Progress) -> Outcome:
     contestants, missing = chosen(setup.solvers)
     entries, unmeasured = selected(setup.problems, [*catalogue().values(), *fresh()], setup.quick)
     results = Results(setup.out)
-    notes = ["a torn last row of runs.csv was dropped"] if results.torn else []
+    notes = []
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
     jobs = setup.jobs or os.cpu_count() or 1
@@ -103,8 +103,6 @@ def _run(setup: Shootout, say: Progress) -> Outcome:
             results.add({**row, **fixed})
             done += 1
         say(f"{task.solver} on {task.problem}", done, total)
-    if tasks:
-        results.rewrite()
     return Outcome(results, absent, not_applicable, notes)
 
 

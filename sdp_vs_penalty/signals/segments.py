@@ -31,7 +31,7 @@ from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
-from sdp_vs_penalty.signals.stillness import Standstill
+from sdp_vs_penalty.signals.stillness import Standstill, turned_at_rest
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
@@ -123,6 +123,22 @@ class SegmentedRuns:
             abs(s.low_pass) @ (np.abs(s.motion.dq) <= _SLOW * usual).astype(float) for s in self.segments
         ]
         return np.concatenate(shares)
+
+    @cached_property
+    def holds(self) -> NDArray[np.bool_]:
+        """(n,) joints whose friction was seen to hold them whatever it was, as far as positions tell."""
+        if "holds" not in self.derived:
+            links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
+            friction = self.torque - np.concatenate(links) if links else self.torque
+            ddq = np.concatenate([s.low_pass @ s.motion.ddq for s in self.segments])
+            rates = np.stack([self.dq.T, ddq.T], axis=2)
+            found = [
+                turned_at_rest(friction[:, j], rates[j], self.still[:, j], self.pieces(j))
+                for j in range(self.n)
+            ]
+            self.derived["holds"] = np.array(found, bool)
+        out: NDArray[np.bool_] = self.derived["holds"]
+        return out
 
     @cached_property
     def held(self) -> Array:

@@ -6,6 +6,7 @@ and a torque measured meanwhile is no evidence for or against any.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +24,9 @@ _ALIKE = 4.0
 _TURNS = 27.0
 #: Ratio of the lengths of time that are looked at, and their largest share of a stretch.
 _FINER, _LONGEST = 1.4, 0.1
+#: Share of a row from a standstill above which its torque is what holds the joint; fewest rows in motion
+#: that show how large friction is there; how often it has to turn round.
+_AT_REST, _FEWEST, _TWICE = 0.9, 20, 2
 
 
 @dataclass(frozen=True)
@@ -63,3 +67,30 @@ def still(q: Array) -> NDArray[np.bool_]:
             out |= maximum_filter1d((quiet & (away > _TURNS * alike)).view(np.int8), width, axis=0) > 0
         half = max(half + 1, int(_FINER * half))
     return out
+
+
+def turned_at_rest(
+    friction: Array, rates: Array, share: Array, pieces: Sequence[NDArray[np.intp]]
+) -> bool:
+    """Whether friction held a joint while it changed by more than its own size, at least twice: then no
+    travel that these positions tell turns it round.
+
+    friction, share (M,) : what the links leave of the torque, and how much of each row is from a
+    standstill; rates (M, 2) : velocity, acceleration; pieces : consecutive rows. Dahl's friction changes
+    by 2 (1 - exp(-s / d)) times its size over a travel s: by more than its size where s > 0.7 d. A
+    difference of what a constant, Coulomb and viscous friction and a rotor leave in motion is allowed
+    for.
+    """
+    moving = np.concatenate([np.zeros(0, np.intp), *(p[share[p] < 1.0 - _AT_REST] for p in pieces)])
+    if len(moving) < _FEWEST:
+        return False
+    v = rates[moving]
+    laws = np.column_stack([np.ones(len(v)), np.sign(v[:, 0]), v])
+    law = np.linalg.lstsq(laws, friction[moving], rcond=None)[0]
+    left = np.median(np.abs(friction[moving] - laws @ law)) / 0.6745
+    turned = 0
+    for piece in pieces:
+        rest = share[piece] > _AT_REST
+        for part in np.split(piece, np.flatnonzero(np.diff(rest)) + 1):
+            turned += bool(share[part[0]] > _AT_REST and np.ptp(friction[part]) > law[1] + 1.4 * left)
+    return bool(law[1] > 0.0 and turned >= _TWICE)

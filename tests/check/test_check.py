@@ -18,7 +18,7 @@ from sdp_vs_penalty.check.gravity import FreeGravity
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.check.rows import physics_of as rows_of
 from sdp_vs_penalty.cli import main as cli
-from sdp_vs_penalty.cli.checking import consented
+from sdp_vs_penalty.cli.runs import consented
 from sdp_vs_penalty.data.datasets import _emps_runs, _ur10e_runs
 from sdp_vs_penalty.data.files import load_measurements, read_run, save
 from sdp_vs_penalty.data.measurements import Measurements

@@ -13,7 +13,7 @@ import pytest
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper import figures
-from sdp_vs_penalty.paper.figures import figure_8, figure_modules, make_figures, save
+from sdp_vs_penalty.paper.figures import FIGURES, figure_8, make_figures, save
 from sdp_vs_penalty.paper.figures.style import BLACK, BLUE, GREEN, LOOKS, ORANGE, PURPLE, RED, SKY
 from sdp_vs_penalty.paper.tables import engine_runs, wrench_runs
 from sdp_vs_penalty.paper.tables.study import METHODS, Study
@@ -43,15 +43,15 @@ def studies() -> Iterator[dict[str, Study]]:
 
 
 def test_all_but_the_photograph() -> None:
-    assert set(figure_modules()) == {1, 2, 3, 5, 6, 7, 8, 9, 10}
+    assert set(FIGURES) == {1, 2, 3, 5, 6, 7, 8, 9, 10}
 
 
-@pytest.mark.parametrize("number", sorted(figure_modules()))
+@pytest.mark.parametrize("number", sorted(FIGURES))
 def test_axes_have_units_and_lines_are_finite(
     number: int, studies: dict[str, Study], tmp_path: Path
 ) -> None:
-    home = figure_modules()[number]
-    figure = home.draw(studies[home.PROBLEM])
+    problem, draw = FIGURES[number]
+    figure = draw(studies[problem])
     shown = [axis for axis in figure.axes if axis.get_visible() and axis.axison]
     assert shown
     for axis in shown:
@@ -71,7 +71,7 @@ def test_axes_have_units_and_lines_are_finite(
 def test_every_joint_is_labelled(studies: dict[str, Study]) -> None:
     import matplotlib.pyplot as plt
 
-    figure = figure_modules()[1].draw(studies["panda"])
+    figure = FIGURES[1][1](studies["panda"])
     labels = " ".join(axis.get_ylabel() for axis in figure.axes)
     assert all(f"joint {j}" in labels for j in range(1, 8))
     plt.close(figure)
@@ -79,7 +79,7 @@ def test_every_joint_is_labelled(studies: dict[str, Study]) -> None:
 
 def test_the_same_numbers_make_the_same_files(studies: dict[str, Study], tmp_path: Path) -> None:
     for folder in ("a", "b"):
-        save(figure_modules()[9].draw(studies["two_link"]), tmp_path / folder / "figure_9")
+        save(FIGURES[9][1](studies["two_link"]), tmp_path / folder / "figure_9")
     for suffix in ("png", "pdf"):
         first, second = ((tmp_path / f / f"figure_9.{suffix}").read_bytes() for f in ("a", "b"))
         assert first == second

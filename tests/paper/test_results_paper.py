@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.paper.figures import figure_modules
+from sdp_vs_penalty.paper.figures import FIGURES
 from sdp_vs_penalty.paper.tables import all_tables, build_tables, table_modules
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
@@ -134,7 +134,7 @@ def test_wrenches_hold_what_the_text_says() -> None:
     assert worst > 1e4
 
 
-@pytest.mark.parametrize("number", sorted(figure_modules()))
+@pytest.mark.parametrize("number", sorted(FIGURES))
 def test_figures_are_committed(number: int) -> None:
     assert (RESULTS / f"figure_{number}.png").read_bytes().startswith(b"\x89PNG")
     assert (RESULTS / f"figure_{number}.pdf").read_bytes().startswith(b"%PDF")

@@ -26,7 +26,7 @@ from sdp_vs_penalty.shootout.judge import (
     judge,
     relative_violation,
 )
-from sdp_vs_penalty.shootout.nursery import _pack, _unpack, in_child
+from sdp_vs_penalty.shootout.nursery import in_child
 from sdp_vs_penalty.shootout.reference import Reference, reference
 from sdp_vs_penalty.shootout.results import cells
 from sdp_vs_penalty.solvers import clarabel, verified
@@ -296,17 +296,6 @@ def test_repair_goes_towards_a_point_near_the_optimum(two_link: Instance, proved
     assert two_link.objective.value(two_link.near) - proved.upper < 0.1 * far
 
 
-def test_answers_survive_the_pipe(best: Answer) -> None:
-    again = _unpack(_pack(best))
-    np.testing.assert_array_equal(again.theta, best.theta)
-    assert again.multipliers is not None
-    assert best.multipliers is not None
-    for a, b in zip(again.multipliers, best.multipliers, strict=True):
-        np.testing.assert_array_equal(a, b)
-    assert (again.claims, again.status, again.iterations) == (best.claims, best.status, best.iterations)
-    assert _unpack(_pack(replace(best, multipliers=None))).multipliers is None
-
-
 def _sleep() -> bytes:
     time.sleep(30)
     return b""
@@ -337,11 +326,11 @@ def test_a_run_ends_in_its_own_process() -> None:
     assert seconds < 5.0
     kind, words, _ = in_child(_spin, 0.5, 1.0)
     assert kind == "timeout"
-    assert b"processor" in words or b"stopped" in words
-    assert in_child(_die, 20.0, 1.0)[:2] == ("crash", b"ended by signal 9")
-    assert in_child(_eat, 20.0, 1.0)[:2] == ("crash", b"asked for more than 1 GB")
+    assert "processor" in words or "stopped" in words
+    assert in_child(_die, 20.0, 1.0)[:2] == ("crash", "ended by signal 9")
+    assert in_child(_eat, 20.0, 1.0)[:2] == ("crash", "asked for more than 1 GB")
     kind, words, _ = in_child(_raise, 20.0, 1.0)
-    assert (kind, words) == ("failed", b"ValueError: the matrix is odd")
+    assert (kind, words) == ("failed", "ValueError: the matrix is odd")
 
 
 def test_names_that_do_not_exist_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

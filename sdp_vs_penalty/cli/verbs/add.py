@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.checking import consented
-from sdp_vs_penalty.cli.runs import runs_for, words
+from sdp_vs_penalty.cli.runs import consented, runs_for, words
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:

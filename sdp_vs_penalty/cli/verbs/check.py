@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -75,10 +74,7 @@ def verb(
             note = target.with_name(f"{target.stem}_changes.txt")
             write_text(note, report.changes(path.name))
             console.written(note)
-    if json_file is not None:
-        content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
-        write_text(json_file, json.dumps(content, indent=1) + "\n")
-        console.written(json_file)
+    console.save_json(json_file, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
     if any(report.meaningless for report in reports):
         raise typer.Exit(1)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +31,6 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.files import write_text
 
     estimates = {str(path): load_estimate(path) for path in models}
     newest, estimate = list(estimates.items())[-1]
@@ -50,11 +48,11 @@ def verb(
     printing.where_it_fails(failures, units, newest)
     if verbose:
         printing.failure_tables(failures)
-    if json_file is not None:
-        content = {
+    console.save_json(
+        json_file,
+        {
             "models": [result.to_dict() for result in results],
             "where_it_fails": [failure.to_dict() for failure in failures],
             "where_it_fails_of": newest,
-        }
-        write_text(json_file, json.dumps(content, indent=1) + "\n")
-        console.written(json_file)
+        },
+    )

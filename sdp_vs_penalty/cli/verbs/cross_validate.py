@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,7 +31,6 @@ def verb(
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.data.texts import numbers
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
-    from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.show import plain_unit
 
@@ -56,6 +54,4 @@ def verb(
     title = f"Relative error, and RMSE [{units}] of each joint below {console.number(result.band_hz)} Hz"
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(title, heads, rows)
-    if json_file is not None:
-        write_text(json_file, json.dumps(result.to_dict(), indent=1) + "\n")
-        console.written(json_file)
+    console.save_json(json_file, result.to_dict())

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.checking import consented, refuse_meaningless
-from sdp_vs_penalty.cli.runs import runs_for
+from sdp_vs_penalty.cli.runs import consented, refuse_meaningless, runs_for
 
 
 def verb(

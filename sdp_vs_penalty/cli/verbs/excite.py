@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -69,26 +69,21 @@ def verb(
 
     Example: sdp-vs-penalty excite panda --out trajectory.csv
     """
+    settings: dict[str, Any] = {"seed": seed}
+    settings["duration"] = duration or (2.0 if payload and separate is None else 21.0)
     if separate is not None:
-        _separate(Path(problem), separate, out, urdf, duration or 21.0, level, iterations or 200, seed)
+        _separate(Path(problem), separate, out, urdf, level, iterations=iterations or 200, **settings)
         return
+    settings["iterations"] = iterations or 60
     if payload:
-        _payload(Path(problem), joints, out, duration or 2.0, iterations or 60, seed)
+        _payload(Path(problem), joints, out, **settings)
         return
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.estimation.excitation import excite
 
+    settings |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
     with console.progress("excitation") as progress:
-        found = excite(
-            problem,
-            objective=objective,
-            harmonics=harmonics,
-            frequency=frequency,
-            duration=duration or 21.0,
-            iterations=iterations or 60,
-            seed=seed,
-            progress=progress,
-        )
+        found = excite(problem, progress=progress, **settings)
     found.save(out)
     console.say(
         f"condition number of the base regressor: {found.history[0]:.1f} at the start, "
@@ -97,9 +92,7 @@ def verb(
     console.written(out)
 
 
-def _payload(
-    model: Path, joints: str | None, out: Path, duration: float, iterations: int, seed: int
-) -> None:
+def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> None:
     """The run that weighs a load, and how well it does."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.errors import InputError
@@ -113,14 +106,7 @@ def _payload(
     except ValueError:
         raise InputError(f"--joints {joints!r} names no joints", "write 5+6+7") from None
     with console.progress("weighing") as progress:
-        found = payload_run(
-            estimate,
-            joints=moving,
-            duration=duration,
-            iterations=iterations,
-            seed=seed,
-            progress=progress,
-        )
+        found = payload_run(estimate, joints=moving, progress=progress, **settings)
     save_trajectory(found.trajectory, out)
     for name, part, unit in (
         ("mass", slice(0, 1), "kg"),
@@ -130,23 +116,16 @@ def _payload(
         worst = [f"{deviation[part].max():.2g}" for deviation in (found.deviation, found.started)]
         console.say(f"{name}: +- {worst[0]} {unit} ({worst[1]} on a random motion)")
     console.explain(
-        f"Standard deviations of a load after {duration:g} s, the largest of three or six, from the "
-        "noise of the model's data; the model and the gains of its channels count as exact. The other "
-        "joints stand in the middle of their ranges. Self-collision is not checked: look at the motion "
-        "before it is run."
+        f"Standard deviations of a load after {settings['duration']:g} s, the largest of three or six, "
+        "from the noise of the model's data; the model and the gains of its channels count as exact. "
+        "The other joints stand in the middle of their ranges. Self-collision is not checked: look at "
+        "the motion before it is run."
     )
     console.written(out)
 
 
 def _separate(
-    model: Path,
-    effects: str,
-    out: Path,
-    urdf: Path | None,
-    duration: float,
-    level: float,
-    iterations: int,
-    seed: int,
+    model: Path, effects: str, out: Path, urdf: Path | None, level: float, **settings: Any
 ) -> None:
     """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
     from sdp_vs_penalty.cli import console
@@ -160,22 +139,13 @@ def _separate(
     estimate = load_estimate(model)
     shapes = None if urdf is None else SelfCollision.of_urdf(urdf, estimate.robot.n)
     with console.progress("separating") as progress:
-        found = separate(
-            estimate,
-            effects,
-            duration=duration,
-            level=level,
-            iterations=iterations,
-            seed=seed,
-            collision=shapes,
-            progress=progress,
-        )
+        found = separate(estimate, effects, level=level, collision=shapes, progress=progress, **settings)
     ros = out.with_suffix(".yaml")
     save_trajectory(found.trajectory, out)
     write_text(ros, joint_trajectory(estimate.robot.joint_names, found.trajectory))
     console.say(
-        f"right decision after {duration:g} s: {100 * found.default_right:.0f} % on the default "
-        f"excitation, {100 * found.right:.0f} % on this one",
+        f"right decision after {settings['duration']:g} s: {100 * found.default_right:.0f} % on the "
+        f"default excitation, {100 * found.right:.0f} % on this one",
         style="bold",
     )
     needed = [f"{t:.3g} s" if t < 1e7 else "never" for t in (found.default_seconds, found.seconds)]

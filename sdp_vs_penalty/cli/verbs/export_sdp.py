@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +31,6 @@ def verb(
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.export import sdp
 
-    about = sdp.write_posed(problem, data, out, method, effects)
-    told = json.loads(about.read_text())
+    told = sdp.write_posed(problem, data, out, method, effects)
     console.written(out, f"{told['variables']} variables, {told['rows']} rows")
-    console.written(about, f"the loss lies in [{told['lower']!r}, {told['upper']!r}]")
+    console.written(f"{out}.json", f"the loss lies in [{told['lower']!r}, {told['upper']!r}]")

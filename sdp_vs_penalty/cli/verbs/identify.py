@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sdp_vs_penalty.cli import options
-from sdp_vs_penalty.cli.checking import refuse_meaningless
+from sdp_vs_penalty.cli.runs import next_diagnosis, refuse_meaningless, words
 from sdp_vs_penalty.data.texts import numbers, time_windows
 from sdp_vs_penalty.errors import Infeasible
 
@@ -61,7 +61,6 @@ def verb(
     Example: sdp-vs-penalty identify panda --data run1.csv --window 0:14 --out model.json
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import next_diagnosis, words
     from sdp_vs_penalty.data.files import load_measurements, windowed
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import compare as compare_models

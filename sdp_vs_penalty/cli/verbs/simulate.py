@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -79,7 +78,6 @@ def _follow(
     from sdp_vs_penalty.cli.runs import next_diagnosis
     from sdp_vs_penalty.data.formats import csv
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.simulation.follow import follow
 
     with console.progress("reading the measurements") as progress:
@@ -94,9 +92,7 @@ def _follow(
         )
     if made.left_out:
         console.warn(f"left out, no meaning in a forward simulation: {', '.join(made.left_out)}")
-    if json_file is not None:
-        write_text(json_file, json.dumps(made.to_dict(), indent=1) + "\n")
-        console.written(json_file)
+    console.save_json(json_file, made.to_dict())
     if out is not None:
         csv.write(made.free[0].simulated, out)
         console.written(out)

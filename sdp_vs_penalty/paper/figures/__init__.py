@@ -1,29 +1,35 @@
-"""The paper's figures, one file each: NUMBER, PROBLEM and draw(study) are a figure's registration."""
+"""The paper's figures."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.paper.figures import engines, figure_8, figure_10, torques
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.registration import marked
 
 #: Figure 4 of the paper is a photograph of a simulator's window: there is nothing to compute in it.
 LEFT_OUT = {4: "a photograph of V-REP's window"}
 
 
-@cache
-def figure_modules() -> dict[int, ModuleType]:
-    """Every figure of the package by its number."""
-    return marked(__name__, __path__, "NUMBER")
+#: By number the problem, and what draws the figure of its study.
+FIGURES: Mapping[int, tuple[str, Callable[[Study], Any]]] = {
+    1: ("panda", torques.exciting_trajectory),
+    2: ("panda", torques.validation_trajectories),
+    3: ("panda", torques.validation_torques),
+    5: ("panda", engines.engine_torques),
+    6: ("panda", engines.engine_torque_errors),
+    7: ("panda", engines.engine_poses),
+    8: ("two_link", figure_8.draw),
+    9: ("two_link", torques.torques_of_the_2r),
+    10: ("two_link", figure_10.draw),
+}
 
 
 def make_figures(
@@ -38,22 +44,21 @@ def make_figures(
     Raises InputError for a number that is no figure, before anything is computed or written, and
     where matplotlib is absent.
     """
-    modules = figure_modules()
     for number in numbers:
-        if number not in modules:
+        if number not in FIGURES:
             why = f" ({LEFT_OUT[number]})" if number in LEFT_OUT else ""
             raise InputError(
-                f"figure {number} is not made{why}", f"choose from {', '.join(map(str, modules))}"
+                f"figure {number} is not made{why}", f"choose from {', '.join(map(str, FIGURES))}"
             )
     _require_matplotlib()
     studies: dict[str, Study] = {}
     paths = []
-    for number in numbers or modules:
-        home = modules[number]
-        if home.PROBLEM not in studies:
-            studies[home.PROBLEM] = Study(load_problem(home.PROBLEM), budget, seed, progress)
+    for number in numbers or FIGURES:
+        problem, draw = FIGURES[number]
+        if problem not in studies:
+            studies[problem] = Study(load_problem(problem), budget, seed, progress)
         progress(f"figure {number}")
-        paths += save(home.draw(studies[home.PROBLEM]), Path(out) / f"figure_{number}")
+        paths += save(draw(studies[problem]), Path(out) / f"figure_{number}")
     return paths
 
 

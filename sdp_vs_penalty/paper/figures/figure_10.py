@@ -12,9 +12,6 @@ from sdp_vs_penalty.paper.tables.wrench_runs import wrench_study
 from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS
 from sdp_vs_penalty.show import plain_unit
 
-NUMBER = 10
-PROBLEM = "two_link"
-
 _NAMES = dict(zip(COMPONENTS, ("$f_x$", "$f_y$", "$f_z$", "$n_x$", "$n_y$", "$n_z$"), strict=True))
 
 

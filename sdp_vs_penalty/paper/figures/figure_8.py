@@ -16,9 +16,6 @@ from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
-NUMBER = 8
-PROBLEM = "two_link"
-
 #: Pose that is drawn [rad].
 _POSE = (0.6, 0.7)
 #: Corners of a drawn circle, slices along a shape.

@@ -65,14 +65,9 @@ def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
     axes[0, 0].figure.align_ylabels(axes[:, 0])
 
 
-def legend_below(figure: Any, axis: Any, extra: Sequence[Any] = ()) -> None:
+def legend_below(figure: Any, axis: Any) -> None:
     """One legend for the whole figure, under the axes."""
     handles, labels = axis.get_legend_handles_labels()
-    for other in extra:
-        for handle, label in zip(*other.get_legend_handles_labels(), strict=True):
-            if label not in labels:
-                handles.append(handle)
-                labels.append(label)
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), frameon=False)
 
 
