@@ -39,7 +39,7 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.noise import STILL
+from sdp_vs_penalty.signals.noise import REPETITION, STILL
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
 
@@ -161,6 +161,7 @@ def conclude(
                 *doubted.values(),
                 explanations.standstill(held_out.moving, held_out.ladder[-1]),
                 explanations.negligible(left),
+                explanations.turning(left) if stage.noise.source == REPETITION else "",
             ),
             held_out.source,
             new_share,

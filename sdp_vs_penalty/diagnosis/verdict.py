@@ -34,7 +34,7 @@ FALSE_UNKNOWN = 5e-4
 _MATTERS = 0.1
 #: Share of a joint's torque (RMS) below which nothing is told from links that are not quite as long as
 #: the model says: 1 mm in 0.3 m, and 0.1 degrees.
-_NOMINAL = 0.005
+NOMINAL = 0.005
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Remainder:
     @property
     def matters(self) -> tuple[int, ...]:
         """The joints (from 0) whose error it raises noticeably above their noise."""
-        least = _NOMINAL * self.torque
+        least = NOMINAL * self.torque
         raised = zip(self.joints, self.raised, strict=True)
         return tuple(j for j, r in raised if r > _MATTERS and self.beyond[j] > least[j])
 
