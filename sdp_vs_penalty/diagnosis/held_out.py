@@ -43,8 +43,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 _PAYS = 0.001
 #: ... and where the noise is a guess: evidence counts the model's own error then.
 _PAYS_GUESSED = 0.003
-#: What lowers no joint's error by this share is minor: from fold to fold the change by small findings
-#: spreads by half of that and more (standard deviation; 0.5 to 5 % of 4 findings).
+#: What lowers no joint's error by this share is minor where the noise is a guess: from fold to fold the
+#: change by small findings spreads by half of that and more (0.5 to 5 % of 4 findings).
 MINOR = 0.01
 #: Outer folds at most: the search is repeated without each of them.
 _OUTER = 5
@@ -170,8 +170,13 @@ class OnFolds:
         keep, guessed = stage.rows.keep, stage.noise.source == RESIDUAL
         count, evident = keep.sum(axis=0), (keep & (_kinds(stage.rows, guessed) < 2)).sum(axis=0)
         moving = _rmse(squares(tuple(range(len(picks))))[1], evident)
-        told = _told(picks, squares, guessed)
-        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", *told, moving)
+        pays, minor = _told(picks, squares, guessed)
+        # Shapes that all rows have chosen flatter: the search without a fold has to find it as well.
+        worth = [
+            np.max(np.log(a / b)[_acts(p)]) for p, a, b in zip(picks, total, total[1:], strict=False)
+        ]
+        minor = tuple(m or guessed and 0.5 * w <= MINOR for m, w in zip(minor, worth, strict=True))
+        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", pays, minor, moving)
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
@@ -270,9 +275,11 @@ def _told(
     picks: Sequence[Pick], squares: _Errors, guessed: bool = False
 ) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
     """Of each pick whether it pays, by the errors of its joints together, and whether it is minor, by
-    that which falls most."""
+    that which falls most; guessed : the noise, so that model error counts as evidence."""
     paying = _kept(picks, squares, np.sum, _PAYS_GUESSED if guessed else _PAYS)
-    major = _kept(picks, squares, np.max, MINOR) if len(paying) == len(picks) else paying
+    major = paying
+    if guessed and len(paying) == len(picks):
+        major = _kept(picks, squares, np.max, MINOR)
     return tuple(k in paying for k in range(len(picks))), tuple(
         k not in major for k in range(len(picks))
     )
@@ -286,9 +293,7 @@ def _kept(
     kept = list(range(len(picks)))
 
     def falls(k: int, others: Sequence[int], beside: Sequence[int]) -> float:
-        effect = picks[k].candidate.effect
-        everywhere = effect.whole_robot or effect.spreads
-        joints = slice(None) if everywhere else list(effect.joints)
+        effect, joints = picks[k].candidate.effect, _acts(picks[k])
         before, after = (squares(tuple(c)) for c in (others, beside))
         # No law of friction holds where it turns round: what is not friction is told by sliding.
         kind = 0 if effect.signless and before[0, joints].all() else 1
@@ -301,6 +306,11 @@ def _kept(
         if falls(k, others, kept) <= least:
             kept = others
     return kept
+
+
+def _acts(pick: Pick) -> list[int] | slice:
+    effect = pick.candidate.effect
+    return slice(None) if effect.whole_robot or effect.spreads else list(effect.joints)
 
 
 def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:
