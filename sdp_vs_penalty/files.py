@@ -5,13 +5,14 @@ And where the files of the package itself are.
 
 from __future__ import annotations
 
+import csv
 import glob
 import io
 import itertools
 import json
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -196,6 +197,25 @@ def alone(folder: Path) -> Iterator[None]:
 
 def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
+
+
+def as_csv(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A CSV table with a row of headings."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([headings, *rows])
+    return out.getvalue()
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV table, as text by heading."""
+    opened(path)
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return [dict(row) for row in csv.DictReader(file)]
+    except OSError as error:
+        raise unreadable(error, path) from error
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"not a CSV table ({error})", "write it anew as UTF-8 text", path) from error
 
 
 def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:

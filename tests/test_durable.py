@@ -74,7 +74,6 @@ def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path: Pat
             results = Results(out)
             for k in (1, 2, 3):
                 results.add(row(k))
-            results.rewrite()
 
         died.append(killed(work, step, at, how))
         resumed = Results(out)
@@ -82,7 +81,6 @@ def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path: Pat
         assert resumed.rows
         for k in range(len(resumed.rows), 4):
             resumed.add(row(k))
-        resumed.rewrite()
         assert Results(out).rows == whole.rows
         assert [p.name for p in out.iterdir()] == ["runs.csv"]
     assert sum(died) > 20

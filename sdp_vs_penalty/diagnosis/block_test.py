@@ -170,11 +170,13 @@ def above_chance(
     place = _SHARE * (len(signs) - 1)
     enough, allowed = len(signs) - int(place), len(signs) - 1 - int(np.ceil(place))
     pending: list[tuple[int, float, int | None, NDArray[np.intp]]] = []
-    for batch in library.batches:
+    for batch, solved in zip(library.batches, scores.batches, strict=True):
         which = _allowed(library, batch, eligible)
-        groups, columns = batch.groups[which], batch.columns[which]
+        if solved is None or not which.any():
+            continue
+        columns = batch.columns[which]
         limit = float(special.chdtri(columns.shape[1], 10.0**-exponent))
-        could = (_classical(groups, columns, scores, blocks[batch.joint], signs) > limit).sum(axis=1)
+        could = (_classical(columns, solved.gram[which], blocks[batch.joint], signs) > limit).sum(axis=1)
         order = np.argsort(-could)[: np.count_nonzero(could)]
         for start in range(0, len(order), _AT_ONCE):
             part = order[start : start + _AT_ONCE]
@@ -203,26 +205,24 @@ def _block_scores(fit: WhiteFit, library: Library) -> dict[int | None, Array]:
     """(B, C) scores z_b'r_b of the library's partialled columns, by joint (None: on several)."""
     sums, residual = fit.rows.products, fit.residual.reshape(fit.rows.n, -1)
 
-    def summed(columns: Array) -> Array:
+    def summed(columns: Array, residual: Array) -> Array:
         return np.sum([sums(z, r) for z, r in zip(columns, residual, strict=True)], axis=0)
 
-    model = summed(fit.Q.reshape(*residual.shape, -1))
-    robot = summed(library.robot) - model @ fit.overlaps(library, None).sum(axis=0)
+    model = summed(fit.Q.reshape(*residual.shape, -1), residual)
+    weighted = residual / np.reshape(library.divisors, (-1, 1))
+    robot = summed(library.robot, weighted) - model @ fit.overlaps(library, None).sum(axis=0)
     out: dict[int | None, Array] = {None: robot}
-    for j, (z, r) in enumerate(zip(library.joints, residual, strict=True)):
+    for j, (z, r) in enumerate(zip(library.joints, weighted, strict=True)):
         out[j] = sums(z, r) - model @ fit.overlaps(library, j)
     return out
 
 
-def _classical(
-    groups: NDArray[np.intp], columns: NDArray[np.intp], scores: Scores, blocks: Array, signs: Array
-) -> Array:
-    """(G, S) s'D^-1 s of groups of columns (G, k) with the blocks' scores (B, C) changing sign."""
+def _classical(columns: NDArray[np.intp], grams: Array, blocks: Array, signs: Array) -> Array:
+    """(G, S) s'D^-1 s of groups of columns (G, k), partialled grams (G, k, k), when the blocks' scores
+    (B, C) change sign."""
     G, k = columns.shape
-    if not G:
-        return np.zeros((0, len(signs)))
     pull = (signs @ blocks[:, columns.ravel()]).reshape(-1, G, k).transpose(1, 0, 2)
-    beta = pull @ np.linalg.inv(_ridged(np.array([scores.products[g][0] for g in groups])))
+    beta = pull @ np.linalg.inv(_ridged(grams))
     return np.asarray(np.sum(pull * beta, axis=2))
 
 
@@ -231,10 +231,11 @@ def _seen(fit: WhiteFit, library: Library, joint: int | None, columns: NDArray[n
     which it leaves anything."""
     n, M = fit.rows.n, len(fit.rows.block)
     if joint is None:
-        Z = library.robot[:, :, columns.ravel()].reshape(n * M, -1)
+        Z = library.robot[:, :, columns.ravel()] / np.reshape(library.divisors, (-1, 1, 1))
+        Z = Z.reshape(n * M, -1)
         fresh = Z - fit.Q @ (fit.Q.T @ Z)
     else:
-        Z = library.joints[joint][:, columns.ravel()]
+        Z = library.joints[joint][:, columns.ravel()] / library.divisors[joint]
         mine = slice(joint * M, (joint + 1) * M)
         fresh = np.negative(fit.Q @ (fit.Q[mine].T @ Z))
         fresh[mine] += Z

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.golden_section import highest
@@ -14,6 +15,7 @@ from sdp_vs_penalty.diagnosis.library import Batch, Candidacy, Group, Key, Libra
 from sdp_vs_penalty.diagnosis.scoring import (
     Beside,
     Scores,
+    Solved,
     bounded,
     cross_validate,
     effective,
@@ -71,9 +73,12 @@ class Candidates:
         return self.candidacy.library.whitened(self.noise, self.rows)
 
     @cached_property
-    def texts(self) -> list[str]:
-        """Of the groups' effects."""
-        return [group.effect.text for group in self.white.groups]
+    def _written(self) -> dict[str, list[int]]:
+        """The groups of each effect, as it is written."""
+        found: dict[str, list[int]] = {}
+        for g, group in enumerate(self.white.groups):
+            found.setdefault(group.effect.text, []).append(g)
+        return found
 
     @cached_property
     def bounded(self) -> list[list[bool]]:
@@ -152,13 +157,14 @@ class Candidates:
         """Evidence on the grids of shapes, averaged and of each member, the most plausible first."""
         if self._coarsely is None or self._coarsely[0] is not fit or self._coarsely[1] != on:
             self._coarsely = fit, on, self._coarse(fit, scaled, on)
-        evidence, taken = self._coarsely[2], {h.effect.text for h in picked}
-        out: dict[Key, tuple[float, Array]] = {}
-        for key in self.eligible(picked, known):
-            members = self.by_key[key]
-            values = np.array([0.0 if self.texts[g] in taken else evidence[g] for g in members])
-            out[key] = _averaged(values), values
-        return dict(sorted(((k, v) for k, v in out.items() if v[0] > 0.0), key=lambda f: -f[1][0]))
+        evidence = self._coarsely[2].copy()
+        evidence[[g for h in picked for g in self._written.get(h.effect.text, ())]] = 0.0
+        values = evidence[np.concatenate([np.zeros(0, np.intp), *self.by_key.values()])]
+        sizes = np.array([len(members) for members in self.by_key.values()], np.intp)
+        parts = np.split(values, np.cumsum(sizes)[:-1])
+        each = dict(zip(self.by_key, zip(_averaged(values, sizes), parts, strict=True), strict=True))
+        found = ((key, each[key]) for key in self.eligible(picked, known))
+        return dict(sorted(((k, v) for k, v in found if v[0] > 0.0), key=lambda f: -f[1][0]))
 
     def families(
         self, fit: WhiteFit, scaled: Library, picked: Sequence[Candidate], known: frozenset[Key]
@@ -194,41 +200,37 @@ class Candidates:
         taken to change that joint's error only."""
         scores = self.scores(fit, scaled, on)
         out = np.zeros(len(scores.chi2))
-        for batch, gram in zip(scaled.batches, scaled.grams, strict=True):
-            chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
-            if batch.joint is not None:
-                if on is not None and batch.joint not in on:
-                    continue
-                if k > 1:
-                    chi2 = self._with_signs(batch, scores)
-                gains = fit.joint_gains(batch.joint, chi2)
-                out[batch.groups] = np.where(chi2 > k, evidence(gains, k), 0.0)
+        for batch, solved, gram in zip(scaled.batches, scores.batches, scaled.grams, strict=True):
+            if solved is None:
                 continue
-            out[batch.groups] = self._spread_evidence(fit, batch, gram, scores)
+            chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
+            if batch.joint is None:
+                out[batch.groups] = self._spread_evidence(fit, batch, gram, scores, solved)
+                continue
+            if k > 1:
+                self._with_signs(batch, chi2, solved)
+            out[batch.groups] = np.where(chi2 > k, evidence(fit.joint_gains(batch.joint, chi2), k), 0.0)
         return out
 
-    def _with_signs(self, batch: Batch, scores: Scores) -> Array:
-        """(G,) chi2 of a batch on one joint, as far as the signs of its parameters allow: what is
+    def _with_signs(self, batch: Batch, chi2: Array, solved: Solved) -> None:
+        """chi2 (G,) of a batch on one joint, as far as the signs of its parameters allow: what is
         plausible with the wrong signs only would stand in the way of all others."""
-        chi2 = scores.chi2[batch.groups].copy()
         limited = np.array([self.bounded[g] for g in batch.groups])
-        if limited.any():
-            beta = np.array([scores.beta[g] for g in batch.groups])
-            for place in np.flatnonzero(np.any(limited & (beta < 0.0), axis=1)):
-                chi2[place] = passive(*scores.products[batch.groups[place]])[0]
-        return chi2
+        for place in np.flatnonzero(np.any(limited & (solved.beta < 0.0), axis=1)):
+            chi2[place] = passive(solved.gram[place], solved.pull[place])[0]
 
     @staticmethod
-    def _spread_evidence(fit: WhiteFit, batch: Batch, gram: Array, scores: Scores) -> Array:
+    def _spread_evidence(
+        fit: WhiteFit, batch: Batch, gram: Array, scores: Scores, solved: Solved
+    ) -> Array:
         """(G,) evidence of a batch that acts on several joints; gram (n, G, k, k) : of its columns."""
         k, out = batch.columns.shape[1], np.zeros(len(batch.groups))
         likely = np.flatnonzero(scores.chi2[batch.groups] > k)
         if likely.size:
-            places = batch.groups[likely]
-            beta = np.array([scores.beta[g] for g in places])
+            beta = solved.beta[likely]
             after = scores.spread.left(fit, batch.columns[likely], gram[:, likely], beta)
-            freedom = effective(scores.products[places[0]][0], batch.known)
-            out[likely] = [evidence(fit.likelihood_gain(a), freedom) for a in after.T]
+            freedom = effective(solved.gram[likely[0]], batch.known)
+            out[likely] = evidence(fit.likelihood_gain(after), freedom)
         return out
 
     def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:
@@ -339,7 +341,11 @@ class Candidates:
         return cross_validate(fit, shapes, candidate.signed, fold, candidate.effect.plausible)
 
 
-def _averaged(values: Array) -> float:
-    """2 log of the mean Bayes factor over shapes: what a free shape constant costs is built in."""
-    top = float(values.max(initial=0.0))
-    return top + 2.0 * float(np.log(np.mean(np.exp(0.5 * (values - top)))))
+def _averaged(values: Array, sizes: NDArray[np.intp]) -> list[float]:
+    """2 log of the mean Bayes factor over shapes, of as many values in a row as ``sizes`` says: what a
+    free shape constant costs is built in."""
+    starts = np.cumsum(sizes) - sizes
+    top = np.maximum(np.maximum.reduceat(values, starts), 0.0) if len(sizes) else np.zeros(0)
+    shares = np.exp(0.5 * (values - np.repeat(top, sizes)))
+    mean = np.add.reduceat(shares, starts) / sizes if len(sizes) else top
+    return list((top + 2.0 * np.log(mean)).tolist())

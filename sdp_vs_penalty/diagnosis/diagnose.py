@@ -23,12 +23,20 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
-from sdp_vs_penalty.diagnosis.parsimony import believable, correlated, overshadowed, seen_sliding
+from sdp_vs_penalty.diagnosis.library import turning
+from sdp_vs_penalty.diagnosis.own_shapes import moved
+from sdp_vs_penalty.diagnosis.parsimony import (
+    believable,
+    bent,
+    correlated,
+    overshadowed,
+    seen_sliding,
+)
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
 from sdp_vs_penalty.diagnosis.scoring import score_library
-from sdp_vs_penalty.diagnosis.search import Found, search
+from sdp_vs_penalty.diagnosis.search import Found, reverted, search
 from sdp_vs_penalty.diagnosis.sizes import coefficients, torque_errors
 from sdp_vs_penalty.diagnosis.stage import quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
@@ -39,12 +47,17 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.noise import REPETITION, STILL
+from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
+from sdp_vs_penalty.signals.stillness import STILL
 
 #: An effect of which the model absorbs more than this share cannot be seen.
 INVISIBLE = 0.999
+#: How many times farther than Coulomb friction turns a law of velocity has to reach to be none of it.
+_BEYOND = 2.0
+#: By so much other constants of the model may raise a joint's held-out error before they are taken back.
+_RAISED = 1.01
 
 
 def diagnose(
@@ -126,16 +139,18 @@ def conclude(
     new_share: float | None = None,
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
-    found, held_out = _offered(found, OnFolds(found) if test is None else OnTest(found, data, test))
+    found, held_out = _offered(found, lambda f: OnFolds(f) if test is None else OnTest(f, data, test))
     major = held_out.minor.count(False)
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
     # What minor ones share with the others costs nothing when they are left out.
-    lean = state if major == len(state.picks) else state.with_picks(state.picks[:major])
+    lean = found
+    if major < len(state.picks):
+        lean = replace(found, state=state.with_picks(state.picks[:major]))
     every = [
-        _finding(lean if k < major else state, k, held_out, errors) for k in range(len(state.picks))
+        _finding(lean if k < major else found, k, held_out, errors) for k in range(len(state.picks))
     ]
     findings, minor = tuple(every[:major]), tuple(replace(f, confidence="minor") for f in every[major:])
     doubted = explanations.doubts(findings)
@@ -178,18 +193,27 @@ def conclude(
     )
 
 
-def _offered(found: Found, judge: OnFolds | OnTest) -> tuple[Found, HeldOut]:
+def _offered(found: Found, on: Callable[[Found], OnFolds | OnTest]) -> tuple[Found, HeldOut]:
     """The search without the picks that may be what others leave, and those that do not lower their
-    joints' error on data left out; those that are minor come last."""
+    joints' error on data left out; with the constants that the model was given on joints whose error
+    there other ones raise. Those that are minor come last."""
     found = replace(found, state=seen_sliding(found.state))
+    judge, back = on(found), frozenset[int]()
     while True:
         found = replace(found, state=believable(found.state))
         picks = found.state.picks
         held_out = judge.errors(picks)
         kept = [p for p, pays in zip(picks, held_out.pays, strict=True) if pays]
-        if len(kept) == len(picks):
+        worse = held_out.ladder[-1] > _RAISED * held_out.before
+        raised = [j for j in moved(found.first, found.estimate) if worse[j]]
+        if len(kept) < len(picks):
+            found = replace(found, state=found.state.with_picks(kept))
+        elif not back.issuperset(raised):
+            back |= frozenset(raised)
+            found = reverted(found, raised)
+            judge = on(found)
+        else:
             break
-        found = replace(found, state=found.state.with_picks(kept))
     order = sorted(range(len(picks)), key=lambda k: held_out.minor[k])
     if order != list(range(len(picks))):
         found = replace(found, state=found.state.with_picks([picks[k] for k in order]))
@@ -199,7 +223,8 @@ def _offered(found: Found, judge: OnFolds | OnTest) -> tuple[Found, HeldOut]:
     return found, held_out
 
 
-def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Finding:
+def _finding(found: Found, k: int, held_out: HeldOut, errors: Array) -> Finding:
+    estimate, state = found.estimate, found.state
     pick = state.picks[k]
     h = pick.candidate
     beta, covariance = coefficients(state, k, errors)
@@ -217,8 +242,14 @@ def _finding(state: SearchState, k: int, held_out: HeldOut, errors: Array) -> Fi
     paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
     stands = float(np.mean(state.stage.rows.still > STILL))
     looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])), stands)
+    if h.effect.shape.get(h.effect.beyond_turning, np.inf) < _BEYOND * turning(
+        state.stage.rows, h.effect
+    ):
+        looks_like = (
+            "it hardly outlasts the velocity over which Coulomb friction turns: a width looks so"
+        )
     over = overshadowed(state, k)
-    larger = "" if over is None else over.candidate.effect.name
+    larger = bent(estimate, h.effect, size) if over is None else over.candidate.effect.name
     weak = explanations.weaknesses(bool(others), uncertain, small, bool(sharing), larger, looks_like)
     return Finding(
         h.effect.name,

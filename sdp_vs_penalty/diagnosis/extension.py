@@ -74,10 +74,10 @@ class Extension:
 def products(columns: Array, library: Library, joint: int | None) -> Array:
     """x_j'z_j of columns x (n M, r) with those of a library on a joint, (r, C_j), or on several, joint
     by joint (n, r, C)."""
-    parts = np.split(columns, len(library.joints))
+    parts, level = columns.reshape(*library.robot.shape[:2], columns.shape[1]), library.divisors
     if joint is not None:
-        return np.asarray(parts[joint].T @ library.joints[joint])
-    return np.stack([x.T @ z for x, z in zip(parts, library.robot, strict=True)])
+        return np.asarray(parts[joint].T @ library.joints[joint]) / level[joint]
+    return np.asarray(parts.transpose(0, 2, 1) @ library.robot) / np.reshape(level, (-1, 1, 1))
 
 
 def factored(columns: Array) -> tuple[Array, Array]:

@@ -98,11 +98,15 @@ class Weighting:
         """(n,) variance of the noise behind the colour's filter, before the division."""
         return 1.0 + np.sum(self.colour**2, axis=1)
 
+    @cached_property
+    def _coloured(self) -> list[bool]:
+        return [bool(a.any()) for a in self.colour]
+
     def apply(self, columns: Array, joint: int) -> Array:
         """White rows (M, ...) of one joint, filtered and divided."""
-        if not np.any(columns):
+        if not columns.any():
             return columns
-        if np.any(self.colour[joint]):
+        if self._coloured[joint]:
             columns = innovations(columns, self.colour[joint], self.pieces[joint])
         return columns / self.level[joint]
 
@@ -114,9 +118,7 @@ class Weighting:
 
     def library(self, white: Library) -> Library:
         """A white library's columns, weighted."""
-        joints = tuple(self.apply(m, j) for j, m in enumerate(white.joints))
-        robot = np.stack([self.apply(m, j) for j, m in enumerate(white.robot)])
-        return replace(white, joints=joints, robot=robot)
+        return white.coloured(self.colour, self.pieces).divided(self.level)
 
 
 @dataclass(frozen=True)
@@ -278,22 +280,24 @@ class WhiteFit:
 
         return deviance(before) - deviance(after)
 
-    def likelihood_gain(self, after: Array) -> float:
-        """Twice the gain of log likelihood when the joints' squared residuals fall to ``after`` (n,).
+    def likelihood_gain(self, after: Array) -> Array:
+        """Twice the gain of log likelihood when the joints' squared residuals are ``after`` (n, ...).
 
         The variance of each joint is whatever remains, but at least the noise: for R = joint_chi2
         and N degrees, -2 log L = sum_j N log v + R / v with v = max(noise, R / N). Near the noise that
         is the chi-square itself; far above, the logarithm of the error's reduction.
         """
-        return float(self._deviance - self._deviance_of(after))
+        return self._deviance - self._deviance_of(after)
 
     @cached_property
-    def _deviance(self) -> float:
+    def _deviance(self) -> Array:
         return self._deviance_of(self.joint_chi2)
 
-    def _deviance_of(self, chi2: Array) -> float:
-        variance = np.maximum(chi2 / self.degrees, self.weighting.noise_variance)
-        return float(np.sum(self.degrees * np.log(variance) + chi2 / variance))
+    def _deviance_of(self, chi2: Array) -> Array:
+        known = self.degrees, self.weighting.noise_variance
+        degrees, least = (x.reshape(-1, *(1,) * (chi2.ndim - 1)) for x in known)
+        variance = np.maximum(chi2 / degrees, least)
+        return np.asarray(np.sum(degrees * np.log(variance) + chi2 / variance, axis=0))
 
 
 @dataclass(frozen=True)

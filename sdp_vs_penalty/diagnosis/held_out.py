@@ -9,8 +9,8 @@ which the joint moves (:mod:`~sdp_vs_penalty.signals.stillness`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,8 +36,9 @@ from sdp_vs_penalty.regression.regression import (
     triangular,
 )
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import RESIDUAL, SLOW, STILL
+from sdp_vs_penalty.signals.noise import RESIDUAL
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty.signals.stillness import SLOW, STILL
 
 #: What lowers its joints' errors by less than this share, summed over them, does not pay ...
 _PAYS = 0.001
@@ -48,9 +49,6 @@ _PAYS_GUESSED = 0.003
 MINOR = 0.01
 #: Outer folds at most: the search is repeated without each of them.
 _OUTER = 5
-#: (kinds, n) squared errors with any picks: on rows during which a joint slides, on all that are
-#: evidence, and on all.
-_Errors = Callable[[tuple[int, ...]], Array]
 
 
 @dataclass(frozen=True)
@@ -80,21 +78,32 @@ class OnTest:
 
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
         found, effects = self.found, [p.candidate.effect for p in picks]
-        frozen, split = found.state.stage.frozen, self._split(found.estimate, effects)
-        _, evident, every = (rows.joint_rows() for rows in split.there)
+        frozen, (split,) = found.state.stage.frozen, self._kept.of(effects, self._splits)
+        _, evidence, every = (
+            _rmse(x, rows.joint_rows())
+            for x, rows in zip(_ladder(found.estimate, frozen, effects, split), split.there, strict=True)
+        )
 
-        @cache
-        def squares(chosen: tuple[int, ...]) -> Array:
-            return _squares(found.estimate, frozen, effects, split, chosen)
+        def squares(chosen: Sequence[int]) -> Array:
+            return _squares(found.estimate, frozen, [effects[k] for k in chosen], split)
 
-        ladder = np.array([_rmse(squares(tuple(range(k)))[-1], every) for k in range(len(picks) + 1)])
-        before = ladder[0]
-        if found.first is not found.estimate:
-            own = self._split(found.first, [])
-            before = _rmse(_squares(found.first, frozen, [], own, ())[-1], every)
+        before = every[0] if found.first is found.estimate else self._before
         told = _told(picks, squares, found.state.stage.noise.source == RESIDUAL)
-        moving = _rmse(squares(tuple(range(len(picks))))[1], evident)
-        return HeldOut(before, ladder, "test", *told, moving)
+        return HeldOut(before, every, "test", *told, evidence[-1])
+
+    @cached_property
+    def _kept(self) -> _Kept:
+        return _Kept()
+
+    def _splits(self, effects: Sequence[Effect]) -> list[_Split]:
+        return [self._split(self.found.estimate, effects)]
+
+    @cached_property
+    def _before(self) -> Array:
+        """(n,) errors of the model as it was given."""
+        first, own = self.found.first, self._split(self.found.first, ())
+        squares = _squares(first, self.found.state.stage.frozen, (), own)[-1]
+        return _rmse(squares, own.there[-1].joint_rows())
 
     def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
         """The rows of both runs in the columns of the model and of all effects."""
@@ -111,7 +120,7 @@ class OnTest:
         there = compress_cells(self.test, model, settings, self._cells)
         if frozen:
             train, there = (rows.beside(estimate.theta) for rows in (train, there))
-        return _Split.of(train, there)
+        return _Split.of(effects, train, there)
 
     @cached_property
     def _cells(self) -> _Cells:
@@ -150,33 +159,45 @@ class OnFolds:
 
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
         stage, now = self.found.state.stage, self.found.estimate
-        given, first = stage, self.found.first
-        if first is not now:
-            rows = with_estimate(stage.rows, first)
-            columns = model_columns(rows, first, stage.frozen)
-            given = replace(stage, rows=rows, columns=columns, residual=rows.residual)
         effects, frozen = [p.candidate.effect for p in picks], stage.frozen
-        total = np.zeros((len(picks) + 1, stage.rows.n))
-        before, splits = np.zeros(stage.rows.n), []
-        for train, own in self._searched:
-            total += _matched(now, stage, picks, own, train)
-            splits.append(_left_out(now, stage, effects, train))
-            before += _squares(first, frozen, [], _left_out(first, given, [], train), ())[-1]
+        splits = self._kept.of(effects, self._splits)
+        total = np.sum(
+            [_matched(now, stage, picks, own, train) for train, own in self._searched], axis=0
+        )
 
-        @cache
-        def squares(chosen: tuple[int, ...]) -> Array:
-            return np.sum([_squares(now, frozen, effects, s, chosen) for s in splits], axis=0)
+        def squares(chosen: Sequence[int]) -> Array:
+            own = [effects[k] for k in chosen]
+            return np.sum([_squares(now, frozen, own, split) for split in splits], axis=0)
 
         keep, guessed = stage.rows.keep, stage.noise.source == RESIDUAL
         count, evident = keep.sum(axis=0), (keep & (_kinds(stage.rows, guessed) < 2)).sum(axis=0)
-        moving = _rmse(squares(tuple(range(len(picks))))[1], evident)
+        moving = _rmse(squares(range(len(picks)))[1], evident)
         pays, minor = _told(picks, squares, guessed)
         # Shapes that all rows have chosen flatter: the search without a fold has to find it as well.
-        worth = [
-            np.max(np.log(a / b)[_acts(p)]) for p, a, b in zip(picks, total, total[1:], strict=False)
-        ]
-        minor = tuple(m or guessed and 0.5 * w <= MINOR for m, w in zip(minor, worth, strict=True))
-        return HeldOut(_rmse(before, count), _rmse(total, count), "folds", pays, minor, moving)
+        falls = 0.5 * np.log(total[:-1] / total[1:])
+        worth = [np.max(fall[_acts(pick)]) for pick, fall in zip(picks, falls, strict=True)]
+        minor = tuple(m or (guessed and w <= MINOR) for m, w in zip(minor, worth, strict=True))
+        before = _rmse(self._before, count)
+        return HeldOut(before, _rmse(total, count), "folds", pays, minor, moving)
+
+    @cached_property
+    def _kept(self) -> _Kept:
+        return _Kept()
+
+    def _splits(self, effects: Sequence[Effect]) -> list[_Split]:
+        stage, now = self.found.state.stage, self.found.estimate
+        return [_left_out(now, stage, effects, train) for train, _ in self._searched]
+
+    @cached_property
+    def _before(self) -> Array:
+        """(n,) squared errors of the model as it was given."""
+        stage, first = self.found.state.stage, self.found.first
+        if first is not self.found.estimate:
+            rows = with_estimate(stage.rows, first)
+            columns = model_columns(rows, first, stage.frozen)
+            stage = replace(stage, rows=rows, columns=columns, residual=rows.residual)
+        splits = [_left_out(first, stage, (), train) for train, _ in self._searched]
+        return np.asarray(np.sum([_squares(first, stage.frozen, (), s)[-1] for s in splits], axis=0))
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
@@ -194,30 +215,51 @@ class OnFolds:
 @dataclass(frozen=True)
 class _Split:
     """Rows in the columns of a model and of effects, or of what a frozen model leaves in those of the
-    effects: ``train`` to fit to, ``there`` (kinds) to judge on."""
+    effects: ``train`` to fit to, ``there`` to judge on, by sliding, by all that is evidence and by all;
+    known : squared errors with some of the effects."""
 
+    effects: tuple[Effect, ...]
     train: Regression
     there: tuple[Regression, ...]
+    known: dict[tuple[int, ...], Array] = field(default_factory=dict, init=False)
 
     @classmethod
-    def of(cls, train: Regression, kinds: Regression) -> _Split:
-        return cls(train, tuple(kinds.select(range(k)) for k in (1, 2, 3)))
+    def of(cls, effects: Sequence[Effect], train: Regression, kinds: Regression) -> _Split:
+        return cls(tuple(effects), train, tuple(kinds.select(range(k)) for k in (1, 2, 3)))
 
 
-def _squares(
-    estimate: Estimate,
-    frozen: bool,
-    effects: Sequence[Effect],
-    split: _Split,
-    chosen: Sequence[int],
-) -> Array:
-    """(kinds, n) squared errors on the rows to judge on of the model with the chosen effects."""
-    sizes = [len(e.parameters) for e in effects]
-    picked = np.repeat(np.isin(np.arange(len(effects)), chosen), sizes)
-    wanted = np.concatenate([np.ones(split.train.p - len(picked), bool), picked])
-    own = [effects[k] for k in chosen]
-    theta = fitted_parameters(estimate, own, split.train.keeping(wanted), frozen)
-    return np.array([rows.keeping(wanted).joint_losses(theta) for rows in split.there])
+class _Kept:
+    """The splits of the effects that were first asked for, which later ones are among."""
+
+    def __init__(self) -> None:
+        self.splits: list[_Split] = []
+
+    def of(
+        self, effects: Sequence[Effect], made: Callable[[Sequence[Effect]], list[_Split]]
+    ) -> list[_Split]:
+        have = {id(e) for s in self.splits[:1] for e in s.effects}
+        if not self.splits or not have.issuperset(map(id, effects)):
+            self.splits = made(effects)
+        return self.splits
+
+
+def _squares(estimate: Estimate, frozen: bool, own: Sequence[Effect], split: _Split) -> Array:
+    """(3, n) squared errors on the rows to judge on of the model with these effects, of those split."""
+    chosen = tuple(k for k, e in enumerate(split.effects) if any(e is x for x in own))
+    if chosen not in split.known:
+        sizes = [len(e.parameters) for e in split.effects]
+        picked = np.repeat(np.isin(np.arange(len(sizes)), chosen), sizes)
+        wanted = np.concatenate([np.ones(split.train.p - len(picked), bool), picked])
+        own = [split.effects[k] for k in chosen]  # in the order of the columns
+        theta = fitted_parameters(estimate, own, split.train.keeping(wanted), frozen)
+        split.known[chosen] = np.array([x.keeping(wanted).joint_losses(theta) for x in split.there])
+    return split.known[chosen]
+
+
+def _ladder(estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split) -> Array:
+    """(3, steps + 1, n) the same of the model with the first effects, one step after the other."""
+    steps = range(len(effects) + 1)
+    return np.stack([_squares(estimate, frozen, effects[:k], split) for k in steps], axis=1)
 
 
 def _rmse(squares: Array, rows: NDArray[np.int64]) -> Array:
@@ -246,7 +288,7 @@ def _left_out(
             indices = np.arange(len(parameters))
             factors.append(Factor(j, block, indices, triangular([kept]), len(kept)))
     both = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
-    return _Split.of(both.select([0]), both.select([1, 2, 3]))
+    return _Split.of(effects, both.select([0]), both.select([1, 2, 3]))
 
 
 def _matched(
@@ -265,14 +307,12 @@ def _matched(
     same = sorted((p for p in own if p.candidate.key in step), key=lambda p: step[p.candidate.key])
     steps = np.array([step[p.candidate.key] for p in same], int)
     effects = [p.candidate.effect for p in same]
-    split = _left_out(estimate, stage, effects, train)
-    found = range(len(effects) + 1)
-    squares = [_squares(estimate, stage.frozen, effects, split, range(k))[-1] for k in found]
-    return np.array(squares)[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
+    squares = _ladder(estimate, stage.frozen, effects, _left_out(estimate, stage, effects, train))[-1]
+    return squares[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
 
 
 def _told(
-    picks: Sequence[Pick], squares: _Errors, guessed: bool = False
+    picks: Sequence[Pick], squares: Callable[[Sequence[int]], Array], guessed: bool = False
 ) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
     """Of each pick whether it pays, by the errors of its joints together, and whether it is minor, by
     that which falls most; guessed : the noise, so that model error counts as evidence."""
@@ -286,7 +326,10 @@ def _told(
 
 
 def _kept(
-    picks: Sequence[Pick], squares: _Errors, together: Callable[[Array], Any], least: float
+    picks: Sequence[Pick],
+    squares: Callable[[Sequence[int]], Array],
+    together: Callable[[Array], Any],
+    least: float,
 ) -> list[int]:
     """The picks by which errors fall enough, where they stand or beside all others that are kept: some
     need a later one."""
@@ -294,7 +337,7 @@ def _kept(
 
     def falls(k: int, others: Sequence[int], beside: Sequence[int]) -> float:
         effect, joints = picks[k].candidate.effect, _acts(picks[k])
-        before, after = (squares(tuple(c)) for c in (others, beside))
+        before, after = (squares(c) for c in (others, beside))
         # No law of friction holds where it turns round: what is not friction is told by sliding.
         kind = 0 if effect.signless and before[0, joints].all() else 1
         before, after = (np.maximum(x[kind, joints], 1e-300) for x in (before, after))

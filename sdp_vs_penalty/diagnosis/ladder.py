@@ -92,8 +92,11 @@ def climbed(state: SearchState, thorough: bool = True) -> SearchState:
             continue
         if not thorough or len(state.picks) < 2 or checked == len(state.picks):
             break
-        state = reexamined(state, everything=True)
+        before, state = state.picks, reexamined(state, everything=True)
         checked = len(state.picks)
+        pairs = zip(before, state.picks, strict=False)
+        if checked == len(before) and all(a.candidate.columns is b.candidate.columns for a, b in pairs):
+            break  # nothing was missing beside these
     return state
 
 

@@ -7,7 +7,7 @@ the same effect and joint with different constants form a candidate: what the di
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.autoregression import Pieces, innovations
 from sdp_vs_penalty.signals.noise import Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -59,12 +60,22 @@ class Batch:
 @dataclass(frozen=True)
 class Library:
     """groups, and their filtered columns: ``joints[j]`` (M, C_j) for groups on one joint,
-    ``robot`` (n, M, C) for groups on several; batches : the groups, those alike together."""
+    ``robot`` (n, M, C) for groups on several; batches : the groups, those alike together. Of a weighted
+    one level (n,) : what the columns of each joint are still to be divided by; undivided : the same
+    without."""
 
     groups: tuple[Group, ...]
     joints: tuple[Array, ...]
     robot: Array
     batches: tuple[Batch, ...]
+    level: tuple[float, ...] = ()
+    undivided: Library | None = None
+    _coloured: dict[bytes, Library] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def divisors(self) -> tuple[float, ...]:
+        """(n,) what the columns of each joint are to be divided by."""
+        return self.level or (1.0,) * len(self.joints)
 
     @property
     def size(self) -> int:
@@ -74,14 +85,21 @@ class Library:
     def columns(self, group: Group) -> Array:
         """(n, M, k) of a group."""
         if group.joint is None:
-            return self.robot[:, :, group.columns]
+            return self.robot[:, :, group.columns] / np.reshape(self.divisors, (-1, 1, 1))
         out = np.zeros((len(self.joints), len(self.joints[0]), group.k))
-        out[group.joint] = self.joints[group.joint][:, group.columns]
+        out[group.joint] = self.joints[group.joint][:, group.columns] / self.divisors[group.joint]
         return out
 
     @cached_property
     def grams(self) -> tuple[Array, ...]:
         """Of each batch z_j'z_j (G, k, k) of its groups' columns; on several (n, G, k, k)."""
+        if self.undivided is not None:
+            share = np.array(self.level) ** -2.0
+            each = zip(self.batches, self.undivided.grams, strict=True)
+            return tuple(
+                gram * (share[:, None, None, None] if b.joint is None else share[b.joint])
+                for b, gram in each
+            )
         out = []
         for batch in self.batches:
             count, columns = len(batch.groups), batch.columns.ravel()
@@ -90,6 +108,36 @@ class Library:
             else:
                 out.append(grams(self.joints[batch.joint][:, columns], count))
         return tuple(out)
+
+    def only(self, keys: Set[Key]) -> Library:
+        """The candidates with these keys."""
+        groups: list[Group] = []
+        own: list[list[int]] = [[] for _ in range(len(self.joints) + 1)]
+        for g in (g for g in self.groups if g.key in keys):
+            places = own[-1 if g.joint is None else g.joint]
+            groups.append(replace(g, columns=slice(len(places), len(places) + g.k)))
+            places += range(g.columns.start, g.columns.stop)
+        joints = tuple(Z[:, k] for Z, k in zip(self.joints, own, strict=False))
+        return Library(tuple(groups), joints, self.robot[:, :, own[-1]], _batches(groups))
+
+    def divided(self, level: Array) -> Library:
+        """The same with the columns of each joint divided by its level (n,)."""
+        return replace(self, level=tuple(level.tolist()), undivided=self)
+
+    def coloured(self, colour: Array, pieces: Sequence[Pieces]) -> Library:
+        """The same behind the joints' filters, ``colour`` (n, order); the last is kept."""
+        bent = np.flatnonzero(colour.any(axis=1)).tolist()
+        if not bent:
+            return self
+        key = colour.tobytes()
+        if key not in self._coloured:
+            joints, robot = list(self.joints), self.robot.copy()
+            for j in bent:
+                joints[j] = innovations(joints[j], colour[j], pieces[j])
+                robot[j] = innovations(robot[j], colour[j], pieces[j])
+            self._coloured.clear()
+            self._coloured[key] = replace(self, joints=tuple(joints), robot=robot)
+        return self._coloured[key]
 
     def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:
         pieces = [rows.pieces(j) for j in range(rows.n)]
@@ -100,24 +148,29 @@ class Library:
 
 @dataclass(frozen=True)
 class Candidacy:
-    """What a library is made of, and the library, made when it is first asked for; keys : of the
-    candidates that are to be in it (None: all)."""
+    """What a library is made of, and the library, made when it is first asked for; whole : a larger one
+    whose candidates with these keys are in it."""
 
     rows: SegmentedRuns
     model: Model
     frozen: bool
-    keys: frozenset[Key] | None = None
+    whole: Library | None = None
+    keys: frozenset[Key] = frozenset()
 
     @cached_property
     def library(self) -> Library:
-        return build_library(self.rows, self.model, self.frozen, self.keys)
+        if self.whole is not None:
+            return self.whole.only(self.keys)
+        return build_library(self.rows, self.model, self.frozen)
+
+    def only(self, keys: frozenset[Key]) -> Candidacy:
+        """Some of the candidates."""
+        return replace(self, whole=self.library, keys=keys)
 
 
-def build_library(
-    rows: SegmentedRuns, model: Model, frozen: bool, only: Set[Key] | None = None
-) -> Library:
-    """Columns of every candidate; ``only`` restricts them. Effects that the model already has
-    on a joint are left out, unless it is held fixed and they may have changed."""
+def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
+    """Columns of every candidate. Effects that the model already has on a joint are left out, unless it
+    is held fixed and they may have changed."""
     robot, n = model.robot, rows.n
     taken = set()
     if not frozen:
@@ -134,7 +187,7 @@ def build_library(
             continue
         for joint in (None,) if kind.whole_robot else range(n):
             key = (name, joint)
-            if key in taken or (only is not None and key not in only):
+            if key in taken:
                 continue
             if joint is not None and kind.at_rest == ("turns" if rows.holds[joint] else "holds"):
                 continue
@@ -142,7 +195,8 @@ def build_library(
             spread += [
                 (key, effect)
                 for effect in kind.candidates(robot, joint, start)
-                if (warm or not effect.needs_temperature) and _beyond_turning(rows, effect)
+                if (warm or not effect.needs_temperature)
+                and effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
             ]
     groups: list[Group] = []
     matrices = []
@@ -164,10 +218,9 @@ def build_library(
     return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
 
 
-def _beyond_turning(rows: SegmentedRuns, effect: Effect) -> bool:
-    """Whether an effect's velocity lies beyond that over which dry friction turns round in the model."""
-    key = effect.beyond_turning
-    return not key or effect.shape[key] >= rows.segments[0].motion.width(effect.joints[0])
+def turning(rows: SegmentedRuns, effect: Effect) -> float:
+    """The velocity over which dry friction turns round on an effect's joint, in the model."""
+    return rows.segments[0].motion.width(effect.joints[0])
 
 
 def grams(columns: Array, count: int) -> Array:

@@ -6,7 +6,7 @@ search's white rows before the first name is given, and again beside the picks.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,8 +74,8 @@ def profiled(first: Estimate, now: Estimate, state: SearchState) -> list[ShapeEs
     own, before = _constants(now), _values_of(first)
     if not own:
         return []
-    least = _turned_by(state)
-    tried = [(o, *_values(o, before[o.key], least.get(o.joint, np.inf)), before[o.key]) for o in own]
+    most = _turned_by(state)
+    tried = [(o, *_values(o, before[o.key], most.get(o.joint, np.inf)), before[o.key]) for o in own]
     # The picks' own constants are as free: one would hide what another gets wrong.
     picked = {id(p): _picked(p.candidate.effect) for p in state.picks}
     tried += [(o, *_values(o, v := o.effect.shape[o.name]), v) for o in picked.values() if o]
@@ -283,6 +283,13 @@ def moved(before: Estimate, after: Estimate) -> frozenset[int]:
     return frozenset(key[1] for key, value in new.items() if abs(np.log(value / old[key])) > _MOVES)
 
 
+def given_again(first: Estimate, now: Estimate, joints: Collection[int]) -> list[ShapeEstimate]:
+    """The constants on some joints as the model was given."""
+    before = _values_of(first)
+    own = [(key, before[key]) for key in _values_of(now) if key[1] in joints and key in before]
+    return [ShapeEstimate(*key, value, value, np.inf, 0.0, False) for key, value in own]
+
+
 def _constants(estimate: Estimate) -> list[_Own]:
     model, out = estimate.model, []
     for effect, indices in zip(model.effects, model.indices, strict=True):
@@ -319,20 +326,19 @@ def _shape(own: _Own) -> Shape:
 def _turned_by(state: SearchState) -> dict[int, float]:
     """The least velocity, by joint, of picks that are laws of their own only beyond the turning."""
     effects = [p.candidate.effect for p in state.picks if p.candidate.effect.beyond_turning]
-    found = [(e.joints[0], e.shape[e.beyond_turning]) for e in effects]
-    return {j: min(v for i, v in found if i == j) for j, _ in found}
+    found = sorted(((e.shape[e.beyond_turning], e.joints[0]) for e in effects), reverse=True)
+    return {joint: value for value, joint in found}
 
 
 def _values(own: _Own, was: float, most: float = np.inf) -> tuple[Array, tuple[float, float]]:
-    """The values to profile a constant over, that of the given model among them, and the ends of its
-    range; most : what it is at most, unless it is more already."""
+    """The values to profile a constant over, with that of the given model, and the ends of its range;
+    most : what it is at most, unless it is more already."""
     shape, value = _shape(own), own.effect.shape[own.name]
     assert shape.bounds is not None
     low, high = shape.bounds
     high = max(min(high, most), *(v for v in (was, value, 2.0 * low) if v <= high))
     if shape.role == "estimated" and value <= shape.bounds[1] * (1.0 + _ROUNDING):
-        grid = np.array(shape.grid)
-        return _among(np.append(grid[grid < high], high), was), (low, high)
+        return _among(np.array([*(v for v in shape.grid if v < high), high]), was), (low, high)
     # What was found wide once has earned it: it stays in its neighbourhood.
     ends = min(low, value), max(shape.earned or high, value)
     around = value * _AROUND if shape.scale == "log" else value + np.linspace(-0.6, 0.6, 7)

@@ -18,7 +18,9 @@ from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.scoring import evidence
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
-from sdp_vs_penalty.signals.noise import SLOW
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.stillness import SLOW
 
 #: Of a pick's energy, the share that its correlation with another must take for its size to be theirs
 #: together: standard deviations are then sqrt(1 / (1 - 0.8)) = 2.2 times as large as alone.
@@ -30,6 +32,8 @@ LAW = 0.01
 FINER_LAW = 0.03
 #: ... and up to which it is taken for a part of that law, where both change the same friction.
 PART = 0.005
+#: Share of the model's own friction by which its law may be wrong, as tanh is where it turns round.
+SLIGHT = 0.05
 #: How many times what a pick explains may be left on its joint: with more, the error without a name
 #: falls by less than a tenth, and the pick is a part of that error rather than a name for it.
 UNNAMED = 4.0
@@ -167,6 +171,17 @@ def overshadowed(state: SearchState, k: int) -> Pick | None:
     if larger is None or state.picks[k].gain >= _own_error(state.picks[k], larger) * larger.gain:
         return None
     return larger
+
+
+def bent(estimate: Estimate, effect: Effect, size: float) -> str:
+    """The model's own friction that an effect of this size bends by less than its law holds to."""
+    units = {p.joint: p.unit for p in effect.parameters[effect.sized_by]}
+    for own, indices in zip(estimate.model.effects, estimate.model.indices, strict=True):
+        for parameter, index in zip(own.parameters, indices, strict=True):
+            alike = own.name in effect.refines and units.get(parameter.joint) == parameter.unit
+            if alike and abs(size) < SLIGHT * abs(estimate.theta[index]):
+                return own.name
+    return ""
 
 
 def _part_of_a_law(state: SearchState, k: int) -> bool:

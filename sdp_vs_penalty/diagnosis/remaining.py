@@ -12,18 +12,11 @@ from sdp_vs_penalty.diagnosis.stage import Stage
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder, remainder
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import (
-    FAINT,
-    RESIDUAL,
-    SAME_PHASE,
-    SLOW,
-    STILL,
-    differences,
-    rate_features,
-)
+from sdp_vs_penalty.signals.noise import FAINT, RESIDUAL, SAME_PHASE, differences, rate_features
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
 from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.signals.stillness import SLOW, STILL
 
 Mask = NDArray[np.bool_]
 

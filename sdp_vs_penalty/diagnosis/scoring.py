@@ -19,15 +19,22 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Scores:
-    """Of every group: chi2 (the drop of the squared residual), beta, absorbed share of its energy, and
-    what they follow from: the partialled gram (k, k) and z'r (k,); spread : of those on several joints,
-    joint by joint."""
+    """Of every group: chi2 (the drop of the squared residual), absorbed share of its energy; by batch
+    what they follow from (None: not asked for); spread : of those on several joints, joint by joint."""
 
     chi2: Array
-    beta: tuple[Array, ...]
     absorbed: Array
-    products: tuple[tuple[Array, Array], ...]
+    batches: tuple[Solved | None, ...]
     spread: Spread
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Of the groups of a batch: coefficients beta (G, k), partialled gram (G, k, k) and z'r (G, k)."""
+
+    beta: Array
+    gram: Array
+    pull: Array
 
 
 @dataclass(frozen=True)
@@ -60,8 +67,7 @@ def score_library(fit: WhiteFit, library: Library, on: Set[int] | None = None) -
     spread = Spread(fit.overlaps(library, None), fit.pulls(library, None))
     robot = spread.overlaps.sum(axis=0), spread.pulls.sum(axis=0)
     chi2, absorbed = np.zeros(len(library.groups)), np.ones(len(library.groups))
-    beta: list[Array] = [np.zeros(0)] * len(library.groups)
-    products: list[tuple[Array, Array]] = [(np.zeros((0, 0)), np.zeros(0))] * len(library.groups)
+    batches: list[Solved | None] = []
     for batch, own in zip(library.batches, library.grams, strict=True):
         j = batch.joint
         if j is None:
@@ -69,14 +75,14 @@ def score_library(fit: WhiteFit, library: Library, on: Set[int] | None = None) -
         elif on is None or j in on:
             overlaps, pulls, gram = fit.overlaps(library, j), fit.pulls(library, j), own
         else:
+            batches.append(None)
             continue
         pull, raw = pulls[batch.columns], np.diagonal(gram, axis1=1, axis2=2)
         left = gram - grams(overlaps[:, batch.columns.ravel()], len(gram))
         found = solve_groups(left, raw, pull, batch.signed, batch.known)
         chi2[batch.groups], absorbed[batch.groups] = found[0], found[2]
-        for g, b, one, its in zip(batch.groups, found[1], left, pull, strict=True):
-            beta[g], products[g] = b, (one, its)
-    return Scores(chi2, tuple(beta), absorbed, tuple(products), spread)
+        batches.append(Solved(found[1], left, pull))
+    return Scores(chi2, absorbed, tuple(batches), spread)
 
 
 def solve_group(

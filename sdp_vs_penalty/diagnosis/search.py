@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, by_gain, next_pick, reshaped, search_through
+from sdp_vs_penalty.diagnosis.library import Candidacy
 from sdp_vs_penalty.diagnosis.own_shapes import (
     adopted,
     beside_the_best,
     doubted,
+    given_again,
     moved,
     profiled,
     refitted_beside,
@@ -17,7 +19,7 @@ from sdp_vs_penalty.diagnosis.own_shapes import (
 )
 from sdp_vs_penalty.diagnosis.parsimony import merged
 from sdp_vs_penalty.diagnosis.rows import with_estimate
-from sdp_vs_penalty.diagnosis.stage import Stage, prepare, quiet
+from sdp_vs_penalty.diagnosis.stage import Stage, model_columns, prepare, quiet
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shape_profiles import ShapeEstimate
@@ -113,11 +115,28 @@ def search(
     return Found(estimate, now, tuple(shapes), by_gain(merged(state)))
 
 
+def reverted(found: Found, joints: Collection[int]) -> Found:
+    """The same findings beside the constants that the model was given on some joints."""
+    state, now = found.state, found.estimate
+    other = refitted_beside(now, state, given_again(found.first, now, joints))
+    stage = state.stage
+    rows = with_estimate(stage.rows, other)
+    stage = replace(
+        stage,
+        rows=rows,
+        columns=model_columns(rows, other, stage.frozen),
+        residual=rows.residual,
+        candidacy=Candidacy(rows, other.model, stage.frozen),
+    )
+    shapes = tuple(s for s in found.shapes if s.joint not in joints)
+    return Found(found.first, other, shapes, state.on(stage))
+
+
 def _plainer(again: SearchState, before: SearchState) -> bool:
     """Whether fewer findings say as much, or as many say more, of the same rows and noise."""
     other = again.with_noise(before.stage.noise)
     better = before.fit.likelihood_gain(other.fit.joint_chi2)
-    return better > -TOLD_APART * (len(before.picks) - len(again.picks))
+    return bool(better > -TOLD_APART * (len(before.picks) - len(again.picks)))
 
 
 def _lost(again: SearchState, before: SearchState) -> bool:

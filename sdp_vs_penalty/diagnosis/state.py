@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,7 +36,7 @@ class Pick:
 @dataclass(frozen=True)
 class SearchState:
     """picks : in the order of adding; base : the model alone, on rows weighted as the picks leave
-    them.
+    them; next_pick : what is to be added, once that is known.
 
     A search goes from state to state: nothing in one changes.
     """
@@ -44,6 +44,7 @@ class SearchState:
     stage: Stage
     picks: tuple[Pick, ...]
     base: WhiteFit
+    next_pick: list[Pick | None] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @classmethod
     def start(cls, stage: Stage) -> SearchState:

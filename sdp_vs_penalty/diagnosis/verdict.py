@@ -23,8 +23,9 @@ from scipy import special
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.noise import REPETITION, SLOW, STILL, Noise
+from sdp_vs_penalty.signals.noise import REPETITION, Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.signals.stillness import SLOW, STILL
 
 Mask = NDArray[np.bool_]
 

@@ -84,27 +84,24 @@ class Effect(ABC):
     #: True where the columns need Motion.temperature.
     needs_temperature: bool = False
 
-    #: What the effect is when the model runs forward: a torque, a property of the measuring channel (see
-    #: :meth:`undone`), or nothing that a state of positions and velocities can tell.
+    #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`), or nothing.
     forward: ClassVar[Literal["torque", "channel", "left out"]] = "torque"
 
-    #: True where one parameter acts on the whole robot: there is nothing to choose joints from.
+    #: True where one parameter acts on the whole robot: no joints to choose from.
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.
     frozen_only: ClassVar[bool] = False
-    #: True where a joint can have it more than once, with other shape constants.
+    #: True where a joint can have it several times, with other shape constants.
     several: ClassVar[bool] = False
     #: How a sentence begins that tells a new value of its shape constant: "Coulomb turns over".
     turns: ClassVar[str] = ""
     #: True where the effect says over which velocity dry friction turns round, as a shape constant does.
     widens: ClassVar[bool] = False
-    #: The shape constant that is a velocity below which the law is a matter of how dry friction turns
-    #: round: it is looked for beyond the velocity over which that happens.
+    #: The shape constant that is a velocity, beyond that over which dry friction turns round.
     beyond_turning: ClassVar[str] = ""
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
-    #: What dry friction does at rest by this law, if it says so: a search tries "holds" on joints that
-    #: hold without motion that could be told, and "turns" (over a travel) on all others.
+    #: What dry friction does at rest by this law: "holds" is tried where joints do, "turns" elsewhere.
     at_rest: ClassVar[Literal["", "holds", "turns"]] = ""
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: ClassVar[tuple[str, ...]] = ()

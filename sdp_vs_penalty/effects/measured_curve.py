@@ -66,8 +66,13 @@ def _nearest(rows: int, columns: int, known: tuple[int, ...]) -> NDArray[np.intp
     """(rows columns,) the place among the known values (from 1) of the nearest one: what is missing of
     a table (no measurement lay there) is as that."""
     every = np.array(list(np.ndindex(rows, columns)), float)
-    there = every[np.array(known) - 1]
-    return np.argmin(np.sum((every[:, None, :] - there) ** 2, axis=2), axis=1)
+    have = np.array(known) - 1
+    out = np.zeros(len(every), np.intp)
+    out[have] = np.arange(len(have))
+    left = np.setdiff1d(np.arange(len(every)), have)
+    apart = every[left, None, :] - every[have]
+    out[left] = np.argmin(np.sum(apart**2, axis=2), axis=1)
+    return out
 
 
 class MeasuredCurve(JointEffect):

@@ -85,9 +85,21 @@ class Motion:
         return replace(self, **known)
 
     def sign(self, joint: int, width: float | None = None) -> Array:
-        """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
-        width = self.width(joint) if width is None else width
-        return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
+        """(N,) smooth sign of a joint's velocity, over the joint's width or the one given; the former is
+        kept."""
+        own = self.width(joint) if width is None else width
+        known = self._signs.get(joint) if width is None else None
+        if known is None or known[0] != own:
+            sign = smooth_sign(self.dq[:, joint], own, self.ddq[:, joint], self.within)
+            sign.setflags(write=False)
+            known = own, sign
+            if width is None:
+                self._signs[joint] = known
+        return known[1]
+
+    @cached_property
+    def _signs(self) -> dict[int, tuple[float, Array]]:
+        return {}
 
     def sign_along(self, ratios: Array) -> Array:
         """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width."""

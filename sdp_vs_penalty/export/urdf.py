@@ -203,13 +203,13 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
     of corresponding joint frames in the base, parameters move by T_file^-1 T_model.
     """
     order = _order(path, theirs, mine)
-    poses = {id(robot): _poses(robot) for robot in (theirs, mine)}
+    from_file, from_model = (r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine))
     out = np.empty_like(links)
     place = {carrier: k for k, carrier in enumerate(theirs.link_joints)}
     mine_place = {carrier: k for k, carrier in enumerate(mine.link_joints)}
     for index, joint in enumerate(theirs.tree):
         other = mine.tree[order[index]]
-        relation = np.linalg.inv(poses[id(theirs)][index]) @ poses[id(mine)][order[index]]
+        relation = np.linalg.inv(from_file[index]) @ from_model[order[index]]
         turned = relation[:3, :3] @ other.axis
         offset = relation[:3, 3]
         if joint.kind == "revolute":
@@ -236,13 +236,4 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array) ->
             own = links[mine_place[order[index]]]
             same = np.array_equal(relation, np.eye(4))
             out[place[index]] = own if same else inertia.transform(relation) @ own
-    return out
-
-
-def _poses(robot: Robot) -> list[Array]:
-    """Pose of each joint frame in the base at q = 0."""
-    out: list[Array] = []
-    for joint in robot.tree:
-        parent = np.eye(4) if joint.parent < 0 else out[joint.parent]
-        out.append(parent @ joint.placement)
     return out

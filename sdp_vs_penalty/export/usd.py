@@ -76,8 +76,9 @@ def make_usd(robot: Robot, content: Content) -> bytes:
     """
     taken: set[str] = {"base_link", "base", *(f"link{i + 1}" for i in range(len(robot.tree)))}
     name = _identifier(robot.name, set())
-    parts, poses = [_HEAD.format(name=name), _BASE.format(robot=name)], [np.eye(4)]
+    parts = [_HEAD.format(name=name), _BASE.format(robot=name)]
     link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
+    (poses,) = robot.poses(np.zeros((1, len(robot.tree))))
     for i, joint in enumerate(robot.tree):
         if i not in link_of or joint.name not in robot.joint_names:
             raise InputError(
@@ -85,8 +86,7 @@ def make_usd(robot: Robot, content: Content) -> bytes:
                 "place for that",
                 "write .urdf or .json instead",
             )
-        poses.append(poses[joint.parent + 1] @ joint.placement)
-        parts.append(_link(f"link{i + 1}", content.links[link_of[i]], poses[-1]))
+        parts.append(_link(f"link{i + 1}", content.links[link_of[i]], poses[i]))
         about_axis = _from_x(joint.axis)
         joined = _JOINT.format(
             kind=f"Physics{joint.kind.capitalize()}Joint",

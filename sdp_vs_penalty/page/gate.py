@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hmac
 from collections.abc import Awaitable, Callable, MutableMapping
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qsl, urlencode
+from urllib.parse import urlencode
+
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 Scope = MutableMapping[str, Any]
 App = Callable[[Scope, Any, Any], Awaitable[None]]
@@ -48,32 +50,30 @@ class Gate:
         # Cookies know no ports: two servers on one computer must not take each other's away.
         self.cookie = f"sdp-vs-penalty-key-{port}"
         names = {host, "127.0.0.1", "localhost"} if host in LOOPBACK else {host}
-        self.hosts = {f"{f'[{name}]' if ':' in name else name}:{port}".encode() for name in names}
-        self.origins = {(b"https://" if tls else b"http://") + host for host in self.hosts}
-        sockets = b" ".join((b"wss://" if tls else b"ws://") + host for host in sorted(self.hosts))
+        self.hosts = {f"{f'[{name}]' if ':' in name else name}:{port}" for name in names}
+        self.origins = {f"http{'s' * tls}://{host}" for host in self.hosts}
+        sockets = " ".join(f"ws{'s' * tls}://{host}" for host in sorted(self.hosts)).encode()
         self.headers = [(name, value.replace(b"SOCKETS", sockets)) for name, value in _HEADERS]
 
     async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        headers = dict(scope["headers"])
-        origin = headers.get(b"origin")
+        asked, socket = HTTPConnection(scope), scope["type"] == "websocket"
+        origin, mode = asked.headers.get("origin"), asked.headers.get("sec-fetch-mode")
         # Not every request of another site names its origin; browsers say where it comes from.
-        elsewhere = headers.get(b"sec-fetch-site") in (b"cross-site", b"same-site")
+        elsewhere = asked.headers.get("sec-fetch-site") in ("cross-site", "same-site")
         # A link from there opens nothing, unless it is the printed address itself.
-        linked = headers.get(b"sec-fetch-mode") == b"navigate" and self._has_key(scope)
-        elsewhere = elsewhere and not linked
-        foreign = bool(origin) and origin not in self.origins
-        nameless = scope["type"] == "websocket" and not origin
-        if headers.get(b"host") not in self.hosts or foreign or elsewhere or nameless:
-            await _refuse(scope, send)
-            return
-        if not self._has_cookie(headers):
-            if scope["type"] == "http" and scope.get("method") == "GET" and self._has_key(scope):
-                await self._welcome(scope, send)
+        elsewhere = elsewhere and not (mode == "navigate" and self._has_key(asked))
+        foreign = origin not in self.origins if origin else socket
+        known = self._same(asked.cookies.get(self.cookie, ""))
+        refused = asked.headers.get("host") not in self.hosts or foreign or elsewhere
+        arrives = not socket and scope["method"] == "GET" and self._has_key(asked)
+        if refused or not (known or arrives):
+            if socket:
+                await send({"type": "websocket.close", "code": 1008})
             else:
-                await _refuse(scope, send)
+                await _REFUSAL(scope, receive, send)
             return
 
         async def with_headers(message: MutableMapping[str, Any]) -> None:
@@ -81,44 +81,25 @@ class Gate:
                 message["headers"] = [*message.get("headers", ()), *self.headers]
             await send(message)
 
-        await self.app(scope, receive, with_headers)
+        await (self.app if known else self._welcome(asked))(scope, receive, with_headers)
 
     def _same(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(), self.key.encode())
 
-    def _has_cookie(self, headers: dict[bytes, bytes]) -> bool:
-        try:
-            found = SimpleCookie(headers.get(b"cookie", b"").decode("latin-1")).get(self.cookie)
-        except CookieError:
-            return False
-        return found is not None and self._same(found.value)
+    def _has_key(self, asked: HTTPConnection) -> bool:
+        return self._same(asked.query_params.get(KEY, ""))
 
-    def _has_key(self, scope: Scope) -> bool:
-        query = dict(parse_qsl(scope.get("query_string", b"").decode("latin-1")))
-        return self._same(query.get(KEY, ""))
-
-    async def _welcome(self, scope: Scope, send: Any) -> None:
+    def _welcome(self, asked: HTTPConnection) -> Response:
         """The same address without the key, which stays in a cookie that no script and no site sees."""
-        query = parse_qsl(scope.get("query_string", b"").decode("latin-1"))
-        rest = urlencode([(name, value) for name, value in query if name != KEY])
+        rest = urlencode([(k, v) for k, v in asked.query_params.multi_items() if k != KEY])
         # Never //host: that would lead elsewhere.
-        path = "/" + scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
+        path = "/" + asked.scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
         cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict" + "; Secure" * self.tls
-        headers = [
-            (b"location", path.encode("latin-1", "replace")),
-            (b"set-cookie", cookie.encode()),
-            (b"cache-control", b"no-store"),
-            *self.headers,
-        ]
-        await send({"type": "http.response.start", "status": 303, "headers": headers})
-        await send({"type": "http.response.body", "body": b""})
+        return RedirectResponse(path, 303, {"set-cookie": cookie, "cache-control": "no-store"})
 
 
-async def _refuse(scope: Scope, send: Any) -> None:
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-        return
-    text = b"Only the page itself may ask here: open the address that was printed, key included.\n"
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
-    await send({"type": "http.response.body", "body": text})
+_REFUSAL = PlainTextResponse(
+    "Only the page itself may ask here: open the address that was printed, key included.\n",
+    403,
+    {"connection": "close"},
+)

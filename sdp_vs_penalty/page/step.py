@@ -39,18 +39,20 @@ class Step:
     verdict: Callable[[Session], Verdict | None] = no_verdict
 
 
-def models(session: Session) -> list[str]:
-    """The ladder: what most steps about models depend on."""
-    return [model.file for model in session.ladder]
-
-
 def after_model(
     anchor: str,
     title: str,
     draw: Callable[[View], None],
     verdict: Callable[[Session], Verdict | None] = no_verdict,
-    depends: Callable[[Session], Any] = models,
+    also: Callable[[Session], Any] = no_verdict,
 ) -> Step:
-    """A step that can be taken once there is a model."""
-    before = "Identify a model first."
-    return Step(anchor, title, before, lambda s: s.model is not None, depends, draw, verdict)
+    """A step that can be taken once there is a model; it depends on the ladder and on ``also``."""
+    return Step(
+        anchor,
+        title,
+        "Identify a model first.",
+        lambda s: s.model is not None,
+        lambda s: ([model.file for model in s.ladder], also(s)),
+        draw,
+        verdict,
+    )

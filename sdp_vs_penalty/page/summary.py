@@ -24,7 +24,6 @@ from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.report.evidence import certificate_rows
 from sdp_vs_penalty.report.parameters import (
     half_axes,
-    joint_poses,
     link_rows,
     plausibility,
     standard_rows,
@@ -111,7 +110,7 @@ def about(estimate: Estimate) -> dict[str, Any]:
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
     """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there."""
     keep = np.unique(np.linspace(0, len(t) - 1, _FRAMES).astype(int))
-    return t[keep], joint_poses(robot, q[keep]).astype(np.float32)
+    return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
 
 
 def _named(runs: Sequence[Measurements]) -> list[str]:

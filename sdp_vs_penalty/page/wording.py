@@ -22,8 +22,8 @@ def figure(value: float | None, digits: int = 3) -> str:
     return f"{value:.{digits}g}"
 
 
-def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
-    return f"{figure(value, digits)} {plain_unit(unit)}".strip()
+def with_unit(value: float | None, unit: str) -> str:
+    return f"{figure(value)} {plain_unit(unit)}".strip()
 
 
 def plain_name(effect: str) -> str:

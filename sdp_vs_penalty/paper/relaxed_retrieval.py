@@ -68,12 +68,10 @@ def relaxed_retrieval(problem: Problem, pi: Array, seed: int, boxed: bool) -> Re
     return Retrieval(seed, links, float(np.abs(found.fun).max()))
 
 
-def unfeasible_retrievals(
-    problem: Problem, pi: Array, count: int, boxed: bool, seed: int = 0
-) -> Iterator[Retrieval]:
+def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) -> Iterator[Retrieval]:
     """The first ``count`` relaxed retrievals that reproduce pi and are physically inconsistent."""
     found = 0
-    for k in range(seed, seed + 20 * count):
+    for k in range(20 * count):
         retrieval = relaxed_retrieval(problem, pi, k, boxed)
         if retrieval.error > REPRODUCED or inertia.consistency_margin(retrieval.links).min() >= 0.0:
             continue

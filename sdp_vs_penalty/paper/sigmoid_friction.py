@@ -76,7 +76,7 @@ class SigmoidLinearised(Effect):
 class SigmoidFit:
     """phi (n, 3) with standard deviations (n, 3); pi (b,) base parameters fitted with them.
 
-    lower, upper (n, 3) : intervals of the asked-for confidence; rmse (n,) of the residual [N m].
+    lower, upper (n, 3) : 95 % intervals; rmse (n,) of the residual [N m].
     """
 
     phi: Array
@@ -102,9 +102,7 @@ def exact_rows(motion: Motion, torque: Array) -> RowsOf:
     return lambda model: Rows(motion, torque, model.columns(motion))
 
 
-def fit_sigmoid(
-    problem: Problem, rows_of: RowsOf, oversampling: float = 1.0, confidence: float = 0.95
-) -> SigmoidFit:
+def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) -> SigmoidFit:
     """Fit pi and phi together; joints are weighted by the residuals of a first pass.
 
     oversampling : rows per independent sample, for the intervals. Raises InputError where the rows
@@ -126,7 +124,7 @@ def fit_sigmoid(
     phi = np.column_stack([linear[-n:], shapes])
     std = data.deviations(phi, probes, weights, residual, oversampling)
     dof = max(residual.size / oversampling - len(linear) - 2 * n, 1.0)
-    half = stats.t.ppf(0.5 + 0.5 * confidence, dof) * std
+    half = stats.t.ppf(0.975, dof) * std
     rmse = np.sqrt(np.mean((residual / weights) ** 2, axis=0))
     return SigmoidFit(phi, std, phi - half, phi + half, linear[:-n], rmse)
 

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import read_toml
+from sdp_vs_penalty.files import read_table, read_toml
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.fields import check_fields
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.tables import read_table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.mechanism import parse_mechanism

@@ -21,6 +21,7 @@ from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import PARAMETER_RANGE, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.files import read_table
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.robot import inertia
@@ -229,8 +230,6 @@ class Problem(Shown):
         """The paper's tables that belong to this problem, by name ("table_III"), as text cells."""
         if self.folder is None:
             return {}
-        from sdp_vs_penalty.problem.tables import read_table
-
         return {p.stem: read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
 
     def _centre_of_mass(self, link: int) -> Array:

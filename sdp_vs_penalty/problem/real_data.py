@@ -31,19 +31,17 @@ def real_data_folder() -> Path | None:
     return folder if (checkout / "pyproject.toml").is_file() and folder.is_dir() else None
 
 
+def real_file(problem: str, name: str) -> Path | None:
+    """One of the files about a robot, None without it."""
+    folder = real_data_folder()
+    file = None if folder is None else folder / problem / name
+    return file if file is not None and file.is_file() else None
+
+
 def measured_run(problem: Problem) -> Measurements | None:
     """The authors' identification run of a robot (their four text files), or None without it."""
-    folder = real_data_folder()
-    if folder is None or not (folder / problem.name / "exciting_traj_time.txt").is_file():
-        return None
-    return load_measurements(folder / problem.name, joints=problem.robot.n)
-
-
-def good_configurations(problem: Problem) -> Path | None:
-    """The file of static configurations of the authors' reverse engineering, or None without it."""
-    folder = real_data_folder()
-    file = None if folder is None else folder / problem.name / "good_configurations_1010.txt"
-    return file if file is not None and file.is_file() else None
+    file = real_file(problem.name, "exciting_traj_time.txt")
+    return None if file is None else load_measurements(file.parent, joints=problem.robot.n)
 
 
 def commanded_coefficients(problem: Problem) -> tuple[Array, Array] | None:
@@ -51,9 +49,8 @@ def commanded_coefficients(problem: Problem) -> tuple[Array, Array] | None:
 
     Raises InputError where gen_params.txt has not two rows a joint.
     """
-    folder = real_data_folder()
-    file = None if folder is None else folder / problem.name / "gen_params.txt"
-    if file is None or not file.is_file():
+    file = real_file(problem.name, "gen_params.txt")
+    if file is None:
         return None
     n = problem.robot.n
     try:

@@ -146,7 +146,7 @@ def arm(material: Material) -> Section:
     if not len(estimate.model.rigid_indices):
         return Section("arm", "Links", text("This model has no rigid_body effect."))
     robot, links = estimate.robot, estimate.links
-    (poses,) = joint_poses(robot, material.measurements.q.mean(axis=0, keepdims=True))
+    (poses,) = robot.poses(robot.tree_state(material.measurements.q.mean(axis=0))[0])
     plot = _picture(robot, links, poses)
     caption = (
         "Uniform ellipsoids with the identified masses and inertias, in the runs' mean pose. An "
@@ -251,21 +251,3 @@ def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
     if values[0] <= 0.0:
         return None
     return np.sqrt(5.0 * values), axes * np.sign(np.linalg.det(axes)), com
-
-
-def joint_poses(robot: Robot, q: Array) -> Array:
-    """(N, joints, 4, 4) pose of each joint frame, moved by its joint, in the base; q (N, n)."""
-    state = robot.tree_state(q)[0]
-    out = np.empty((*state.shape, 4, 4))
-    for i, joint in enumerate(robot.tree):
-        move, value = np.tile(np.eye(4), (len(state), 1, 1)), state[:, i, None]
-        if joint.kind == "prismatic":
-            move[:, :3, 3] = value * joint.axis
-        else:
-            x, y, z = joint.axis
-            k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            value = value[:, None]
-            move[:, :3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
-        parent = np.eye(4) if joint.parent < 0 else out[:, joint.parent]
-        out[:, i] = parent @ joint.placement @ move
-    return out

@@ -163,10 +163,10 @@ class Robot(Structure):
         virtual = (own[:, None] - 6 + np.arange(6)).ravel()
         states = np.zeros((3, len(np.atleast_2d(q)), model.nv))
         states[:, :, own] = np.array(self.tree_state(q, dq, ddq))
-        out = np.empty((states.shape[1], len(own), len(virtual)))
+        out, wanted = np.empty((states.shape[1], len(own), len(virtual))), np.ix_(own, virtual)
         for k, row in enumerate(np.swapaxes(states, 0, 1)):
             pin.computeRNEADerivatives(model, data, *row)
-            out[k] = data.dtau_dq[np.ix_(own, virtual)]
+            out[k] = data.dtau_dq[wanted]
         if self.mechanism is not None:
             out = np.einsum("ln,klc->knc", self.mechanism.matrix, out)
         return out.reshape(len(out), self.n, len(own), 6)

@@ -114,6 +114,23 @@ class Structure:
             return rows
         return [x @ m.matrix.T + (m.offset if k == 0 else 0.0) for k, x in enumerate(rows)]
 
+    def poses(self, state: Array) -> Array:
+        """(N, L, 4, 4) poses in the base of all joint frames of the tree, moved by their joints.
+
+        state : (N, L) as :meth:`tree_state` makes it.
+        """
+        out = np.empty((*state.shape, 4, 4))
+        for i, joint in enumerate(self.tree):
+            move, value = np.tile(np.eye(4), (len(state), 1, 1)), state[:, i, None]
+            if joint.kind == "prismatic":
+                move[:, :3, 3] = value * joint.axis
+            else:
+                k, value = np.cross(np.eye(3), joint.axis), value[:, None]  # k v = axis x v
+                move[:, :3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
+            parent = np.eye(4) if joint.parent < 0 else out[:, joint.parent]
+            out[:, i] = parent @ joint.placement @ move
+        return out
+
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
         return tuple(joint.name for joint in self.joints)

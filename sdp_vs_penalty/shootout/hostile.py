@@ -25,8 +25,8 @@ from sdp_vs_penalty.solvers.objective import Objective
 Change = Callable[[Instance], Instance]
 
 
-def _panda(name: str, shape: str = "gyration", stop: float = 14.0) -> Instance:
-    return regular.simulated(name, "panda", "one-step", shape, stop)
+def _panda(name: str = "", stop: float = 14.0) -> Instance:
+    return regular.simulated(name, "panda", "one-step", "gyration", stop)
 
 
 def _with_data(instance: Instance, data: LeastSquares) -> Instance:
@@ -137,33 +137,42 @@ def raw_rows(name: str) -> Instance:
     return replace(made, formulation="rows", raw=uncompressed)
 
 
-#: One thing that users do, or data do to them, to a regular instance.
-CHANGES: dict[str, Change] = {
-    "gram kg m": gram(1.0, 1.0),
-    "gram g mm": gram(1e-3, 1e-3),
-    "gram t km": gram(1e3, 1e3),
-    "units g mm": units(1e-3, 1e-3),
-    "units t km": units(1e3, 1e3),
-    "no scaling": no_scaling,
-    "unidentifiable links": unidentifiable,
-    "rank-deficient": rank_deficient,
-    "noise-free": noise_free,
-    "nearly infeasible 1e-3": total_mass_at_least(-1e-3),
-    "nearly infeasible 1e-6": total_mass_at_least(-1e-6),
-    "infeasible 1e-3": total_mass_at_least(1e-3),
-    "infeasible 1e-6": total_mass_at_least(1e-6),
-    "infeasible thickness": thick_beyond_bounds,
-    "float32 data": float32_data,
-    "float32 gram": float32_gram,
+#: One thing that users do, or data do to them, to a regular instance, and how it is told in the library.
+CHANGES: dict[str, tuple[Change, str]] = {
+    "gram kg m": (gram(1.0, 1.0), "as the bare quadratic form of the Gram matrix"),
+    "gram g mm": (gram(1e-3, 1e-3), "as the bare quadratic form, in grams and millimetres"),
+    "gram t km": (gram(1e3, 1e3), "as the bare quadratic form, in tons and kilometres"),
+    "units g mm": (units(1e-3, 1e-3), "in grams and millimetres"),
+    "units t km": (units(1e3, 1e3), "in tons and kilometres"),
+    "no scaling": (no_scaling, "without a centre and without scales"),
+    "unidentifiable links": (unidentifiable, "without bounds on size: the optima are unbounded"),
+    "rank-deficient": (rank_deficient, "from twenty rows only"),
+    "noise-free": (noise_free, "of exact torques: the optimum is zero"),
+    "nearly infeasible 1e-3": (
+        total_mass_at_least(-1e-3),
+        "with masses within 0.1 % of the most that their bounds allow",
+    ),
+    "nearly infeasible 1e-6": (
+        total_mass_at_least(-1e-6),
+        "with masses within a millionth of the most that their bounds allow",
+    ),
+    "infeasible 1e-3": (total_mass_at_least(1e-3), "with 0.1 % more mass than the bounds allow"),
+    "infeasible 1e-6": (total_mass_at_least(1e-6), "with a millionth more mass than the bounds allow"),
+    "infeasible thickness": (thick_beyond_bounds, "with links thicker than their bounds allow"),
+    "float32 data": (float32_data, "from data rounded to single precision"),
+    "float32 gram": (float32_gram, ""),
 }
 
 
-def _changed(change: str, name: str) -> Instance:
-    return CHANGES[change](_panda(name, stop=1.0 if change == "rank-deficient" else 14.0))
+def changed(name: str, change: str, build: Callable[[], Instance]) -> Instance:
+    """What ``build`` makes with one of CHANGES."""
+    return replace(CHANGES[change][0](build()), name=name)
 
 
 BUILDERS: dict[str, Callable[[str], Instance]] = {
-    **{f"hostile {change}": partial(_changed, change) for change in CHANGES},
-    "hostile raw rows": raw_rows,
-}
+    f"hostile {change}": partial(
+        changed, change=change, build=partial(_panda, stop=1.0 if change == "rank-deficient" else 14.0)
+    )
+    for change in CHANGES
+} | {"hostile raw rows": raw_rows}
 QUICK = ("hostile gram g mm", "hostile float32 gram", "hostile infeasible 1e-3", "hostile noise-free")

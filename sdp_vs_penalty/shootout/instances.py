@@ -35,23 +35,6 @@ _SHAPES = {
     "cones": "centres of mass in second-order cones",
 }
 _STEPS = {"one-step": "torque error", "two-step": "distance of the base parameters from least squares"}
-_CHANGES = {
-    "gram kg m": "as the bare quadratic form of the Gram matrix",
-    "gram g mm": "as the bare quadratic form, in grams and millimetres",
-    "gram t km": "as the bare quadratic form, in tons and kilometres",
-    "units g mm": "in grams and millimetres",
-    "units t km": "in tons and kilometres",
-    "no scaling": "without a centre and without scales",
-    "unidentifiable links": "without bounds on size: the optima are unbounded",
-    "rank-deficient": "from twenty rows only",
-    "noise-free": "of exact torques: the optimum is zero",
-    "nearly infeasible 1e-3": "with masses within 0.1 % of the most that their bounds allow",
-    "nearly infeasible 1e-6": "with masses within a millionth of the most that their bounds allow",
-    "infeasible 1e-3": "with 0.1 % more mass than the bounds allow",
-    "infeasible 1e-6": "with a millionth more mass than the bounds allow",
-    "infeasible thickness": "with links thicker than their bounds allow",
-    "float32 data": "from data rounded to single precision",
-}
 
 
 @dataclass(frozen=True)
@@ -155,16 +138,14 @@ def _changed() -> Iterator[Entry]:
         "chain of 14 links": partial(_chain, "", 14, "gyration", 0),
     }
     for robot, build in bases.items():
-        for change, words in _CHANGES.items():
+        for change, (_, words) in hostile.CHANGES.items():
+            if not words:
+                continue  # the numbers of another one
             if change == "rank-deficient" and robot == "two_link":
                 continue  # its factor has no more rows than that
             name = f"{robot} {change}"
             said = f"{robot} with links at least 2 cm thick, {words}."
-            yield Entry(name, "hostile", partial(_apply, name, build, change), said)
-
-
-def _apply(name: str, build: Callable[[], Instance], change: str) -> Instance:
-    return replace(hostile.CHANGES[change](build()), name=name)
+            yield Entry(name, "hostile", partial(hostile.changed, name, change, build), said)
 
 
 def selected(

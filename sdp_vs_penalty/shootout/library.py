@@ -8,7 +8,6 @@ all with sizes and SHA-256. The same version writes the same bytes on the same m
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 from collections.abc import Callable, Sequence
@@ -20,7 +19,7 @@ import numpy as np
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.export.sdp import export_sdp, prove
-from sdp_vs_penalty.files import write_bytes, write_text
+from sdp_vs_penalty.files import as_csv, write_bytes, write_text
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import Entry
 from sdp_vs_penalty.solvers.conic import ConicProblem
@@ -50,11 +49,8 @@ def write_library(
                 continue
             raise
         rows.append(write_instance(folder / item.folder, item, instance))
-    text = io.StringIO()
-    table = csv.DictWriter(text, list(rows[0]) if rows else ["name"], lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    write_text(folder / "index.csv", text.getvalue())
+    table = as_csv(list(rows[0]) if rows else ["name"], (list(row.values()) for row in rows))
+    write_text(folder / "index.csv", table)
     proved = sum(r["status"] != "not proved" for r in rows)
     card = (_HERE / "card.md").read_text()
     write_text(folder / "README.md", card.format(count=len(rows), proved=proved))

@@ -33,18 +33,18 @@ def links(row: Row) -> int | None:
     return int(named.group(1)) if named else known.get(robot)
 
 
-def ranking(rows: Sequence[Row], number: int = LINKS, accuracy: float = ACCURACY) -> list[Row]:
-    """The contestants on arms of so many links, those that reach the accuracy most often first.
+def ranking(rows: Sequence[Row]) -> list[Row]:
+    """The contestants on arms of LINKS links, those that reach ACCURACY most often first.
 
     A problem that cannot be posed to a contestant is one that it does not solve. seconds : the median
     where it was right.
     """
-    mine = at_accuracy([r for r in rows if links(r) == number], accuracy)
+    mine = at_accuracy([r for r in rows if links(r) == LINKS], ACCURACY)
     problems = {r["problem"] for r in mine}
     out = []
     for solver in sorted({r["solver"] for r in mine}):
         runs = [r for r in mine if r["solver"] == solver]
-        right = [r for r in runs if reached(r, accuracy)]
+        right = [r for r in runs if reached(r, ACCURACY)]
         out.append(
             {
                 "solver": solver,

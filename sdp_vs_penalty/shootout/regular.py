@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.real_data import measured_run, real_data_folder
+from sdp_vs_penalty.problem.real_data import measured_run, real_file
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -103,20 +103,14 @@ def _measured_task(robot: str, stop: float) -> Task:
 def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
     """The real identification run of a robot up to ``stop`` [s] of motion; InputError without it."""
     run = measured_run(problem)
-    if run is None and problem.name == "ur10e":
-        folder = real_data_folder()
-        file = None if folder is None else folder / "ur10e" / "ur-20_02_12-50sec_12harm.csv"
-        if file is not None and file.is_file():
-            rows, _ = clean_stretch(file.read_text(errors="replace"), 31)
-            tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
-            run = Measurements(rows[:, 0], rows[:, 1:7], tau, names=(file.stem,))
-    if run is None and problem.name in ("emps", "tx40"):
-        folder = real_data_folder()
-        home = None if folder is None else folder / problem.name
-        if home is not None and all(
-            (home / file.name).is_file() for file in DATASETS[problem.name].files
-        ):
-            run = next(iter(converted(problem.name, home).values()))
+    if problem.name == "ur10e" and (file := real_file("ur10e", "ur-20_02_12-50sec_12harm.csv")):
+        rows, _ = clean_stretch(file.read_text(errors="replace"), 31)
+        tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
+        run = Measurements(rows[:, 0], rows[:, 1:7], tau, names=(file.stem,))
+    elif problem.name in ("emps", "tx40"):
+        files = [real_file(problem.name, file.name) for file in DATASETS[problem.name].files]
+        if files[0] is not None and all(files):
+            run = next(iter(converted(problem.name, files[0].parent).values()))
     if run is None:
         raise InputError(
             f"The measurements of {problem.name} are absent", "name their folder in SDP_VS_PENALTY_DATA"

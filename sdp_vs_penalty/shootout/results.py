@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError, unreadable
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import as_csv, write_text
 
 Row = dict[str, Any]
 
@@ -103,12 +103,7 @@ class Results:
 
 def table_text(columns: tuple[str, ...], rows: list[Row]) -> str:
     """Rows as CSV text."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow(cells(columns, row))
-    return file.getvalue()
+    return as_csv(columns, (cells(columns, row) for row in rows))
 
 
 def cells(columns: tuple[str, ...], row: Row) -> list[str]:

@@ -52,8 +52,9 @@ def innovations(values: Array, ar: Array, pieces: Sequence[NDArray[np.intp]]) ->
         return out
     x, y = values[: len(skipped)], out[: len(skipped)]
     y[:] = x
+    part = np.empty_like(x)
     for lag, a in enumerate(ar, start=1):
-        y[lag:] -= a * x[:-lag]
+        y[lag:] -= np.multiply(x[:-lag], a, out=part[lag:])
     y[skipped] = 0.0
     return out
 

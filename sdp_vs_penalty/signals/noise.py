@@ -35,15 +35,12 @@ from sdp_vs_penalty.signals.repetition import (
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.spline import CubicSpline
+from sdp_vs_penalty.signals.stillness import STILL
 
 #: What the noise is known from.
 REPETITION, RESIDUAL = "repetition", "residual"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
-#: Rows of which a joint stood still for more than this show friction, not noise.
-STILL = 0.01
-#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
-SLOW = 0.1
 #: Share of a guessed noise that is left a row later, at most.
 _FADES = 0.95
 #: Independent values that a median of squares is worth, a value: its efficiency.
@@ -65,7 +62,7 @@ class Noise:
     deviation of the whitened noise; degrees (n,) of freedom behind it; source : REPETITION, or RESIDUAL
     (a guess: the model's error is in it); suspect (M, n) : rows where the repetition shows an event;
     profile (M, n) : how the motion swells the noise, around 1; held (M, n) : standard deviation of what
-    friction adds to a guess while a joint stands still; repeats : what repeats what.
+    friction adds while a joint stands still; repeats : what repeats what.
     """
 
     floor: Array
@@ -127,7 +124,7 @@ def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     """A guess: all of a residual (M, n) taken for noise, in rows during which the joint moves."""
     n = runs.n
-    moving = [_moving(runs.pieces(j), runs.still[:, j]) for j in range(n)]
+    moving = [_without(runs.pieces(j), runs.still[:, j] >= STILL) for j in range(n)]
     parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
     ar, sigma, degrees = (np.array(values) for values in zip(*parts, strict=True))
     ar *= np.array([_forgetting(a) for a in ar])
@@ -143,10 +140,10 @@ def _forgetting(a: Array) -> Array:
     return np.asarray(min(1.0, _FADES / max(largest, 1e-12)) ** np.arange(1, ORDER + 1))
 
 
-def _moving(pieces: Pieces, still: Array) -> Pieces:
-    """Without the rows during which the joint stood still, unless too few would be left."""
-    moving = Pieces(p[still[p] < STILL] for p in pieces)
-    return moving if len(moving.predicted) >= _FEWEST else pieces
+def _without(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
+    """Without the rows that are marked, unless too few would be left."""
+    others = Pieces(p[~marked[p]] for p in pieces)
+    return others if len(others.predicted) >= _FEWEST else pieces
 
 
 def _from_repetition(
@@ -154,8 +151,8 @@ def _from_repetition(
 ) -> Noise | None:
     """The noise of ``runs``, on their rows or on those of windows of them, ``shown``.
 
-    A joint that stands still does so again when the motion repeats: what friction holds there is no
-    noise, but shows how it yields before it slides.
+    A joint that stands still does so again when the motion repeats, and what friction holds there too:
+    it is no noise, but evidence only as far as a law of friction says it.
     """
     repeats = find_repeats(runs)
     if sum(len(r.rows) for r in repeats) < _FEWEST:
@@ -164,7 +161,8 @@ def _from_repetition(
     difference = differences(runs, residual, repeats)
     index = np.concatenate([r.rows for r in repeats])
     gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
-    pieces = Pieces(consecutive(repeats))
+    every = Pieces(consecutive(repeats))
+    stuck = runs.stuck[index] | runs.stuck[np.concatenate([later_rows(runs, r) for r in repeats])]
     share = min(1.0, new_differences(runs, repeats) / len(index))
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
     known = cache(lambda: instants(runs, repeats))
@@ -178,6 +176,7 @@ def _from_repetition(
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
     for j in range(n):
         drift = _drift_columns(t, gap, speed[:, j])
+        pieces = _without(every, stuck[:, j])
         rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n, comes_back)
         steady = Pieces(p[good[p]] for p in pieces)
         floor[j], ar[j], sigma[j], rank = beside(rest, steady, drift * good[:, None])
@@ -191,9 +190,9 @@ def _from_repetition(
         _mark_later(runs, repeats, good, j, suspect)
     if shown is not None:
         suspect, repeats = _carried(suspect, runs, shown), find_repeats(shown)
-    return Noise(
-        floor, ar, sigma, degrees, REPETITION, suspect, profile, np.zeros_like(profile), repeats
-    )
+    held = runs.held if shown is None else shown.held
+    suspect &= ~(runs if shown is None else shown).stuck
+    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
 
 
 def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ follow (a step in acceleration): there the states are wrong, not the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -31,7 +31,13 @@ from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
-from sdp_vs_penalty.signals.stillness import Standstill, turned_at_rest
+from sdp_vs_penalty.signals.stillness import (
+    STILL,
+    Standstill,
+    friction_laws,
+    lawless,
+    turned_at_rest,
+)
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
@@ -63,6 +69,21 @@ class Segment:
     torque_dense: Array
     dense: sparse.csr_array
     q_dense: Array
+
+
+class _Widths(tuple[float, ...]):
+    """The velocities over which the joints' signs turn; asked : those that an effect has looked at."""
+
+    def __init__(self, _: Iterable[float]) -> None:
+        self.asked: dict[int, float] = {}
+
+    def __getitem__(self, joint: Any) -> Any:
+        self.asked[joint] = super().__getitem__(joint)
+        return self.asked[joint]
+
+    def same(self, joint: int, width: float) -> bool:
+        """Whether a joint's is this one; nobody has looked at it."""
+        return super().__getitem__(joint) == width
 
 
 @dataclass(frozen=True)
@@ -142,14 +163,26 @@ class SegmentedRuns:
 
     @cached_property
     def held(self) -> Array:
-        """(M, n) standard deviation of what friction may hold of a row while its joint stands still.
+        """(M, n) standard deviation of what friction holds of a row while its joint stands still, beyond
+        what Dahl's law, whatever its travel, and sliding friction can say of it."""
+        return self._standstill[0]
 
-        Friction is as large as what the links leave of the torque; held, it is anywhere up to that.
-        """
-        links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
-        rest = self.torque - np.concatenate(links) if links else self.torque
-        size = np.sqrt(np.sum(self.keep * rest**2, axis=0) / np.maximum(self.keep.sum(axis=0), 1))
-        return np.asarray(size * self.still)
+    @cached_property
+    def stuck(self) -> NDArray[np.bool_]:
+        """(M, n) whether a row is of a standstill of which no law of friction says anything."""
+        return self._standstill[1]
+
+    @cached_property
+    def _standstill(self) -> tuple[Array, NDArray[np.bool_]]:
+        held, stuck = np.zeros_like(self.still), np.zeros(self.still.shape, bool)
+        for j, share in enumerate(self.still.T):
+            keep = self.keep[:, j]
+            if share[keep].any():
+                laws = [s.low_pass @ friction_laws(s.motion, j) for s in self.segments]
+                left = self.residual[keep, j]
+                std, no_law = lawless(left, np.concatenate(laws)[keep], share[keep])
+                held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
+        return held, stuck
 
     @cached_property
     def dense_residuals(self) -> list[Array]:
@@ -191,27 +224,33 @@ class SegmentedRuns:
         return [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
 
     def _true_blocks(self, effect: Effect) -> list[Block]:
-        """The same of the true torque; what the motion alone decides is worked out once."""
-
-        def made() -> list[Block]:
-            return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
-
+        """The same of the true torque; what the motion alone decides is worked out once, for each set of
+        those widths of signs that it asks for."""
         if (
             effect.needs_torque
             or effect.needs_links
             or effect_types().get(effect.name) is not type(effect)
         ):
-            return made()
-        # What a joint can have several times may look at other joints, but for what joins its own.
-        joints = effect.joints if effect.joins or not effect.several else range(self.n)
-        motion = self.segments[0].motion
-        widths = () if effect.signless else tuple(motion.width(j) for j in joints)
-        key = effect.name, effect.joints, tuple(effect.shape.items()), widths, id(effect.robot)
-        if key not in self.derived:
-            # The robot is kept as well: its number in the key stays its own.
-            self.derived[key] = effect.robot, made()
-        found: list[Block] = self.derived[key][1]
-        return found
+            return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
+        key = effect.name, effect.joints, tuple(effect.shape.items()), id(effect.robot)
+        # The robot is kept as well: its number in the key stays its own.
+        known: list[tuple[dict[int, float], list[Block]]]
+        known = self.derived.setdefault(key, (effect.robot, []))[1]
+        motions, watched = self._watched
+        for asked, blocks in known:
+            if all(watched.same(j, width) for j, width in asked.items()):
+                return blocks
+        watched.asked.clear()
+        parts = [(s.low_pass, effect.blocks(m)) for s, m in zip(self.segments, motions, strict=True)]
+        known.append((dict(watched.asked), self._stack(parts)))
+        return known[-1][1]
+
+    @cached_property
+    def _watched(self) -> tuple[list[Motion], _Widths]:
+        """The segments' motions, which note which widths of signs are asked for."""
+        first = self.segments[0].motion
+        widths = _Widths(first.width(j) for j in range(self.n))
+        return [replace(s.motion, sign_width=widths) for s in self.segments], widths
 
     def column(self, effect: Effect, joint: int) -> Array:
         """(M, k) columns of a joint's own torque only."""
@@ -283,7 +322,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
         motion.t[rows],
         filters.torque(part, grid[rows]),
         keep,
-        Standstill(part, filters.column, grid[rows]),
+        Standstill(part, (filters.state, filters.column), grid[rows]),
         low_pass,
         motion.t[dense],
         filters.torque(part, grid[dense]),

@@ -1,7 +1,8 @@
 """When a joint stands still, as far as its positions can tell.
 
 Dry friction that holds a joint is anything between minus and plus its size: no law of sliding says more,
-and a torque measured meanwhile is no evidence for or against any.
+and a torque measured meanwhile is no evidence for or against any. Friction that yields before it slides
+does say more, over a travel that shows in the positions (Dahl, AIAA Journal 1976).
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.effects.bristles import dahl
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
@@ -22,6 +25,14 @@ _ALIKE = 4.0
 #: How much farther than the noise a moving joint comes in three times the time: 27 times as far where
 #: its velocity passes through zero, as its cube, and 9 where it turns round. Farther: it stood.
 _TURNS = 27.0
+#: Share of a row that a standstill may reach before the row counts as one.
+STILL = 0.01
+#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
+SLOW = 0.1
+#: By how many times more than moving rows those of a standstill are off where no law says what holds.
+_LAWLESS = 2.0
+#: Travels over which friction may turn [rad or m].
+_TRAVELS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 #: Ratio of the lengths of time that are looked at, and their largest share of a stretch.
 _FINER, _LONGEST = 1.4, 0.1
 #: Share of a row from a standstill above which its torque is what holds the joint; fewest rows in motion
@@ -32,18 +43,21 @@ _AT_REST, _FEWEST, _TWICE = 0.9, 20, 2
 @dataclass(frozen=True)
 class Standstill:
     """When the joints of a stretch stand still, as its filtered rows see it: worked out when it is
-    asked for, since only guessed noise needs it. kernel : the low-pass; rows (M,) : their samples."""
+    asked for. kernels : the low-passes of states and of torques; rows (M,) : their samples."""
 
     stretch: Stretch
-    kernel: Kernel
+    kernels: tuple[Kernel, ...]
     rows: NDArray[np.int64]
 
     @cached_property
     def share(self) -> Array:
-        """(M, n) how much of a unit torque, whatever its sign, reaches each row from a standstill."""
-        q = self.stretch.resampled(self.stretch.q, 0, self.stretch.count)
-        (reaching,) = convolve(still(q).astype(float), np.abs(self.kernel.value))
-        return reaching[self.rows - self.kernel.half]
+        """(M, n) how much of a unit torque, whatever its sign, reaches each row from a standstill, and
+        from when filtered states mistake it for motion."""
+        reaching = still(self.stretch.resampled(self.stretch.q, 0, self.stretch.count)).astype(float)
+        for kernel in self.kernels if reaching.any() else ():
+            padded = np.pad(reaching, ((kernel.half, kernel.half), (0, 0)), mode="edge")
+            (reaching,) = convolve(padded, np.abs(kernel.value))
+        return np.asarray(reaching[self.rows])
 
 
 def still(q: Array) -> NDArray[np.bool_]:
@@ -67,6 +81,32 @@ def still(q: Array) -> NDArray[np.bool_]:
             out |= maximum_filter1d((quiet & (away > _TURNS * alike)).view(np.int8), width, axis=0) > 0
         half = max(half + 1, int(_FINER * half))
     return out
+
+
+def friction_laws(motion: Motion, joint: int) -> Array:
+    """(N, k) a joint's friction of unit size: Dahl's for each travel, Coulomb's, viscous, a constant."""
+    q, dq = motion.q[:, joint], motion.dq[:, joint]
+    memory = [dahl(q, travel, float(np.sign(dq[0]))) for travel in _TRAVELS]
+    return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(q))])
+
+
+def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
+    """s of what standing still adds to the rows left (M,) beyond laws (M, k), and whether none says it.
+
+    s^2 = mean of e^2 - m^2 where more than half of a row, whose share (M,) is of standstill, is; e what
+    least squares leave, m the same of rows in which the joint moves. What no law says is one unknown
+    that all standstills may share: together they then weigh as one row, s^2 times their number."""
+    moves, stands = share < STILL, share > 0.5
+    if not moves.any() or not stands.any():
+        return 0.0, False
+    scale = np.linalg.norm(laws, axis=0) + 1e-300
+    fit = np.linalg.lstsq(laws / scale, left, rcond=1e-10)[0]
+    rest = (left - laws / scale @ fit) ** 2
+    usual = float(rest[moves].mean())
+    variance = max(float(rest[stands].mean()) - usual, 0.0)
+    if variance <= _LAWLESS**2 * usual:
+        return float(np.sqrt(variance)), False
+    return float(np.sqrt(variance * np.sum(share**2))), True
 
 
 def turned_at_rest(

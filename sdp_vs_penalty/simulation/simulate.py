@@ -94,11 +94,11 @@ class Sensor:
         return cls(rate, zero, np.zeros((n, 0)), zero, zero)
 
     @classmethod
-    def white(cls, torque_std: ArrayLike, position_step: ArrayLike, rate: float = 1000.0) -> Sensor:
-        """White torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
+    def white(cls, torque_std: ArrayLike, position_step: ArrayLike) -> Sensor:
+        """At 1 kHz, white torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
         std = np.asarray(torque_std, float)
         n = len(std)
-        return cls(rate, std, np.zeros((n, 0)), np.zeros(n), np.asarray(position_step, float))
+        return cls(1000.0, std, np.zeros((n, 0)), np.zeros(n), np.asarray(position_step, float))
 
     def noise(self, count: int, rng: np.random.Generator) -> Array:
         """(count, n) samples of the torque noise at ``rate``, stationary from the first on."""
@@ -163,19 +163,17 @@ def simulate(
     sensor: Sensor,
     seed: int = 0,
     *,
-    start: float = 0.0,
     name: str = "simulated",
 ) -> Measurements:
     """Measure the torque that the sources make along a trajectory.
 
-    seed : of the noise and the clock; start : first instant on the sitting's clock [s].
-    The measured velocity is left out: estimators do not use it.
+    seed : of the noise and the clock. The measured velocity is left out: estimators do not use it.
     """
     t = sensor.instants(trajectory.duration)
     motion = Motion(t, *trajectory.states(t))
     torque = np.sum([source(motion) for source in sources], axis=0)
     log, q, tau = sensor.log(trajectory.duration, motion.q, torque, np.random.default_rng(seed))
-    return Measurements(log + start, q, tau, names=(name,))
+    return Measurements(log, q, tau, names=(name,))
 
 
 def _quantise(values: Array, step: Array) -> Array:

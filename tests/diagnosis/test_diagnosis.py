@@ -333,12 +333,12 @@ def test_a_finding_that_needs_a_later_one_is_judged_beside_it() -> None:
     picks: Any = [SimpleNamespace(candidate=SimpleNamespace(effect=effect))] * 3
     # The second helps beside the third only, the first never does.
     error = {(): 1.0, (0,): 1.1, (0, 1): 1.2, (0, 1, 2): 0.5, (1, 2): 0.4, (2,): 0.6}
-    pays, minor = _told(picks, lambda chosen: np.full((2, 1), error[chosen] ** 2))
+    pays, minor = _told(picks, lambda chosen: np.full((2, 1), error[tuple(chosen)] ** 2))
     assert pays == (False, True, True)
     assert minor == (True, False, False)
     # The smaller of two that take the same torque is minor, and the larger is not.
     error = {(): 1.0, (0,): 0.6, (0, 1): 0.597, (0, 2): 0.597, (0, 1, 2): 0.593, (1, 2): 0.6, (1,): 0.61}
-    pays, minor = _told(picks, lambda chosen: np.full((2, 1), error[chosen] ** 2), True)
+    pays, minor = _told(picks, lambda chosen: np.full((2, 1), error[tuple(chosen)] ** 2), True)
     assert (pays, minor) == ((True, True, True), (False, True, True))
 
 

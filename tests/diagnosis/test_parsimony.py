@@ -10,6 +10,9 @@ import pytest
 
 from sdp_vs_penalty.diagnosis import held_out, ladder, parsimony
 from sdp_vs_penalty.diagnosis.explanations import weaknesses
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.problem.load import load_problem
 
 
 def state_of(*picks: tuple[int | None, float], left: float = 0.0) -> Any:
@@ -96,6 +99,33 @@ def test_a_finer_law_is_held_to_more_beside_the_law_that_it_refines() -> None:
     finer = pick("load_dependent_hysteresis", "presliding_hysteresis", "coulomb_friction")
     assert parsimony._own_error(finer, law) > parsimony._own_error(law, finer)
     assert parsimony._own_error(pick("stribeck_friction", "coulomb_friction"), law) == parsimony.LAW
+
+
+def test_what_bends_the_model_s_own_friction_by_little_may_be_its_error() -> None:
+    robot = load_problem("panda").robot
+    effects = parse_effects("coulomb_friction:1+2,torque_offset:2", robot)
+    estimate: Any = SimpleNamespace(model=Model(robot, effects), theta=np.array([0.5, 2.0, 9.0]))
+    law = parse_effects("presliding_hysteresis:2", robot)[0]
+    assert parsimony.bent(estimate, law, 0.09) == "coulomb_friction"
+    assert parsimony.bent(estimate, law, 0.11) == ""
+    assert parsimony.bent(estimate, parse_effects("presliding_hysteresis:1", robot)[0], 0.03) == ""
+    assert parsimony.bent(estimate, parse_effects("joint_spring:2", robot)[0], 0.01) == ""
+    # A size in another unit is none of that friction's.
+    assert parsimony.bent(estimate, parse_effects("load_dependent_friction:2", robot)[0], 0.01) == ""
+
+
+def test_what_is_wrong_on_one_joint_and_shows_on_others_is_judged_by_all() -> None:
+    robot = load_problem("panda").robot
+    acts = {
+        name: held_out._acts(SimpleNamespace(candidate=SimpleNamespace(effect=effect)))  # type: ignore[arg-type]
+        for name in ("joint_zero_error:2", "presliding_hysteresis:2", "base_tilt")
+        for effect in parse_effects(name, robot)
+    }
+    assert acts == {
+        "joint_zero_error:2": slice(None),
+        "presliding_hysteresis:2": [1],
+        "base_tilt": slice(None),
+    }
 
 
 def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -629,7 +629,8 @@ def test_only_this_page_may_ask(headers: dict[str, str], allowed: bool | None, k
     if kind == "websocket":
         headers = {"origin": "http://127.0.0.1:99", **headers}
     headers = {"cookie": "other=1; sdp-vs-penalty-key-99=secret", **headers}
-    scope = {"type": kind, "headers": [(k.encode(), v.encode()) for k, v in headers.items()]}
+    scope: dict[str, Any] = {"type": kind, "method": "GET", "path": "/", "query_string": b""}
+    scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
     asyncio.run(Gate(app, 99, "secret")(scope, None, send))
     allowed = kind == "http" if allowed is None else allowed  # a socket names where it comes from
     assert bool(reached) == allowed

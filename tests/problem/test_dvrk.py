@@ -12,7 +12,6 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.report.parameters import joint_poses
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.simulation.experiment import experiment
 
@@ -21,7 +20,7 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it() -> None:
     robot = load_problem("dvrk_psm").robot
     names = [joint.name for joint in robot.tree]
     for q in robot.random_configurations(20, seed=0):
-        (poses,) = joint_poses(robot, q[None])
+        (poses,) = robot.poses(robot.tree_state(q)[0])
         pitch, insertion = poses[names.index("pitch_joint")], poses[names.index("insertion_joint")]
         centre = insertion[:3, 3] - (q[2] - 0.4318) * insertion[:3, 2]
         np.testing.assert_allclose(centre, [0.0, 0.516, 0.0], atol=1e-9)  # on the yaw axis, fixed

@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import make_report
-from sdp_vs_penalty.report.parameters import ellipsoid, joint_poses
+from sdp_vs_penalty.report.parameters import ellipsoid
 from sdp_vs_penalty.report.plots import correlation
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.experiment import experiment
@@ -155,7 +155,7 @@ def test_poses_are_the_robots(two_link: Problem) -> None:
 
     def energy(at: np.ndarray) -> float:
         total = 0.0
-        for pose, joint, link in zip(joint_poses(robot, at[None])[0], robot.joints, links, strict=True):
+        for pose, joint, link in zip(robot.poses(at[None])[0], robot.joints, links, strict=True):
             com = (pose @ joint.link_frame @ np.append(link[1:4] / link[0], 1.0))[:3]
             total -= link[0] * float(np.array(robot.gravity) @ com)
         return total

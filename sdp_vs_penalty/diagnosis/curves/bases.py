@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.effect import Effect, Motion
@@ -52,11 +52,16 @@ class Axis:
         if self.is_phase:
             angles = x[:, None] * np.arange(1, _WAVES + 1)
             return np.hstack([np.cos(angles), np.sin(angles)])
-        step = (self.high - self.low) / (self.count - _DEGREE)
-        knots = self.low + step * np.arange(-_DEGREE, self.count + 1)
         # The last knot belongs to what lies below it.
         inside = np.clip(x, self.low, self.high - 1e-9 * (self.high - self.low))
-        return np.asarray(BSpline.design_matrix(inside, knots, _DEGREE).toarray())
+        at = (inside - self.low) * ((self.count - _DEGREE) / (self.high - self.low))
+        first = np.minimum(at.astype(np.intp), self.count - _DEGREE - 1)
+        u = at - first
+        v = 1.0 - u
+        own = [v**3, 4.0 - 3.0 * u * u * (1.0 + v), 4.0 - 3.0 * v * v * (1.0 + u), u**3]
+        out = np.zeros((len(x), self.count))
+        out[np.arange(len(x))[:, None], first[:, None] + np.arange(_DEGREE + 1)] = np.array(own).T / 6.0
+        return out
 
     @property
     def penalty(self) -> Array:
@@ -107,16 +112,9 @@ class Basis:
         return self.at(*(a.variable.along(motion) for a in self.axes))
 
     @property
-    def penalties(self) -> list[Array]:
-        """(size, size) roughness along each variable."""
-        out = []
-        for k, axis in enumerate(self.axes):
-            if axis.is_sign:
-                continue
-            before = int(np.prod([a.count for a in self.axes[:k]]))
-            after = int(np.prod([a.count for a in self.axes[k + 1 :]]))
-            out.append(np.kron(np.kron(np.eye(before), axis.penalty), np.eye(after)))
-        return out
+    def penalties(self) -> tuple[Array, ...]:
+        """(size, size) roughness along each variable, each of unit trace."""
+        return _penalties(tuple(replace(a, variable=_kind(a), low=0.0, high=1.0) for a in self.axes))
 
     @property
     def grid(self) -> tuple[Array, ...]:
@@ -128,6 +126,22 @@ class Basis:
     def points(self) -> Array:
         """(P, variables) all of the grid."""
         return np.array(list(product(*self.grid)))
+
+
+def _kind(axis: Axis) -> Variable:
+    """One variable for all axes that are as rough as each other."""
+    return Variable(axis.variable.word if axis.is_sign or axis.is_phase else "q")
+
+
+@lru_cache(maxsize=32)
+def _penalties(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
+    out, counts = [], [a.count for a in axes]
+    for k, axis in enumerate(axes):
+        if not axis.is_sign:
+            before, after = (np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :]))
+            rough = np.kron(np.kron(before, axis.penalty), after)
+            out.append(rough / np.trace(rough))
+    return tuple(out)
 
 
 def _products(columns: Sequence[Array]) -> Array:

@@ -120,13 +120,14 @@ class _Scan:
 @lru_cache(maxsize=64)
 def _scan(basis: Basis) -> _Scan:
     points, laws = basis.points, []
-    inverse = np.asarray(np.linalg.pinv(basis.at(*points.T), rcond=1e-10), float)
+    inverse = np.ones((1, 1))
+    for axis, values in zip(basis.axes, basis.grid, strict=True):  # of a product, the products
+        inverse = np.kron(inverse, np.linalg.pinv(axis.columns(values), rcond=1e-10))
     for law in dictionary(basis.axes):
         starts = np.array(law.starts, float)
         with np.errstate(over="ignore", invalid="ignore"):
-            c = np.array([inverse @ law.columns(points, s) for s in starts]).reshape(
-                len(starts), len(inverse), -1
-            )
+            columns = law.columns(points, starts.T)
+            c = np.moveaxis(np.tensordot(inverse, columns, axes=1), 1, 0)
         held = np.isfinite(c).all(axis=(1, 2))
         if held.any():
             kept = replace(law, starts=[tuple(s) for s in starts[held]])
@@ -182,16 +183,19 @@ Normal = Callable[[Law, Array], tuple[Array, Array]]
 def _solved(law: Law, normal: Normal, constants: Array) -> LawFit:
     """The amplitudes that explain most with these constants, none beyond the ends of the law's own
     starts; normal : matrix and right side of the normal equations of its amplitudes."""
-    ends = np.array(law.starts, float)
+    low, high = law.ends
     nothing = LawFit(law, np.zeros(0), constants, 0.0)
-    if np.any(constants < ends.min(axis=0)) or np.any(constants > ends.max(axis=0)):
+    if np.any(constants < low) or np.any(constants > high):
         return nothing
     with np.errstate(over="ignore", invalid="ignore"):
         gram, pull = normal(law, constants)
     if not np.all(np.isfinite(gram)):
         return nothing
-    scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    a = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale, rcond=1e-9)[0] / scale
+    if len(pull) == 1:  # what a dictionary is mostly made of
+        a = pull / gram[0] if gram[0, 0] > 1e-300 else 0.0 * pull
+    else:
+        scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+        a = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale, rcond=1e-9)[0] / scale
     return LawFit(law, a, constants, float(a @ pull))
 
 
@@ -200,9 +204,8 @@ def _refined(start: LawFit, normal: Normal) -> LawFit:
     law, constants = start.law, start.constants
     if not len(constants):
         return start
-    ends = np.array(law.starts, float)
-    high = ends.max(axis=0)
-    step = np.minimum(0.1 * np.abs(constants) + 1e-3, 0.3 * (high - ends.min(axis=0)))
+    low, high = law.ends
+    step = np.minimum(0.1 * np.abs(constants) + 1e-3, 0.3 * (high - low))
     step *= np.where(constants + step > high, -1.0, 1.0)
     found = optimize.minimize(
         lambda s: -_solved(law, normal, s).chi2,

@@ -59,9 +59,9 @@ class Judge:
     Folds decide; a test run is what is reported, and may only refuse.
 
     fold, cell (M,) : of the rows, a cell being a fold of one motion;
-    raw (n, M, p), white (n M, p) : columns of the model and of what was named; curves : per fold those
-    (n, M, c) of the curves; there, curves_there : on the test run; all_curves : as they are there from
-    all folds.
+    raw (n, M, p), white (n M, p) : columns of the model and of what was named; grams (F, p, p), pulls
+    (F, p) : of each fold's white rows, among them and with the target; curves : per fold those (n, M, c)
+    of the curves; there, curves_there : on the test run; all_curves : as they are there from all folds.
     """
 
     state: SearchState
@@ -71,6 +71,8 @@ class Judge:
     raw: Array
     white: Array
     target: Array
+    grams: Array
+    pulls: Array
     curves: tuple[Array, ...]
     all_curves: Array
     there: Array
@@ -84,7 +86,7 @@ class Judge:
         there = np.zeros((n, 0 if test is None else len(test[0].t), 0))
         blank = np.zeros(0)
         curves = (none,) * len(np.unique(fold))
-        bare = cls(state, test, fold, cell, none, blank, blank, curves, none, there, there)
+        bare = cls(state, test, fold, cell, none, blank, blank, blank, blank, curves, none, there, there)
         return bare.beside(state)
 
     def beside(self, state: SearchState) -> Judge:
@@ -100,12 +102,17 @@ class Judge:
         there = self.there
         if self.test is not None:
             there = columns(model_columns(*self.test, stage.frozen), self.test[0])
+        white, target = weighting.apply_all(white), weighting.apply_all(target)
+        every = np.tile(self.fold, stage.rows.n)
+        parts = [(white[mine], target[mine]) for f in np.unique(self.fold) for mine in [every == f]]
         return replace(
             self,
             state=state,
             raw=raw,
-            white=weighting.apply_all(white),
-            target=weighting.apply_all(target),
+            white=white,
+            target=target,
+            grams=np.array([x.T @ x for x, _ in parts]),
+            pulls=np.array([x.T @ y for x, y in parts]),
             there=there,
         )
 
@@ -115,7 +122,6 @@ class Judge:
         """With one more curve, or what its law makes of it, and what that does to the error of its
         joint."""
         rows, f = self.state.stage.rows, found
-        fit = replace(look.fit, rows=replace(look.fit.rows, fold=self.fold))
         if law is None:
             design = f.Z, f.C, f.factors, f.smooth.P
             # What the model's columns make comes out at random in a fold, and as large as rounding
@@ -125,7 +131,8 @@ class Judge:
         else:
             design = of_amplitudes(law, f, look)
             grid = law.law.columns(f.basis.points, law.constants)
-        tables = [effect.valued(grid @ c) for c in fold_coefficients(fit, *design, f.joint)]
+        parts = fold_coefficients(look.fit, *design, f.joint, self.fold)
+        tables = [effect.valued(grid @ c) for c in parts]
 
         def joined(old: Array, rows: SegmentedRuns, new: MeasuredCurve) -> Array:
             return np.concatenate([old, spread_columns(rows, new)], axis=2)
@@ -166,10 +173,10 @@ class Judge:
 
     def _left_out(self, joint: int) -> Array:
         stage, left = self.state.stage, np.zeros(len(self.fold))
-        for f, curves in zip(np.unique(self.fold), self.curves, strict=True):
+        for k, (f, curves) in enumerate(zip(np.unique(self.fold), self.curves, strict=True)):
             out = self.fold == f
             columns = np.concatenate([self.raw[joint], curves[joint]], axis=1)[out]
-            left[out] = stage.residual[out, joint] - columns @ self._parameters(~out, curves)
+            left[out] = stage.residual[out, joint] - columns @ self._parameters(curves, k)
         return np.asarray(
             np.bincount(self.cell, np.where(stage.rows.keep[:, joint], left, 0.0) ** 2), float
         )
@@ -178,23 +185,30 @@ class Judge:
         """Root mean square error on the test run."""
         assert self.test is not None
         rows = self.test[0]
-        theta = self._parameters(np.ones(len(self.fold), bool), self.all_curves)
+        theta = self._parameters(self.all_curves)
         columns = np.concatenate([self.there[joint], self.curves_there[joint]], axis=1)
         left = (rows.residual[:, joint] - columns @ theta)[rows.keep[:, joint]]
         return float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
 
-    def _parameters(self, train: NDArray[np.bool_], curves: Array) -> Array:
-        """(p + c,) from rows ``train`` (M,), with the prior that is worth one of them."""
-        stage, used = self.state.stage, np.tile(train, self.state.stage.rows.n)
-        columns = self.white[used]
+    def _parameters(self, curves: Array, but: int | None = None) -> Array:
+        """(p + c,) from all rows ``but`` those of one fold (its place), with the prior that is worth one
+        of them."""
+        stage, folds, p = self.state.stage, np.unique(self.fold), self.white.shape[1]
+        others = [k for k in range(len(folds)) if k != but]
+        train = np.isin(self.fold, folds[others])
+        gram = np.zeros((p + curves.shape[2],) * 2)
+        pull = np.zeros(len(gram))
+        gram[:p, :p], pull[:p] = self.grams[others].sum(axis=0), self.pulls[others].sum(axis=0)
         if curves.shape[2]:
             white, _ = white_rows(stage.rows, stage.noise, curves, stage.residual)
-            columns = np.hstack([columns, self.state.base.weighting.apply_all(white)[used]])
-        norms = np.linalg.norm(columns, axis=0)
+            own = self.state.base.weighting.apply_all(white)
+            own = own * np.tile(train, stage.rows.n)[:, None]
+            gram[:p, p:], gram[p:, p:], pull[p:] = self.white.T @ own, own.T @ own, own.T @ self.target
+            gram[p:, :p] = gram[:p, p:].T
+        norms = np.sqrt(np.diagonal(gram))
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-        columns = columns / unit
-        gram = columns.T @ columns + np.eye(len(unit)) / max(train.sum(), 1)
-        return np.asarray(np.linalg.solve(gram, columns.T @ self.target[used]) / unit)
+        gram = gram / unit[:, None] / unit + np.eye(len(unit)) / max(train.sum(), 1)
+        return np.asarray(np.linalg.solve(gram, pull / unit) / unit)
 
 
 def known_floor(noise: Noise, joint: int) -> float:

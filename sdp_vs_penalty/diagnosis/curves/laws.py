@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,12 +17,24 @@ _SCAN, _SCAN_TWO = 60, 14
 
 @dataclass(frozen=True)
 class Law:
-    """columns(points (P, v), constants) -> (P, m); starts : constants that a fit begins with, and within
-    whose ends it stays; text(amplitudes, constants) -> how it reads."""
+    """terms(variables, constants) -> its m columns, by broadcasting; starts : constants that a fit
+    begins with, and within whose ends it stays; text(amplitudes, constants) -> how it reads."""
 
-    columns: Callable[[Array, Array], Array]
+    terms: Callable[[Array, Array], Sequence[Array]]
     text: Callable[[Array, Array], str]
     starts: Sequence[tuple[float, ...]] = ((),)
+
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """(c,) least and largest of each constant."""
+        starts = np.array(self.starts, float)
+        return starts.min(axis=0), starts.max(axis=0)
+
+    def columns(self, points: Array, constants: Array) -> Array:
+        """(P, m) at points (P, v) with constants (c,); (P, S, m) with S sets of them (c, S)."""
+        x = points.T if constants.ndim == 1 else points.T[:, :, None]
+        shape = (*points.shape[:1], *constants.shape[1:])
+        return np.stack([np.broadcast_to(g, shape) for g in self.terms(x, constants)], axis=-1)
 
 
 def dictionary(axes: Sequence[Axis]) -> list[Law]:
@@ -46,9 +59,7 @@ def _terms(amplitudes: Array, names: Sequence[str]) -> str:
 
 
 def _sum(functions: Sequence[Callable[[Array], Array]], names: Sequence[str]) -> Law:
-    return Law(
-        lambda p, _: np.column_stack([g(p[:, 0]) for g in functions]), lambda a, _: _terms(a, names)
-    )
+    return Law(lambda p, _: [g(p[0]) for g in functions], lambda a, _: _terms(a, names))
 
 
 def _fastest(axis: Axis) -> float:
@@ -91,7 +102,7 @@ def _of_one(axis: Axis) -> list[Law]:
 
     def scaled(g: Callable[[Array], Array], text: Callable[[str], str]) -> Law:
         return Law(
-            lambda p, b: g(p[:, 0] / b[0])[:, None],
+            lambda p, b: [g(p[0] / b[0])],
             lambda a, b: f"{_number(a[0])} {text(f'{x} / {_number(b[0])}')}",
             widths,
         )
@@ -102,17 +113,17 @@ def _of_one(axis: Axis) -> list[Law]:
         scaled(lambda v: np.exp(-np.abs(v)), lambda v: f"exp(-|{v}|)"),
         scaled(lambda v: np.sign(v) * np.exp(-np.abs(v)), lambda v: f"sign({x}) exp(-|{v}|)"),
         Law(
-            lambda p, b: np.exp(p[:, 0] / b[0])[:, None],
+            lambda p, b: [np.exp(p[0] / b[0])],
             lambda a, b: f"{_number(a[0])} exp({x} / {_number(b[0])})",
             [(s * w,) for (w,) in widths if w > 0.05 * largest for s in (1.0, -1.0)],
         ),
         Law(
-            lambda p, b: np.column_stack([np.sin(b[0] * p[:, 0]), np.cos(b[0] * p[:, 0])]),
+            lambda p, b: [np.sin(b[0] * p[0]), np.cos(b[0] * p[0])],
             lambda a, b: _wave(a, f"{_number(b[0])} {x}"),
             [(float(k),) for k in _waves(axis, _SCAN)],
         ),
         Law(
-            lambda p, b: np.exp(-(((p[:, 0] - b[0]) / b[1]) ** 2))[:, None],
+            lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
             lambda a, b: f"{_number(a[0])} exp(-(({x} - {_number(b[0])}) / {_number(abs(b[1]))})^2)",
             [
                 (float(c), float(w))
@@ -129,14 +140,14 @@ def _of_phase(axis: Axis) -> list[Law]:
     k, q = axis.variable.order, f"q{axis.variable.joint + 1}"
 
     def wave(*orders: int) -> Law:
-        def columns(p: Array, _: Array) -> Array:
-            return np.hstack([g(np.outer(p[:, 0], orders)) for g in (np.sin, np.cos)])
+        def terms(p: Array, _: Array) -> list[Array]:
+            return [g(k * p[0]) for g in (np.sin, np.cos) for k in orders]
 
         def text(a: Array, _: Array) -> str:
             pairs = zip(np.reshape(a, (2, -1)).T, orders, strict=True)
             return " + ".join(_wave(pair, f"{_number(h * k)} {q}") for pair, h in pairs)
 
-        return Law(columns, text)
+        return Law(terms, text)
 
     return [wave(1), wave(2), wave(3), wave(1, 2)]
 
@@ -156,7 +167,7 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
 
     out = [
         Law(
-            lambda p, _, g=g, h=h: (g(p[:, 0]) * h(p[:, 1]))[:, None],  # type: ignore[misc]
+            lambda p, _, g=g, h=h: [g(p[0]) * h(p[1])],  # type: ignore[misc]
             lambda a, _, u=u, v=v: f"{_number(a[0])} {u} {v}",  # type: ignore[misc]
         )
         for g, u in simple(x, first.is_sign)
@@ -168,9 +179,9 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
         starts = [(float(w),) for w in _waves(axis, _SCAN // 2)]
         out += [
             Law(
-                lambda p, b, k=k, h=h: np.column_stack(  # type: ignore[misc]
-                    [np.sin(b[0] * p[:, k]) * h(p[:, 1 - k]), np.cos(b[0] * p[:, k]) * h(p[:, 1 - k])]
-                ),
+                lambda p, b, k=k, h=h: [  # type: ignore[misc]
+                    g(b[0] * p[k]) * h(p[1 - k]) for g in (np.sin, np.cos)
+                ],
                 lambda a, b, n=name, v=v: _wave(a, f"{_number(b[0])} {n}", f" {v}"),  # type: ignore[misc]
                 starts,
             )
@@ -184,9 +195,9 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
 def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
     """A wave of both positions."""
 
-    def columns(p: Array, b: Array) -> Array:
-        phase = p @ b
-        return np.column_stack([np.sin(phase), np.cos(phase)])
+    def terms(p: Array, b: Array) -> list[Array]:
+        phase = p[0] * b[0] + p[1] * b[1]
+        return [np.sin(phase), np.cos(phase)]
 
     def text(a: Array, b: Array) -> str:
         sign = "-" if b[1] < 0.0 else "+"
@@ -198,4 +209,4 @@ def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
         for k in np.linspace(0.0, one, _SCAN_TWO)[1:]
         for w in np.linspace(-two, two, 2 * _SCAN_TWO)
     ]
-    return Law(columns, text, starts)
+    return Law(terms, text, starts)

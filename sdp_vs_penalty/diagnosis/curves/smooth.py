@@ -14,7 +14,7 @@ N log(r'r / (r'r - s' (D + P)^-1 s)) stands in the place of the first term (conj
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -23,7 +23,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.fit import WhiteFit
+from sdp_vs_penalty.diagnosis.fit import WhiteFit, WithoutFold
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Weights of the roughness that are tried, relative to the data's.
@@ -58,11 +58,11 @@ class Factors:
         return cls(raw - C.T @ C, Z.T @ fit.residual[mine], raw, float(fit.rows.count[joint])), C
 
     def priors(self, penalties: Sequence[Array], weights: Array) -> Array:
-        """(W, k, k) P for each of W sets of weights, one a penalty."""
+        """(W, k, k) P for each of W sets of weights, one a penalty of unit trace."""
         total = float(np.trace(self.raw))
         own = self.raw / max(self.count, 1.0) + 1e-10 * total * np.eye(len(self.s))
-        rough = [(total / max(float(np.trace(S)), 1e-300)) * S for S in penalties]
-        return np.asarray(own + np.tensordot(weights, np.reshape(rough, (-1, *own.shape)), axes=1))
+        rough = (total * w[:, None, None] * S for w, S in zip(weights.T, penalties, strict=True))
+        return np.asarray(own[None] + sum(rough))
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,8 @@ def smooth(
     if fine and len(penalties) > 1:
         weights = np.array(list(product(_FINE_PAIR, repeat=len(penalties))))
     else:
-        weights = np.repeat((_FINE if fine else _COARSE)[:, None], len(penalties), axis=1)
+        weights = (_FINE if fine else _COARSE)[:, None]
+        penalties = [np.sum(penalties, axis=0)] if penalties else []
     P = f.priors(penalties, weights if penalties else np.zeros((1, 0)))
     k = len(f.s)
     # Bordered by s, the factor's last row is L^-1 s; the corner only has to be large enough.
@@ -105,7 +106,7 @@ def smooth(
     values = gain(np.sum(half**2, axis=1)) - size[0] + size[1]
     best = int(np.argmax(values))
     P, value = P[best], float(values[best])
-    c = np.linalg.solve(f.D + P, f.s)
+    c = scipy.linalg.solve_triangular(after[best], half[best], trans="T", lower=True, check_finite=False)
     return Smooth(c, P, value, float(2.0 * c @ f.s - c @ f.D @ c), f.D)
 
 
@@ -130,51 +131,36 @@ def agreement(scores: Array, A: Array) -> Array:
 
 def held_out_gain(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> float:
     """Gain in squared white residual of all folds, each from fits on the others."""
-    M, gain = len(fit.rows.block), 0.0
-    pull_all = Z.T @ fit.target[joint * M : (joint + 1) * M]
-    for part in fit.without_folds(fit.rows.fold):
-        c, change = _without(fit, part.out, Z, C, f, P, joint, part.inverse, part.theta, pull_all)
-        gain += float(np.sum(part.error**2) - np.sum((part.error - change @ c) ** 2))
+    gain, folds = 0.0, fit.without_folds(fit.rows.fold)
+    for part, (c, Z_out, overlap) in zip(folds, _without(fit, folds, Z, C, f, P, joint), strict=True):
+        change = np.negative(part.Q @ (part.inverse @ (overlap @ c))).reshape(fit.rows.n, -1)
+        change[joint] += Z_out @ c
+        gain += float(np.sum(part.error**2) - np.sum((part.error - change.ravel()) ** 2))
     return gain
 
 
-def _without(
-    fit: WhiteFit,
-    out: NDArray[np.bool_],
-    Z: Array,
-    C: Array,
-    f: Factors,
-    P: Array,
-    joint: int,
-    inverse: Array,
-    theta: Array,
-    pull_all: Array,
-) -> tuple[Array, Array]:
-    """Coefficients from the other folds, and what a unit of each changes on the rows left out."""
-    n, M = fit.rows.n, len(fit.rows.block)
-    held = out[:M]
-    Z_out, target = Z[held], fit.target[joint * M : (joint + 1) * M][held]
-    Q_out = fit.Q[out]
-    own = Q_out.reshape(n, len(Q_out) // n, Q_out.shape[1])[joint]  # of a frozen model: no columns
-    overlap = C - own.T @ Z_out
-    gram = f.raw - Z_out.T @ Z_out - overlap.T @ inverse @ overlap
-    pull = pull_all - Z_out.T @ target - overlap.T @ theta
-    c = np.linalg.solve(gram + P, pull)
-    change = np.negative(Q_out @ (inverse @ overlap)).reshape(n, -1, len(c))
-    change[joint] += Z_out
-    return c, change.reshape(-1, len(c))
-
-
 def fold_coefficients(
-    fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int
+    fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int, folds: NDArray[np.intp]
 ) -> list[Array]:
-    """Per fold (k,) the coefficients from the other folds."""
-    M = len(fit.rows.block)
-    pull_all = Z.T @ fit.target[joint * M : (joint + 1) * M]
-    return [
-        _without(fit, w.out, Z, C, f, P, joint, w.inverse, w.theta, pull_all)[0]
-        for w in fit.without_folds(fit.rows.fold)
-    ]
+    """Per fold of ``folds`` (M,) the coefficients (k,) from the other folds."""
+    return [c for c, _, _ in _without(fit, fit.without_folds(folds), Z, C, f, P, joint)]
+
+
+def _without(
+    fit: WhiteFit, folds: Sequence[WithoutFold], Z: Array, C: Array, f: Factors, P: Array, joint: int
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Of each fold the coefficients (k,) from the others, its rows of Z, and the other rows' Q'Z."""
+    n, M = fit.rows.n, len(fit.rows.block)
+    target = fit.target[joint * M : (joint + 1) * M]
+    pull_all = Z.T @ target
+    for part in folds:
+        held = part.out[:M]
+        Z_out = Z[held]
+        own = part.Q.reshape(n, len(Z_out), part.Q.shape[1])[joint]  # of a frozen model: no columns
+        overlap = C - own.T @ Z_out
+        gram = f.raw - Z_out.T @ Z_out - overlap.T @ part.inverse @ overlap
+        pull = pull_all - Z_out.T @ target[held] - overlap.T @ part.theta
+        yield np.linalg.solve(gram + P, pull), Z_out, overlap
 
 
 def identifiable(f: Factors, P: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -22,11 +22,6 @@ from sdp_vs_penalty.page.wording import (
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
-
-
-def _depends(session: Session) -> Any:
-    found = None if session.findings is None else session.findings.to_dict()
-    return [m.file for m in session.ladder], found, session.found_for, session.frozen
 
 
 def _draw(view: View) -> None:
@@ -208,4 +203,10 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict("good", "Nothing is missing that these measurements could show.")
 
 
-FINDINGS = after_model("findings", "What is missing", _draw, _verdict, _depends)
+FINDINGS = after_model(
+    "findings",
+    "What is missing",
+    _draw,
+    _verdict,
+    lambda s: (s.found_for, s.frozen, s.findings and s.findings.to_dict()),
+)

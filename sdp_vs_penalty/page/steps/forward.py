@@ -20,10 +20,6 @@ _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop o
 _LEVELS: dict[str, Any] = {"good": "good", "usable": "usable", "do not use": "bad"}
 
 
-def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder], session.answer("forward")
-
-
 def _draw(view: View) -> None:
     session, asked = view.session, {"drive": view.drive}
 
@@ -95,4 +91,4 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict(_LEVELS[made["grade"]], said[0].upper() + said[1:])
 
 
-FORWARD = after_model("forward", "Run forward", _draw, _verdict, _depends)
+FORWARD = after_model("forward", "Run forward", _draw, _verdict, lambda s: s.answer("forward"))

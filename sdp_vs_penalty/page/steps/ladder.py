@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
 
 
-def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder], [model.file for model in session.models]
-
-
 def _draw(view: View) -> None:
     session, robot = view.session, view.session.robot
     assert robot is not None
@@ -97,4 +93,6 @@ def _verdict(session: Session) -> Verdict | None:
     return Verdict(level, said)
 
 
-LADDER = after_model("ladder", "The falling error", _draw, _verdict, _depends)
+LADDER = after_model(
+    "ladder", "The falling error", _draw, _verdict, lambda s: [m.file for m in s.models]
+)

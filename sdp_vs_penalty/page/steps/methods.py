@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.page.controls import button, check, table, tag
-from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import after_model
 from sdp_vs_penalty.page.wording import figure, held
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
-
-
-def _depends(session: Session) -> Any:
-    return [model.file for model in session.ladder], session.answer("methods")
 
 
 def _draw(view: View) -> None:
@@ -85,4 +80,4 @@ def _draw(view: View) -> None:
     )
 
 
-METHODS = after_model("methods", "Compare methods", _draw, depends=_depends)
+METHODS = after_model("methods", "Compare methods", _draw, also=lambda s: s.answer("methods"))

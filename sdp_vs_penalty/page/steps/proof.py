@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.page.controls import button, drop, table, tag
 from sdp_vs_penalty.page.session import Session
@@ -13,10 +13,6 @@ from sdp_vs_penalty.report.evidence import CERTIFICATE
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.view import View
-
-
-def _depends(session: Session) -> Any:
-    return [m.file for m in session.ladder], session.answer("prove"), session.answers.get("verify")
 
 
 def _draw(view: View) -> None:
@@ -59,4 +55,10 @@ def _verdict(session: Session) -> Verdict | None:
     )
 
 
-PROOF = after_model("proof", "Certificate and proof", _draw, _verdict, _depends)
+PROOF = after_model(
+    "proof",
+    "Certificate and proof",
+    _draw,
+    _verdict,
+    lambda s: (s.answer("prove"), s.answers.get("verify")),
+)

@@ -104,13 +104,9 @@ def _surface(problem: Problem, link: int) -> Array:
 
 
 def _robot(axis: Any, problem: Problem) -> None:
-    pose = np.eye(4)
-    _frame(axis, pose, "0")
-    for k, joint in enumerate(problem.robot.joints):
-        turn = np.eye(4)
-        c, s = np.cos(_POSE[k]), np.sin(_POSE[k])
-        turn[:2, :2] = [[c, -s], [s, c]]
-        pose = pose @ joint.placement @ turn
+    _frame(axis, np.eye(4), "0")
+    (poses,) = problem.robot.poses(np.array([_POSE]))
+    for k, (joint, pose) in enumerate(zip(problem.robot.joints, poses, strict=True)):
         link_pose = pose @ joint.link_frame
         points = _surface(problem, k) @ link_pose[:3, :3].T + link_pose[:3, 3]
         axis.plot_surface(*np.moveaxis(points, 2, 0), color="#cccccc", alpha=0.5, linewidth=0)

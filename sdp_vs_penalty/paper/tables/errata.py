@@ -11,7 +11,7 @@ from sdp_vs_penalty.paper.tables.table import Column, Table
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import errata, published_links, published_values
-from sdp_vs_penalty.problem.real_data import real_data_folder
+from sdp_vs_penalty.problem.real_data import real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols, base_parameters
 from sdp_vs_penalty.robot import inertia
 
@@ -88,9 +88,8 @@ def _delta(problem: Problem) -> str:
 
 
 def _authors_bound(problem: Problem) -> str:
-    folder = real_data_folder()
-    file = None if folder is None else folder / "panda" / "bounds_gM.csv"
-    if file is None or not file.is_file():
+    file = real_file("panda", "bounds_gM.csv")
+    if file is None:
         return "the authors' file is not at hand: not checked in this run"
     for line in file.read_text().splitlines():
         cells = line.split(",")

@@ -23,7 +23,7 @@ from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, 
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
-from sdp_vs_penalty.problem.real_data import good_configurations, measured_run
+from sdp_vs_penalty.problem.real_data import measured_run, real_file
 from sdp_vs_penalty.registration import by_word
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox, load_configurations
@@ -252,7 +252,7 @@ class Study:
     @cached_property
     def black_box(self) -> tuple[BlackBox, bool]:
         """The true links' answers, and whether at the authors' configurations."""
-        x, file = self.experiment, good_configurations(self.problem)
+        x, file = self.experiment, real_file(self.problem.name, "good_configurations_1010.txt")
         if file is None:
             q = self.problem.robot.random_configurations(_CONFIGURATIONS, self.seed)
         else:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -12,7 +10,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import as_csv, write_text
 
 if TYPE_CHECKING:
     import pandas
@@ -83,11 +81,8 @@ class Table:
         return pandas.DataFrame(self.rows, columns=[column.name for column in self.columns])
 
     def csv(self) -> str:
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow([column.name for column in self.columns])
-        writer.writerows([exact(cell) for cell in row] for row in self.rows)
-        return out.getvalue()
+        cells = ([exact(cell) for cell in row] for row in self.rows)
+        return as_csv([column.name for column in self.columns], cells)
 
     @property
     def measured(self) -> bool:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import as_csv, write_text
 from sdp_vs_penalty.show import markdown_table
 from sdp_vs_penalty.simulation.challenge import judge
 from sdp_vs_penalty.simulation.challenge.judge import Item, Record, counted, wilson
@@ -60,17 +58,15 @@ def write_report(records: Mapping[str, Record], out: Path, seed: int) -> list[Pa
 
 def csv_text(records: Mapping[str, Record]) -> str:
     """One case a row."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
     names = "case arm truth energy verdict found retuned rivals events seconds"
-    writer.writerow(names.split())
+    rows = []
     for key, r in records.items():
         rivals = r["found"][0]["indistinguishable_from"] if r["found"] else []
         row = [key, r["conditions"]["arm"], "+".join(map(_label, r["truth"]))]
         row += [" ".join(f"{e:.4g}" for e in r["energy"]), r["verdict"]]
         row += ["+".join(map(_label, r["found"])), str(len(r["retuned"])), " ".join(rivals)]
-        writer.writerow([*row, str(len(r["events"])), f"{r.get('seconds', 0.0):.2f}"])
-    return buffer.getvalue()
+        rows.append([*row, str(len(r["events"])), f"{r.get('seconds', 0.0):.2f}"])
+    return as_csv(names.split(), rows)
 
 
 def _label(item: Item) -> str:

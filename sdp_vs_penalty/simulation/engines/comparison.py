@@ -107,15 +107,13 @@ def play(
     return EngineRun(kind.name, kind.version() or "", followed, model, position, angle)
 
 
-def inverse_dynamics_error(
-    kind: type[Engine], robot: Robot, links: Array, count: int = 100, seed: int = 0
-) -> float | None:
-    """Largest torque difference [N m] to Pinocchio over random states; None without inverse dynamics.
+def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> float | None:
+    """Largest torque difference [N m] to Pinocchio in 100 random states; None without inverse dynamics.
 
     Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1 rad/s^2.
     """
-    q = robot.random_configurations(count, seed)
-    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n))
+    q = robot.random_configurations(100, seed=0)
+    dq, ddq = np.random.default_rng(0).normal(size=(2, 100, robot.n))
     torque = kind(robot, links).inverse_dynamics(q, dq, ddq)
     if torque is None:
         return None

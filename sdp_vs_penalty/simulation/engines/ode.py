@@ -152,13 +152,9 @@ class _Scene:
         self.bodies: list[c_void_p] = []
         self.joints: list[c_void_p] = []
         self.feedback = [_Feedback() for _ in self.robot.joints]
-        frames: list[Array] = []
-        for k, joint in enumerate(self.robot.joints):
-            parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
-            at_zero = parent @ joint.placement
-            frames.append(at_zero @ _motion(joint, start[k]))
-            self._body(k, frames[k])
-            self._joint(k, joint, frames[k])
+        for k, frame in enumerate(self.robot.poses(start[None])[0]):
+            self._body(k, frame)
+            self._joint(k, self.robot.joints[k], frame)
 
     def _body(self, k: int, frame: Array) -> None:
         body = c_void_p(self.ode.dBodyCreate(self.world))
@@ -239,14 +235,3 @@ class _Scene:
         r = relative[:3, :3]
         twice = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
         return float(np.arctan2(0.5 * joint.axis @ twice, 0.5 * (np.trace(r) - 1.0)))
-
-
-def _motion(joint: Joint, value: float) -> Array:
-    out = np.eye(4)
-    if joint.kind == "prismatic":
-        out[:3, 3] = value * joint.axis
-        return out
-    x, y, z = joint.axis
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    out[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * k @ k
-    return out

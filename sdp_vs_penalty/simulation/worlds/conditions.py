@@ -134,7 +134,8 @@ NUISANCES: Mapping[str, Nuisance] = {
         Nuisance("rate", lambda c, rng: _channel(c, rate=float(rng.choice(RATES)))),
         Nuisance("noise", _noise),
         Nuisance("points", lambda c, _: replace(c, motion="points")),
-        Nuisance("servo", _servo),
+        # A sign of the velocity lets go at rest, where set-valued friction holds.
+        Nuisance("servo", _servo, ("stiction",)),
         Nuisance(
             "rotor", lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))), ("rotor_inertia",)
         ),
@@ -165,6 +166,7 @@ def fair(c: Conditions) -> tuple[set[str], bool]:
         "causal": c.channel.lag > 0.0,
         "delay": c.channel.delay > 0.0,
         "geometry": c.misplacement != (0.0, 0.0),
+        "servo": c.servo and c.law == "sign",
         "rotor": c.rotor > 0.0,
     }
     present = [NUISANCES[name] for name, here in at_work.items() if here]
