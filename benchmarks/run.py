@@ -1,10 +1,13 @@
-"""All speed and memory figures, each as a ratio of two ways measured in one run on one machine.
+"""Every figure of speed and memory, by one command.
 
-    python benchmarks/run.py --data DATA [--figaroh FIGAROH_PYTHON] [--out results]
+    python benchmarks/run.py [--data DATA] [--figaroh PYTHON] [--only PART ...] [--again] [--out results]
 
-DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda). FIGAROH_PYTHON
-is the interpreter of an environment with figaroh==1.0.2; without it that row says so. Everything runs
-on one thread. Writes benchmarks.csv and benchmarks.md.
+DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
+SDP_VS_PENALTY_DATA). PYTHON is the interpreter of an environment with figaroh==1.0.2; without it that
+comparison says so, as the parts say that use the compiled core where it is not installed. Each part runs
+in a process of its own on one thread and leaves its figures in build/benchmarks; a part that is there is
+not measured again unless --again is given, so that a run that was stopped goes on. Figures are ratios
+within one part. Writes benchmarks.csv, benchmarks.md and benchmarks.png of all parts that are there.
 """
 
 from __future__ import annotations
@@ -12,347 +15,187 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import json
 import os
 import platform
 import subprocess
 import sys
-import tempfile
 import time
-import tracemalloc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-import bootstrap
-import default_path
-import naive
-import numpy as np
-
-from sdp_vs_penalty import identify, load_measurements, load_problem
-from sdp_vs_penalty.data.files import save
-from sdp_vs_penalty.data.formats import csv_text
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.effects.effect import SIGN_WIDTH
-from sdp_vs_penalty.estimation.certify import versions
-from sdp_vs_penalty.estimators import make_estimator
-from sdp_vs_penalty.estimators.barycentric import barycentric_box
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
-from sdp_vs_penalty.estimators.task import make_task
-from sdp_vs_penalty.export import export
-from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import LeastSquares, compress
-from sdp_vs_penalty.robot import compiled
-
-#: The default SDP without what only we have: its plain form is what a script would write.
-METHOD = "lmi-sdp"
 HERE = Path(__file__).parent
+STATE = HERE.parent / "build" / "benchmarks"
+#: Name of each part, and what it measures.
+PARTS = {
+    "text": "text files to a certified estimate against the naive way; one penalised loss",
+    "core": "the compiled core against Python",
+    "flat": "solve time and memory against the length of a run",
+    "process": "identify as a process against FIGAROH's",
+    "chain": "a chain of 60 links",
+    "bootstrap": "1000 certified draws",
+    "samples": "exponent in samples",
+    "runs": "exponent in runs",
+    "joints": "exponent in joints",
+    "library": "exponent of a diagnosis in the library's size",
+    "memory": "processor time and peak memory of whole commands on long recordings",
+}
 
 
-@dataclass(frozen=True)
-class Row:
-    """One comparison; target: what was aimed at, as text; met: whether it was reached."""
+def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
+    """Rows of pairs, series of growth, or lines of the memory table."""
+    import growth
+    import pairs
 
-    what: str
-    ours: float
-    other: float
-    unit: str
-    ratio: float
-    target: str
-    met: bool
-    note: str = ""
+    from sdp_vs_penalty import load_measurements, load_problem
+    from sdp_vs_penalty.estimation.certify import versions
 
-
-def cpu(call: Callable[[], object], times: int = 1) -> float:
-    """Least processor time of a call [s]."""
-    best = np.inf
-    for _ in range(times):
-        start = time.process_time()
-        call()
-        best = min(best, time.process_time() - start)
-    return best
-
-
-def from_text(problem: Problem, folder: Path) -> tuple[Row, np.ndarray]:
-    """Text files to a certified estimate, against the naive route; also the naive route's rows."""
-    ours = cpu(lambda: identify(problem, load_measurements(folder, joints=7), METHOD), times=7)
-    task = task_of(problem, load_measurements(folder, joints=7))  # for its constraints
-    kept: list[np.ndarray] = []
-
-    def route() -> None:
-        _, q, tau = naive.read(folder, 7)
-        rows = naive.all_rows(problem.robot._model, q, tau, SIGN_WIDTH)
-        r = naive.triangle(rows)
-        data = LeastSquares(
-            r[:-1, :-1], r[:-1, -1], abs(r[-1, -1]), float(r[:, -1] @ r[:, -1]), len(rows)
-        )
-        solve_with_cvxpy(replace(task, data=data))
-        kept.append(rows)
-
-    other = cpu(route, times=2)
-    row = Row(
-        "text files to estimate, CPU", ours, other, "s", other / ours, ">= 15x less", other >= 15 * ours,
-        "ours certified; theirs: Pinocchio loop, columns filtered, QR of all rows, CVXPY + Clarabel",
-    )  # fmt: skip
-    return row, kept[0]
-
-
-def task_of(problem: Problem, measurements: Measurements) -> Task:
-    model = problem.model()
-    settings = problem.preprocessing.resolve(measurements)
-    return make_task(problem, model, compress(measurements, model, settings))
-
-
-def solve_with_cvxpy(task: Task) -> np.ndarray:
-    """The same problem as the default method's, through CVXPY from nothing."""
-    objective, constraints = make_estimator(METHOD).posed(task)  # type: ignore[attr-defined]
-    data = objective.least_squares
-    norms = data.column_norms
-    size = np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf)
-    scale = np.where(norms > 0.0, np.minimum(size, task.bound), task.bound)
-    unit = float(np.sqrt(data.loss(task.ols)))
-    return naive.solve(data.R, data.rho, scale, unit, constraints.convex)
-
-
-def compressed(task: Task) -> Row:
-    """The default path with set-up against fresh CVXPY + Clarabel on the same compressed problem."""
-    estimator = make_estimator(METHOD)
-    ours = cpu(lambda: estimator.fit(task), times=15)
-    other = cpu(lambda: solve_with_cvxpy(task), times=7)
-    return Row(
-        "compressed problem to optimum, CPU", 1e3 * ours, 1e3 * other, "ms", other / ours,
-        ">= 2x less", other >= 2 * ours, "ours: set-up, interior point, solve, gap checked",
-    )  # fmt: skip
-
-
-@contextmanager
-def without_core() -> Iterator[None]:
-    """Everything in Python, as where the compiled core is not installed."""
-    before = os.environ.get(compiled.VARIABLE, "")
-    os.environ[compiled.VARIABLE] = "off"
-    try:
-        yield
-    finally:
-        os.environ[compiled.VARIABLE] = before
-
-
-def compiled_core(problem: Problem, folder: Path, draws: int = 60) -> list[Row]:
-    """What the compiled core (native/) saves: its time against that of Python alone."""
-    if compiled.core() is None:
-        return []
+    problem = load_problem("panda")
+    folder = given.data / "panda"
     run = load_measurements(folder, joints=7)
-    task, states = task_of(problem, run), (run.q[:5000], 0.1 * run.q[:5000], run.q[:5000])
-    _, instance, blocks = default_path.measured_panda()
-    with tempfile.TemporaryDirectory() as name:
-        table = Path(name) / "run.csv"
-        save(run, table)
-        width = len(csv_text.header(table))
-        work = {
-            ("rigid-body columns, a sample", "us", 1e6 / 5000): (
-                lambda: problem.robot.regressor(*states),
-                5,
-            ),
-            ("20544 rows of CSV", "ms", 1e3): (lambda: csv_text.numbers(table, width), 5),
-            ("compressed problem to certified fit", "ms", 1e3): (
-                lambda: make_estimator(METHOD).fit(task),
-                9,
-            ),
-            ("text files to estimate", "s", 1.0): (
-                lambda: identify(problem, load_measurements(folder, joints=7), METHOD),
-                5,
-            ),
-            ("bootstrap, a certified draw", "ms", 1e3 / draws): (
-                lambda: bootstrap.bootstrap(instance.task, blocks, draws, 0),
-                1,
-            ),
-        }
-        rows = []
-        for (what, unit, scale), (call, times) in work.items():
-            ours = cpu(call, times)
-            with without_core():
-                other = cpu(call, times)
-            rows.append(
-                Row(f"{what}: compiled against Python, CPU", scale * ours, scale * other, unit,
-                    other / ours, "faster", ours < other)
-            )  # fmt: skip
-    return rows
-
-
-def peak(call: Callable[[], object]) -> float:
-    """Memory that a call needs at most beyond what was there before [MB]."""
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    tracemalloc.reset_peak()
-    call()
-    highest = tracemalloc.get_traced_memory()[1] - before
-    tracemalloc.stop()
-    return highest / 1e6
-
-
-def to_and_fro(run: Measurements, times: int) -> Measurements:
-    """One long run: the motion forwards, backwards, forwards, ... under one clock."""
-    span = run.t[-1] - run.t[0] + float(np.median(np.diff(run.t)))
-    t, q, tau = [], [], []
-    for k in range(times):
-        forth = k % 2 == 0
-        t.append(k * span + (run.t - run.t[0] if forth else run.t[-1] - run.t[::-1]))
-        q.append(run.q if forth else run.q[::-1])
-        tau.append(run.tau if forth else run.tau[::-1])
-    return Measurements(np.concatenate(t), np.concatenate(q), np.concatenate(tau))
-
-
-def flat_in_samples(problem: Problem, run: Measurements, times: int = 8) -> list[Row]:
-    """Solve time and memory for the run once and ``times`` as long."""
-    long = to_and_fro(run, times)
-    again = concatenate([run] * times)  # the same problem; backwards, friction would contradict itself
-    model, settings = problem.model(), problem.preprocessing.resolve(run)
-    estimator = make_estimator(METHOD)
-    tasks = [task_of(problem, data) for data in (run, again)]
-    once, over = (cpu(lambda task=task: estimator.fit(task), times=15) for task in tasks)  # type: ignore[misc]
-    # Blocks of a few seconds are not full triangles yet: memory saturates with the length of blocks.
-    longer = to_and_fro(run, 2 * times)
-    lengths = (run, long, longer)
-    memory = [peak(lambda data=data: compress(data, model, settings)) for data in lengths]  # type: ignore[misc]
-    count = f"{len(run.t)} against {len(long.t)} samples"
-    return [
-        Row(
-            f"solve time, {count}",
-            *(1e3 * over, 1e3 * once, "ms", over / once),
-            *("flat (within 25 %)", over <= 1.25 * once),
-        ),
-        Row(
-            f"memory of filtering and compression, {len(longer.t)} against {len(long.t)} samples",
-            *(memory[2], memory[1], "MB", memory[2] / memory[1]),
-            *("flat (within 25 %)", memory[2] <= 1.25 * memory[1]),
-            f"beyond the samples; {memory[0]:.3g} MB for {len(run.t)} (blocks not yet full triangles)",
-        ),
-    ]
-
-
-def one_loss(task: Task, rows: np.ndarray) -> Row:
-    """One penalised loss of the paper's method, against the residual of all rows."""
-    box = barycentric_box(task)
-    loss = PenalisedLoss(task, task.data, box, np.arange(len(task.bound)), box.p(task.ols))
-    u = np.random.default_rng(0).uniform(size=len(task.bound))
-    y, tau, theta = rows[:, :-1], rows[:, -1], task.ols
-
-    def all_rows() -> None:
-        residual = y @ theta - tau
-        residual @ residual
-
-    count = 2000
-    ours = cpu(lambda: [loss.value(u, 10.0) for _ in range(count)], times=3) / count
-    other = cpu(lambda: [all_rows() for _ in range(20)], times=3) / 20
-    return Row(
-        "one penalised loss, CPU", 1e6 * ours, 1e6 * other, "us", other / ours, "< 50 us", ours < 50e-6,
-        "ours: loss, triangle inequalities, total mass; theirs: the loss alone on all rows",
-    )  # fmt: skip
-
-
-#: A small process that starts the command and reports on it: its own memory stays out of the figure.
-_LAUNCH = """
-import os, subprocess, sys, time
-start = time.perf_counter()
-child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
-_, status, usage = os.wait4(child.pid, 0)
-print(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3, status)
-"""
-
-
-def process(command: list[str]) -> tuple[float, float, float]:
-    """Wall time [s], processor time [s] and peak memory [MB] of a process."""
-    result = subprocess.run([sys.executable, "-c", _LAUNCH, *command], capture_output=True, text=True)
-    wall, processor, memory, status = map(float, result.stdout.split())
-    if status != 0:
-        raise RuntimeError(f"{command[0]} failed: {result.stderr[-500:]}")
-    return wall, processor, memory
-
-
-def whole_process(problem: Problem, run: Measurements, python: str | None) -> list[Row]:
-    """`identify` as a process against FIGAROH's script, both from the same RUN.csv (uniform 1 kHz)."""
-    if python is None:
-        return []
-    grid = np.arange(run.t[0], run.t[-1], 0.001)
-    q, tau = (np.column_stack([np.interp(grid, run.t, c) for c in x.T]) for x in (run.q, run.tau))
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        save(Measurements(grid, q, tau), folder / "run.csv")
-        export(identify(problem, run, METHOD), folder / "robot.urdf")
-        ours = [sys.executable, "-c", "from sdp_vs_penalty.cli.main import main; main()", "identify"]
-        # The check would refuse what was resampled for FIGAROH, which has none.
-        ours += [problem.name, "--data", str(folder / "run.csv"), "--no-check"]
-        ours += ["--out", str(folder / "model.json")]
-        theirs = [python, str(HERE / "figaroh_identify.py"), str(folder / "run.csv")]
-        theirs += [str(folder / "robot.urdf"), "1000", str(folder / "figaroh.json")]
-        measured = [(process(ours), process(theirs)) for _ in range(3)]
-        accepted = '"accepted": true' in (folder / "figaroh.json").read_text()
-    least = np.array(measured).min(axis=0)  # (2 programs, 3 figures)
-    note = "without the data check; FIGAROH 1.0.2 from PyPI, physical_fit, decimation by 10; it " + (
-        "accepts its result" if accepted else "rejects its result"
-    )
-    names = (("wall", "s"), ("CPU", "s"), ("peak memory", "MB"))
-    return [
-        Row(
-            f"whole identify process, {name}",
-            *(float(mine), float(other), unit, float(other / mine)),
-            *("at most half", 2 * mine <= other, note),
-        )
-        for (name, unit), mine, other in zip(names, *least, strict=True)
-    ]
+    rows, series, lines = [], [], []
+    if part == "text":
+        rows = pairs.text_and_loss(problem, folder, run)
+    elif part == "core":
+        rows = pairs.compiled_core(problem, folder)
+    elif part == "flat":
+        rows = pairs.flat_in_samples(problem, run)
+    elif part == "process":
+        rows = pairs.whole_process(problem, run, given.figaroh)
+    elif part == "chain":
+        rows = growth.chain()
+    elif part == "bootstrap":
+        rows = growth.resamples()
+    elif part == "memory":
+        lines = growth.memory(run, problem, given.rows)
+    else:
+        series = growth.growing(problem, run)[part]()
+    return {
+        "rows": [asdict(r) for r in rows],
+        "series": [asdict(s) for s in series],
+        "lines": lines,
+        "versions": versions(),
+    }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--figaroh")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, default=os.environ.get("SDP_VS_PENALTY_DATA"))
+    parser.add_argument("--figaroh", help="interpreter of an environment with figaroh")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
+                        help=", ".join(PARTS))  # fmt: skip
+    parser.add_argument("--again", action="store_true", help="measure parts that are there, too")
+    parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000],
+                        help="lengths of the memory part")  # fmt: skip
     parser.add_argument("--out", type=Path, default=HERE.parent / "results")
-    options = parser.parse_args()
-    one_thread = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
-    if not one_thread.items() <= os.environ.items():  # must be said before NumPy is loaded
-        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | one_thread)
-    problem = load_problem("panda")
-    run = load_measurements(options.data / "panda", joints=7)
-    identify(problem, run, METHOD)  # imports and caches: "after import"
-    solve_with_cvxpy(task_of(problem, run))
-    with without_core():  # the rows of Python alone
-        first, rows = from_text(problem, options.data / "panda")
-    task = task_of(problem, run)
-    table = [
-        first,
-        compressed(task),
-        *compiled_core(problem, options.data / "panda"),
-        *flat_in_samples(problem, run),
-        one_loss(task, rows),
-        *whole_process(problem, run, options.figaroh),
-    ]
-    write(table, options.out, options.figaroh is not None)
+    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.data is None:
+        parser.error("name the folder of the measurements: --data, or SDP_VS_PENALTY_DATA")
+    if given.measure:
+        print(json.dumps(measure(given.measure, given)))
+        return
+    STATE.mkdir(parents=True, exist_ok=True)
+    words = ["--data", str(given.data), "--rows", *map(str, given.rows)]
+    words += ["--figaroh", given.figaroh] if given.figaroh else []
+    threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+    for number, part in enumerate(given.only, 1):
+        kept = STATE / f"{part}.json"
+        if kept.exists() and not given.again:
+            print(f"{number}/{len(given.only)} {part}: there already", flush=True)
+            continue
+        print(f"{number}/{len(given.only)} {part}: {PARTS[part]}", flush=True)
+        command = [sys.executable, __file__, "--measure", part, *words]
+        begin = time.monotonic()
+        done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True)
+        if done.returncode:
+            print(f"  {part} failed; the others go on", flush=True)
+            continue
+        found = json.loads(done.stdout.splitlines()[-1])
+        found |= {"when": f"{datetime.now(UTC):%Y-%m-%d %H:%M}", "seconds": time.monotonic() - begin}
+        found["load"] = os.getloadavg()[0]
+        kept.write_text(json.dumps(found))
+    write(given.out)
 
 
-def write(table: list[Row], out: Path, with_figaroh: bool) -> None:
-    """benchmarks.csv and benchmarks.md."""
+def write(out: Path) -> None:
+    """benchmarks.csv, benchmarks.md and benchmarks.png of the parts that are there."""
+    from growth import Series, picture
+
+    from sdp_vs_penalty.files import write_text
+
+    parts = {
+        p: json.loads((STATE / f"{p}.json").read_text()) for p in PARTS if (STATE / f"{p}.json").exists()
+    }
     names = ["what", "ours", "other", "unit", "ratio", "target", "met", "note"]
     cells = [
-        [r.what, f"{r.ours:.3g}", f"{r.other:.3g}", r.unit, f"{r.ratio:.3g}", r.target,
-         "yes" if r.met else "no", r.note] for r in table
+        [r["what"], f"{r['ours']:.3g}", f"{r['other']:.3g}", r["unit"], f"{r['ratio']:.3g}", r["target"],
+         "yes" if r["met"] else "no", r["note"]]
+        for found in parts.values() for r in found["rows"]
     ]  # fmt: skip
     buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerows([names, *cells])
+    csv.writer(buffer, lineterminator="\n").writerows([names, *cells])
     write_text(out / "benchmarks.csv", buffer.getvalue())
-    lines = ["| " + " | ".join(line) + " |" for line in [names, ["---"] * len(names), *cells]]
-    machine = f"{platform.machine()}, {os.cpu_count()} processors, one thread used"
-    used = ", ".join(f"{name} {version}" for name, version in versions().items())
-    absent = "" if with_figaroh else "\nFIGAROH was not given and is not compared.\n"
-    write_text(
-        out / "benchmarks.md",
-        "# Speed and memory\n\nPanda, the authors' run of 20 544 samples; both columns of a row were "
-        f"measured in one run of `python benchmarks/run.py` ({machine}; {used}).\n{absent}\n"
-        + "\n".join(lines)
-        + "\n",
+    series = [Series(**s) for found in parts.values() for s in found["series"]]
+    text = ["# Speed and memory", "", _about(parts), "", *_table(names, cells)]
+    if series:
+        picture(series, out / "benchmarks.png")
+        grown = [
+            [
+                s.what,
+                s.of,
+                *(f"{x[0]:.6g} to {x[-1]:.6g}" for x in (s.sizes, s.seconds)),
+                f"{s.exponent:.2f}",
+            ]
+            for s in series
+        ]
+        text += [
+            "",
+            "## How cost grows",
+            "",
+            "Processor seconds; the exponent is that of the larger sizes.",
+            "",
+        ]
+        text += _table(["what", "in", "sizes", "seconds", "exponent"], grown)
+        text += ["", "![Processor time against size](benchmarks.png)"]
+    if parts.get("memory"):
+        head = ["command", "rows", "CPU [s]", "peak memory beyond imports [MB]"]
+        text += [
+            "",
+            "## Long recordings",
+            "",
+            "Whole commands, a process each, on recordings at 1 kHz.",
+            "",
+        ]
+        text += _table(head, parts["memory"]["lines"])
+    absent = [
+        p for p in PARTS if p not in parts or not any(parts[p][k] for k in ("rows", "series", "lines"))
+    ]
+    if absent:
+        text += ["", f"Not measured: {', '.join(f'{p} ({PARTS[p]})' for p in absent)}."]
+    write_text(out / "benchmarks.md", "\n".join([*text, ""]))
+    print("\n".join(text))
+
+
+def _table(head: list[str], lines: list[list[str]]) -> list[str]:
+    return ["| " + " | ".join(line) + " |" for line in [head, ["---"] * len(head), *lines]]
+
+
+def _about(parts: dict[str, Any]) -> str:
+    used = next((f["versions"] for f in parts.values()), {})
+    when = [f["when"] for f in parts.values()] or [""]
+    loads = [f["load"] for f in parts.values()] or [0.0]
+    machine = f"{platform.machine()}, one thread used, load {min(loads):.0f} to {max(loads):.0f}"
+    return (
+        "Panda, the authors' run of 20 544 samples; the figures of a row or a line were measured in one "
+        "process or in turn, part by part, by `python benchmarks/run.py` between "
+        f"{min(when)} and {max(when)} UTC ({machine}; "
+        f"{', '.join(f'{name} {version}' for name, version in used.items())})."
     )
-    print("\n".join(lines))
 
 
 if __name__ == "__main__":

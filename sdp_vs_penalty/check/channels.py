@@ -9,15 +9,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, propose
+from sdp_vs_penalty.check.hypothesis import ENOUGH, LEAST, Hypothesis, Number, all_fitted, propose
 from sdp_vs_penalty.check.issue import joints_text
-from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.check.physics import Physics, settled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Gains that are tried; nearer to 1 than the second figure none is named: so far drives are calibrated.
 _GAINS = (1e-3, 1e-2, 0.1, 0.5, 0.8, 1.0, 1.25, 2.0, 10.0, 100.0, 1000.0)
 _SMALLEST_GAIN, _GROSS_GAIN = 0.06, 0.2
+_DECADE = float(np.log(10.0))
 #: Logarithm by which the channels of one arm, as its drives are calibrated, differ.
 _USUAL_GAIN = 0.1
 #: A model of channels that differ by less is wrong by as much, but not meaningless.
@@ -40,12 +41,18 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     alive = np.std(physics.channels, axis=0) > 1e-9 * np.abs(physics.channels).max(axis=0)
     if np.sum(moving & alive) < 2:
         return  # a joint that moves alone has none to be compared with
-    for j in np.flatnonzero(moving & alive):
-        number = gain_number(int(j), n).fitted(physics, np.log(_GAINS).tolist())
+    asked = np.flatnonzero(moving & alive).tolist()
+    numbers = all_fitted([gain_number(j, n) for j in asked], physics, np.log(_GAINS).tolist())
+    for j, number in zip(asked, numbers, strict=True):
         found = number.value
         unit = next((u for u in _UNITS if abs(found - np.log(u)) < (0.1 if u < 0.05 else 0.02)), None)
         if abs(found) < np.log1p(_SMALLEST_GAIN):
             continue
+        told = number.where(physics)
+        tried = settled(number.at(found + x)(told) for x in (0.0, -_DECADE, _DECADE))
+        best, *others = (e.misfit for e in tried)
+        if min(others) < best + LEAST:
+            continue  # any size explains as much: a channel that is clipped, or none of this arm's
         factor = float(np.exp(found)) if unit is None else unit
         size = f"{1.0 / factor:.3g} times too large" if factor < 1.0 else f"{factor:.3g} times too small"
         what = f"the torque of joint {j + 1} is {size} beside those of the joints that it moves with"
@@ -55,7 +62,7 @@ def gain(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
         scale = np.where(same == j, factor, 1.0)
         yield propose(
             replace(number, value=float(np.log(factor))), 2, texts,
-            partial(_scaled, scale=scale), joints=[int(j) + 1],
+            partial(_scaled, scale=scale), joints=[j + 1],
             factor=factor, gross=abs(found) > np.log1p(_GROSS_GAIN),
             severity="error" if abs(found) > np.log1p(_MEANINGLESS) else "warning",
         )  # fmt: skip
@@ -68,7 +75,7 @@ def gain_number(j: int, n: int) -> Number:
         scale = np.where(np.arange(n) == j, np.exp(x), 1.0)
         return partial(Physics.with_channels, scale=scale, order=np.arange(n))
 
-    return Number(0.0, at, _USUAL_GAIN)
+    return Number(0.0, at, _USUAL_GAIN, where=lambda p: p.sliding)
 
 
 def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -76,19 +83,22 @@ def late(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
 
     A joint that moves alone has no others.
     """
-    for joint in np.flatnonzero(moving) if moving.sum() > 1 else ():
-        yield from _late(physics, [int(joint)])
-    yield from _late(physics, list(range(physics.n)))
+    groups = [[j] for j in np.flatnonzero(moving).tolist()] if moving.sum() > 1 else []
+    groups.append(list(range(physics.n)))
+    channels = [np.isin(np.arange(physics.n), joints).astype(float) for joints in groups]
+    delays = all_fitted([_lead(x, 2) for x in channels], physics, _LATE)
+    lags = all_fitted([_lead(x, 1) for x in channels], physics, _SLOW)
+    for joints, delay, lag in zip(groups, delays, lags, strict=True):
+        yield from _late(physics, joints, delay, lag)
 
 
-def _late(physics: Physics, joints: list[int]) -> Iterator[Hypothesis]:
+def _late(physics: Physics, joints: list[int], number: Number, lag: Number) -> Iterator[Hypothesis]:
     every = len(joints) == physics.n
     one = np.isin(np.arange(physics.n), joints).astype(float)
 
     where = "all torque channels" if every else joints_text(joints)
     of = "the torques" if every else f"the torque of {where}"
     numbers = [j + 1 for j in joints]
-    number = _lead(one, 2).fitted(physics, _LATE)
     delay = number.value
     if abs(delay) > _SMALLEST_DELAY:
         word = "later" if delay > 0.0 else "earlier"
@@ -104,12 +114,11 @@ def _late(physics: Physics, joints: list[int]) -> Iterator[Hypothesis]:
             partial(shifted, channels=one, seconds=delay),
             severity="warning", seconds=delay, joints=numbers,
         )  # fmt: skip
-    number = _lead(one, 1).fitted(physics, _SLOW)
-    slow = number.value
+    slow = lag.value
     if slow > (1 if every else 2) * _SMALLEST_DELAY:
         others = "the positions have not." if every else "the other torques have not."
         yield propose(
-            number, 2 if every else 3,
+            lag, 2 if every else 3,
             (
                 "torque filter" if every else "channel filter", where,
                 f"{of} {'have' if every else 'has'} passed a causal low-pass of {_hertz(slow)}; "
@@ -159,8 +168,8 @@ def weight(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     groups = [*([j] for j in range(n)), list(range(n))]
     for joints in groups:
         number = _weightless(np.isin(np.arange(n), joints))
-        tried = (number.at(x - 1.0)(physics).evidence.score for x in _WEIGHTS[:-1])
-        if min(tried) > physics.evidence.score - LEAST:
+        tried = settled(number.at(x - 1.0)(physics) for x in _WEIGHTS[:-1])
+        if min(e.score for e in tried) > physics.evidence.score - LEAST:
             continue
         x = 1.0 + number.fitted(physics, [x - 1.0 for x in _WEIGHTS]).value
         x = 0.0 if abs(x) < 0.03 else x

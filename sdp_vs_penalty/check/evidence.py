@@ -13,7 +13,7 @@ gain of a well-explained channel shows in its neighbours long before it shows in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import pairwise
@@ -141,54 +141,28 @@ class Evidence:
     @cached_property
     def theta(self) -> Array:
         """(p,) the parameters at the maximum."""
-        return self._full(self._best)
+        return self._full(self._best[0])
 
     @cached_property
-    def _best(self) -> Array:
-        """Of them those that joints share."""
-        weights = 1.0 / self.energy
-        for _ in range(_ROUNDS):
-            theta = self._weighted(weights)
-            weights = 1.0 / np.maximum(self._least(theta), FLOOR * self.energy)
-        return theta
+    def _reduced(self) -> _Reduced:
+        return _Reduced.of([self])
 
     @cached_property
-    def _reduced(self) -> tuple[Array, Array, Array]:
-        """Scaled own parameters alone (n, k); cross (n, s) and energy (n,) that they leave."""
-        grams = self.grams
-        scale, blocks, _ = grams.blocks
-        own = scale * np.take_along_axis(self.cross, grams.own, axis=1)
-        alone = np.asarray(np.linalg.solve(blocks, own[:, :, None])[:, :, 0], float)
-        cross = self.cross[:, grams.shared] - (own[:, None, :] @ grams.back[0])[:, 0]
-        return alone, cross, self.energy - np.sum(own * alone, axis=1)
+    def _best(self) -> tuple[Array, Array]:
+        """Of them those that joints share, and what they leave of each channel (n,)."""
+        settle([self])
+        return self.__dict__["_best"]  # type: ignore[no-any-return]
 
     def weighted(self, weights: Array) -> Array:
         """(p,) the parameters by least squares with these weights (n,) of the channels."""
-        return self._full(self._weighted(weights))
-
-    def _weighted(self, weights: Array) -> Array:
-        _, shared = self.grams.back
-        gram = (weights @ shared.reshape(len(shared), -1)).reshape(shared.shape[1:])
-        right = (weights @ self._reduced[1])[:, None]
-        return solve(gram, right, weights @ self.grams.sizes[:, self.grams.shared])[:, 0]
-
-    def _own(self, theta: Array) -> Array:
-        """(n, k) each joint's own parameters beside these shared ones, scaled."""
-        return np.asarray(self._reduced[0] - self.grams.back[0] @ theta)
+        return self._full(self._reduced.weighted(weights[None])[0])
 
     def _full(self, theta: Array) -> Array:
-        out = np.zeros(self.cross.shape[1])
-        real = self.grams.own >= 0
-        out[self.grams.own[real]] = (self.grams.blocks[0] * self._own(theta))[real]
-        out[self.grams.shared] = theta
+        out, grams = np.zeros(self.cross.shape[1]), self.grams
+        real = grams.own >= 0
+        out[grams.own[real]] = (grams.blocks[0] * self._reduced.own(theta[None])[0])[real]
+        out[grams.shared] = theta
         return out
-
-    def _least(self, theta: Array) -> Array:
-        """(n,) squared residuals with these shared parameters and the best own ones."""
-        _, cross, energy = self._reduced
-        ridge = _RIDGE * np.sum(self._own(theta) ** 2, axis=1)  # it is no residual
-        gram = self.grams.back[1]
-        return np.maximum(energy - 2.0 * cross @ theta + gram @ theta @ theta - ridge, 0.0)
 
     def left_by(self, theta: Array) -> Array:
         """(n,) squared residual of each channel by these parameters (p,), however they were found."""
@@ -197,7 +171,7 @@ class Evidence:
     @cached_property
     def left(self) -> Array:
         """(n,) squared residual of each channel, one theta for all."""
-        return self._least(self._best)
+        return self._best[1]
 
     @cached_property
     def shares(self) -> Array:
@@ -228,6 +202,86 @@ class Evidence:
         return float(np.log(np.maximum(self.left / self.energy, 1e-12)).sum())
 
 
+@dataclass(frozen=True)
+class _Reduced:
+    """K Evidences of the same parameters, each joint's own ones eliminated: (K or 1, ...) arrays.
+
+    shared (n, s, s), sizes (n, s) of the columns that joints share; back (n, k, s) own parameters for
+    each of them, alone (n, k) without them, scaled; cross (n, s) and energy (n,) that these leave; whole
+    (n,) energy.
+    """
+
+    shared: Array
+    sizes: Array
+    back: Array
+    alone: Array
+    cross: Array
+    energy: Array
+    whole: Array
+
+    @classmethod
+    def of(cls, many: Sequence[Evidence]) -> _Reduced:
+        """Of Evidences whose normal equations are of the same parameters."""
+        kinds = list({id(e.grams): e.grams for e in many}.values())
+        if 1 < len(kinds) < len(many):
+            kinds = [e.grams for e in many]
+        first, joint = kinds[0], np.arange(len(many[0].energy))[:, None]
+        cross, whole = np.stack([e.cross for e in many]), np.stack([e.energy for e in many])
+        scale, blocks = (np.stack([g.blocks[k] for g in kinds]) for k in (0, 1))
+        back, shared = (np.stack([g.back[k] for g in kinds]) for k in (0, 1))
+        own = scale * cross[:, joint, first.own]
+        if len(kinds) == 1:  # one factorisation for all
+            alone = np.moveaxis(np.linalg.solve(blocks[0], np.moveaxis(own, 0, 2)), 2, 0)
+        else:
+            alone = np.linalg.solve(blocks, own[..., None])[..., 0]
+        left = cross[:, :, first.shared] - (own[:, :, None, :] @ back)[:, :, 0]
+        sizes = np.stack([g.sizes[:, first.shared] for g in kinds])
+        return cls(shared, sizes, back, alone, left, whole - np.sum(own * alone, axis=2), whole)
+
+    def weighted(self, weights: Array) -> Array:
+        """(K, s) the shared parameters by least squares with these weights (K, n) of the channels."""
+        k, n, s = self.cross.shape
+        if not s:
+            return np.zeros((k, 0))
+        gram = (weights[:, None] @ self.shared.reshape(-1, n, s * s)).reshape(k, s, s)
+        right = (weights[:, None] @ self.cross)[:, 0]
+        norms = np.sqrt((weights[:, None] @ self.sizes)[:, 0])
+        seen = norms > 1e-9 * norms.max(axis=1, initial=0.0, keepdims=True)
+        scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)
+        gram *= scale[:, :, None]
+        gram *= scale[:, None, :]
+        gram.reshape(k, -1)[:, :: s + 1] += np.where(seen, _RIDGE, 1.0)
+        return np.asarray(scale * np.linalg.solve(gram, (scale * right)[..., None])[..., 0])
+
+    def own(self, theta: Array) -> Array:
+        """(K, n, k) each joint's own parameters beside these shared ones (K, s), scaled."""
+        return np.asarray(self.alone - (self.back @ theta[:, None, :, None])[..., 0])
+
+    def least(self, theta: Array) -> Array:
+        """(K, n) squared residuals with these shared parameters (K, s) and the best own ones."""
+        ridge = _RIDGE * np.sum(self.own(theta) ** 2, axis=2)  # it is no residual
+        bent = (self.shared @ theta[:, None, :, None])[..., 0] - 2.0 * self.cross
+        return np.maximum(self.energy + (bent @ theta[:, :, None])[..., 0] - ridge, 0.0)
+
+
+def settle(many: Iterable[Evidence]) -> None:
+    """Find the maxima of several at once, their normal equations solved side by side."""
+    groups: dict[tuple[object, ...], list[Evidence]] = {}
+    for e in many:
+        if "_best" not in e.__dict__:
+            key = e.cross.shape, e.grams.shared.tobytes(), e.grams.own.tobytes()
+            groups.setdefault(key, []).append(e)
+    for alike in groups.values():
+        reduced = _Reduced.of(alike)
+        weights = 1.0 / reduced.whole
+        for _ in range(_ROUNDS):
+            theta = reduced.weighted(weights)
+            left = reduced.least(theta)
+            weights = 1.0 / np.maximum(left, FLOOR * reduced.whole)
+        for e, found in zip(alike, zip(theta, left, strict=True), strict=True):
+            e.__dict__["_best"] = found
+
+
 def energy_of(channels: Array) -> Array:
     """(n,) of each channel (M, n), at least a trace of the largest."""
     energy = np.sum(channels**2, axis=0)
@@ -249,7 +303,9 @@ def without_each(parts: list[Evidence]) -> list[Evidence]:
 def left_out(columns: Sequence[Array], channels: Array) -> Array:
     """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
     parts = in_parts(columns, channels)
-    each = zip(parts, without_each(parts), strict=True)
+    rest = without_each(parts)
+    settle(rest)
+    each = zip(parts, rest, strict=True)
     return np.array([np.maximum(p.left_by(e.theta) / p.energy, FLOOR) for p, e in each])
 
 

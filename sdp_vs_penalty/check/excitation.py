@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -69,9 +70,10 @@ def regression_of(physics: Physics) -> Regression:
     t, own = physics.motion.t, len(physics.model.parameters)
     edges = np.linspace(0, len(t), min(_BLOCKS, max(len(t) // 4, 2)) + 1).astype(int).tolist()
     blocks, factors = [], []
+    every = replace(physics, independent=None).columns
     for b, (start, stop) in enumerate(pairwise(edges)):
         rows = slice(start, stop)
-        for j, columns in enumerate(physics.columns):
+        for j, columns in enumerate(every):
             used = np.flatnonzero(np.any(columns[:, :own] != 0.0, axis=0))
             stack = np.column_stack([columns[rows][:, used], physics.channels[rows, j]])
             factors.append(Factor(j, b, used, triangular([stack]), stop - start))

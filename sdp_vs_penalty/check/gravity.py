@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.check.columns import wide_columns
 from sdp_vs_penalty.check.evidence import solve
 from sdp_vs_penalty.check.hypothesis import (
     AGREES,
@@ -21,9 +22,10 @@ from sdp_vs_penalty.check.hypothesis import (
     propose,
 )
 from sdp_vs_penalty.check.issue import Issue, joints_text
-from sdp_vs_penalty.check.physics import Array, Physics, turned_gravity, wide_columns
+from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Gravity is said to point elsewhere from this angle on [degrees]; less is the effect base_tilt.
 _SMALLEST_ANGLE = 2.0
@@ -43,7 +45,7 @@ def direction(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
     given = float(np.linalg.norm(robot.gravity))
     earthly = _EARTH[0] <= given <= _EARTH[1]
     size = given if earthly else _STANDARD
-    direction, _ = FreeGravity(physics.part(few_rows(physics))).best(size)
+    direction, _ = FreeGravity(physics).best(size)
     assumed = np.array(robot.gravity) / max(given, 1e-300)
     angle = float(np.degrees(np.arccos(np.clip(direction @ assumed, -1.0, 1.0))))
     if earthly and angle < _SMALLEST_ANGLE:
@@ -137,13 +139,12 @@ class FreeGravity:
     def _gram(self) -> tuple[Array, Array]:
         """(4, 4, p, p) and (4, p) products of Y at g = 0, dY/dgx, dY/dgy, dY/dgz, joints weighted."""
         physics = self.physics
-        made = [physics.columns_of(turned_gravity(physics.model, g)) for g in ((0.0,) * 3, *np.eye(3))]
-        p = physics.p
+        made, p = physics.by_gravity, physics.p
         gram, cross = np.zeros((4, 4, p, p)), np.zeros((4, p))
         weights = 1.0 / (len(physics.channels) * physics.energy * physics.n)
         for w, y, fixed, *pulled in zip(weights, physics.channels.T, *made, strict=True):
             k, m = fixed.indices, len(fixed.indices)
-            stack = np.hstack([fixed.columns, *(x.columns - fixed.columns for x in pulled)])
+            stack = np.hstack([fixed.columns, *(x.columns for x in pulled)])
             square = (w * stack.T @ stack).reshape(4, m, 4, m)
             gram[:, :, k[:, None], k] += np.moveaxis(square, 2, 1)
             cross[:, k] += (w * stack.T @ y).reshape(4, m)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.evidence import PARTS, Evidence, in_parts, solve, without_each
 from sdp_vs_penalty.check.issue import Issue, Repair
-from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics
+from sdp_vs_penalty.check.physics import OVERSAMPLING, Physics, settled
 from sdp_vs_penalty.robot.arrays import Array
 
 #: A hypothesis has to raise the score (see evidence.py) by so much: the residual of one joint, or of
@@ -62,9 +62,7 @@ class Number:
 
     def fitted(self, physics: Physics, grid: Iterable[float], steps: int = 8) -> Number:
         """The same with the value that leaves least unexplained, found from a grid."""
-        told = self.where(physics)
-        found = best_number(lambda x: self.at(x)(told).evidence.misfit, grid, steps)
-        return replace(self, value=found)
+        return all_fitted([self], physics, grid, steps)[0]
 
     def determined(self, physics: Physics) -> bool:
         """Whether it is certainly not zero, or certainly more than is usual."""
@@ -80,11 +78,11 @@ class Number:
         it scales a channel C, its column is made of Y theta, whose noise would else tell of a gain
         (errors in variables). Leaving out parts in turn (a delete-a-group jackknife) moves its size.
         """
-        return self._deviation(*self._tangent(physics))
+        return self._deviation(*self._tangent(self.where(physics)))
 
     @staticmethod
     def _deviation(here: Physics, wide: list[Array], weights: Array) -> float:
-        parts = in_parts(wide, here.channels)
+        parts = in_parts(wide, here.counted)
         found = np.array([e.weighted(weights)[-1] for e in without_each(parts)])
         left_out = (PARTS - 1) / PARTS * np.sum((found - found.mean()) ** 2)
         # Where nothing tells of the number, each part says zero alike: the noise's share speaks then.
@@ -98,8 +96,8 @@ class Number:
         To first order: an x raises the residual of joint j from r_j to r_j + x^2 d_j, d_j what the arm's
         columns leave of the number's own.
         """
-        here, wide, weights = self._tangent(physics)
-        evidence = Evidence.of(wide, here.channels)
+        here, wide, weights = self._tangent(self.where(physics))
+        evidence = Evidence.of(wide, here.counted)
         gram = np.tensordot(weights, evidence.gram, 1)
         left = np.append(-solve(gram[:-1, :-1], gram[:-1, -1:])[:, 0], 1.0)
         ratio = np.maximum(evidence.gram @ left @ left, 0.0) * weights
@@ -115,9 +113,9 @@ class Number:
         low, high = (self.at(self.value + x)(physics) for x in (-h, h))
         here = self.at(self.value)(physics) if self.value else physics
         theta = here.evidence.theta
-        change = high.channels - low.channels
-        scaled = np.sum(change * here.channels, axis=0) / np.sum(here.channels**2 + 1e-300, axis=0)
-        change = change - scaled * here.channels
+        change, said = high.counted - low.counted, here.counted
+        scaled = np.sum(change * said, axis=0) / np.sum(said**2 + 1e-300, axis=0)
+        change = change - scaled * said
         wide = [
             np.column_stack([c, ((a - b - k * c) @ theta - x) / (2.0 * h)])
             for c, a, b, k, x in zip(
@@ -127,13 +125,28 @@ class Number:
         return here, wide, 1.0 / (here.evidence.shares * here.evidence.energy)
 
 
+def all_fitted(
+    numbers: Sequence[Number], physics: Physics, grid: Iterable[float], steps: int = 8
+) -> list[Number]:
+    """Several numbers, each by itself, with the values that leave least unexplained."""
+    if not numbers:
+        return []
+    told = numbers[0].where(physics)
+
+    def misfits(asked: list[tuple[int, float]]) -> list[float]:
+        return [e.misfit for e in settled(numbers[k].at(x)(told) for k, x in asked)]
+
+    found = best_numbers(misfits, [list(grid)] * len(numbers), steps)
+    return [replace(number, value=x) for number, x in zip(numbers, found, strict=True)]
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """Something that may be wrong with the file; ``apply`` turns the test's data into what is right.
 
     needed : gain of the score below which it is not believed; once : it happens at one moment, or grows,
-    and need not show in both halves of a run; gross : no arm is like that by itself; number : what was
-    estimated, where it is one.
+    and need not show in both halves of a run, but where its joint slides; gross : no arm is like that by
+    itself; number : what was estimated, where it is one.
     """
 
     issue: Issue
@@ -144,9 +157,17 @@ class Hypothesis:
     gross: bool = False
     number: Number | None = None
 
+    def where(self, physics: Physics) -> Physics:
+        """The data that tell of it. Where a joint rests, dry friction holds any torque between two
+        limits, another one at every stop: what happens once has to show where it slides."""
+        if self.number is not None:
+            return self.number.where(physics)
+        return physics.sliding if self.once else physics
+
     def gain(self, physics: Physics) -> float:
         """By how much it raises the score."""
-        return physics.evidence.score - self.apply(physics).evidence.score
+        told = self.where(physics)
+        return told.evidence.score - self.apply(told).evidence.score
 
     def needed_for(self, physics: Physics) -> float:
         """The gain of the score below which it is not believed of these data."""
@@ -165,7 +186,7 @@ class Hypothesis:
         """
         if self.number is None or not self.number.determined(physics):
             return self.number is None
-        rival = self.number.where(beyond.rival(physics))
+        rival = beyond.rival(physics)
         return self.gain(rival) > min(HALF * self.gain(physics), ENOUGH)
 
     def pays(self, physics: Physics, gain: float) -> bool:
@@ -174,17 +195,22 @@ class Hypothesis:
         What happens once need not show everywhere, but in most of them; nor need a number that no arm
         has by itself, which has to be the same all over the run (see :class:`Number`).
         """
-        before, after = physics.left_out, self.apply(physics).left_out
-        each = np.log(before / after).sum(axis=1)
+        # Rows at rest say nothing against what happens once, or no arm has; a small number holds there.
         large = self.number is not None and abs(self.number.value) > 2.0 * self.number.tolerance
         least = _MOST if self.once or large else NEARLY_ALL
-        return bool(np.mean(each) > HALF * min(gain, 3.0) and np.sum(each > 0.0) >= least)
+        told = [self.where(physics)] if self.once or large else [physics, self.where(physics)]
+        for p in told:
+            each = np.log(p.left_out / self.apply(p).left_out).sum(axis=1)
+            if np.mean(each) <= HALF * min(gain, 3.0) or np.sum(each > 0.0) < least:
+                return False
+        return True
 
     def stated(self, physics: Physics) -> Issue:
         """The issue, with what the hypothesis explains of these data."""
         if self.issue.certainty:
             return self.issue
-        before, after = (p.evidence.shares for p in (physics, self.apply(physics)))
+        told = self.where(physics)
+        before, after = (p.evidence.shares for p in (told, self.apply(told)))
         change = np.log(before / after)
         j = int(np.argmax(change))
         word = "certain" if change[j] > np.log(10.0) else "likely"
@@ -226,13 +252,37 @@ def few_rows(physics: Physics) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, _FEW_ROWS)).astype(np.intp))
 
 
-def best_number(score: Callable[[float], float], grid: Iterable[float], steps: int = 8) -> float:
-    """The number with the lowest score: the best of a grid, refined by parabolas around it.
+def best_numbers(
+    scores: Callable[[list[tuple[int, float]]], Sequence[float]],
+    grids: Sequence[Sequence[float]],
+    steps: int = 8,
+) -> list[float]:
+    """The numbers with the lowest score, each the best of its grid, refined by parabolas around it.
+
+    scores : of (which number, value), as many as are asked for at once: the searches go side by side.
+    """
+    searches = [_search(grid, steps) for grid in grids]
+    asked = {k: next(search) for k, search in enumerate(searches)}
+    found = [0.0] * len(grids)
+    while asked:
+        flat = [(k, x) for k, wanted in asked.items() for x in wanted]
+        answers, going = iter(scores(flat)), {}
+        for k, wanted in asked.items():
+            try:
+                going[k] = searches[k].send([next(answers) for _ in wanted])
+            except StopIteration as end:
+                found[k] = end.value
+        asked = going
+    return found
+
+
+def _search(grid: Sequence[float], steps: int) -> Generator[list[float], list[float], float]:
+    """Asks for scores of numbers, and returns the best.
 
     A logarithm of squares is sharp at its minimum; where a parabola lands beside it the longer side
     is cut by the golden section.
     """
-    known = {x: score(x) for x in grid}
+    known = dict(zip(grid, (yield list(grid)), strict=True))
     width = np.inf
     for _ in range(steps):
         places = sorted(known)
@@ -247,5 +297,5 @@ def best_number(score: Callable[[float], float], grid: Iterable[float], steps: i
         width = c - a
         if min(abs(at - x) for x in (a, b, c)) < 1e-3 * (c - a):
             break
-        known[at] = score(at)
+        (known[at],) = yield [at]
     return min(known, key=lambda x: known[x])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -10,9 +10,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_number, propose
+from sdp_vs_penalty.check.columns import added, interpolation, only_links
+from sdp_vs_penalty.check.hypothesis import Hypothesis, Number, best_numbers, propose
 from sdp_vs_penalty.check.issue import Repair, joints_text
-from sdp_vs_penalty.check.physics import Physics
+from sdp_vs_penalty.check.physics import Physics, settled
 from sdp_vs_penalty.check.signals import angle_scale
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
@@ -125,19 +126,18 @@ def exchanged(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesi
 def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """Encoders that count from another zero than the robot's kinematics."""
     robot = physics.model.robot
-    one, same = np.ones(physics.n), np.arange(physics.n)
+    at = {j: at_zeros(physics, j) for j in np.flatnonzero(moving).tolist()}
 
-    def left(j: int, shift: float) -> float:
-        return physics.with_motion(one, same, shift * (same == j)).evidence.misfit
+    def left(asked: Sequence[tuple[int, float]]) -> list[float]:
+        return [e.misfit for e in settled(at[j](shift) for j, shift in asked)]
 
     length = float(robot.link_reach().sum())
     grids = {
-        int(j): np.radians(_OFFSETS)
-        if robot.joints[j].kind == "revolute"
-        else length * np.array(_SHIFTS)
-        for j in np.flatnonzero(moving)
+        j: np.radians(_OFFSETS) if robot.joints[j].kind == "revolute" else length * np.array(_SHIFTS)
+        for j in at
     }
-    tried = {(j, x): left(j, x) for j, grid in grids.items() for x in grid.tolist()}
+    asked = [(j, x) for j, grid in grids.items() for x in grid.tolist()]
+    tried = dict(zip(asked, left(asked), strict=True))
     base = physics.evidence.misfit
     best = sorted(tried, key=lambda key: tried[key])[:3]
     for j in dict.fromkeys(j for j, _ in best):
@@ -146,16 +146,34 @@ def offsets(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]
         if tried[j, coarse] > base - 0.3:
             continue
         wide = revolute and abs(coarse) > np.radians(60.0)
-        found = best_number(
-            partial(left, j),
-            [coarse + x for x in np.radians((-40.0, 0.0, 40.0))] if wide
-            else [0.3 * coarse, coarse, 1.7 * coarse], 4,
-        )  # fmt: skip
+        near = [0.3 * coarse, coarse, 1.7 * coarse]
+        near = [coarse + x for x in np.radians((-40.0, 0.0, 40.0)).tolist()] if wide else near
+        (found,) = best_numbers(lambda wanted, j=j: left([(j, x) for _, x in wanted]), [near], 4)  # type: ignore[misc]
         quarter = 0.5 * np.pi * round(found / (0.5 * np.pi))
         found = quarter if revolute and quarter and abs(found - quarter) < _QUARTER else found
         if abs(found) > (np.radians(1.5) if revolute else 2e-3 * length):
             gross = np.radians(_GROSS_DEGREES) if revolute else _GROSS_SHIFT * length
             yield zero_offset(physics, (j,), (found,), abs(found) > gross)
+
+
+def at_zeros(physics: Physics, j: int) -> Callable[[float], Physics]:
+    """The data with what is to be added to joint j's position, a few regressors for all of them."""
+    unit, one, same = np.eye(physics.n)[j], np.ones(physics.n), np.arange(physics.n)
+
+    def moved(x: float) -> Physics:
+        return physics.with_motion(one, same, x * unit)
+
+    if not only_links(physics) or physics.weight is not None:
+        return moved
+    places, shares = interpolation(physics.model.robot.joints[j].kind)
+    made = [(moved(x) if x else physics).acting for x in places]
+
+    def at(x: float) -> Physics:
+        out = replace(moved(x))
+        out.__dict__["acting"] = added(zip(shares(x), made, strict=True))
+        return out
+
+    return at
 
 
 def two_quarters(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:

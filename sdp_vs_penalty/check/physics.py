@@ -12,19 +12,27 @@ all joints sharing one theta: that couples them, so that E knows a channel's sig
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import Evidence, Grams, energy_of, left_out, solve
-from sdp_vs_penalty.check.own import Own, own_effects
+from sdp_vs_penalty.check.columns import (
+    added,
+    columns_of,
+    hermite,
+    only_links,
+    slowed,
+    turned_gravity,
+    wide_columns,
+)
+from sdp_vs_penalty.check.evidence import Evidence, Grams, energy_of, left_out, settle, solve
+from sdp_vs_penalty.check.own import Own
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
 
 #: Independent samples for each parameter, below which a good fit says nothing.
 _SPARE = 1.5
@@ -40,7 +48,8 @@ class Physics:
 
     rate : (M, n) time derivative of the channels; nominal : (p,) parameters of a plausible arm;
     weight : (n,) share of the gravity torque that each channel holds; parent : the data of which these
-    are rows, for delays; own : see there; heard : (M, n) 0 where nothing is asked of a joint's torque.
+    are rows, for delays; independent : (p,) of the model's parameters those that stand for all, see
+    columns.py; own : see there; heard : (M, n) 0 where nothing is asked of a joint's torque.
     """
 
     model: Model
@@ -50,6 +59,7 @@ class Physics:
     nominal: Array
     weight: tuple[float, ...] | None = None
     parent: tuple[Physics, NDArray[np.intp]] | None = None
+    independent: NDArray[np.bool_] | None = None
     own: Own | None = None
     heard: Array | None = None
 
@@ -89,33 +99,26 @@ class Physics:
     @cached_property
     def acting(self) -> list[JointColumns]:
         """Per joint the columns of those parameters that act on it."""
-        if self.weight is None and "pulled" not in self.__dict__:
-            return self.columns_of(self.model)
-        shares = self.weight or (1.0,) * self.n
-        return [
-            replace(s, columns=s.columns + w * g) for (s, g), w in zip(self.pulled, shares, strict=True)
-        ]
+        if self.weight is None:
+            return columns_of(self, self.model)
+        return added([(1.0, self.pulled[0]), (np.array(self.weight), self.pulled[1])])
 
     @cached_property
-    def pulled(self) -> list[tuple[JointColumns, Array]]:
-        """Per joint the columns of the arm without weight, and what its weight adds to them."""
-        still = self.columns_of(turned_gravity(self.model, (0.0, 0.0, 0.0)))
-        full = self.columns_of(self.model)
-        return [(s, f.columns - s.columns) for s, f in zip(still, full, strict=True)]
+    def pulled(self) -> tuple[list[JointColumns], list[JointColumns]]:
+        """The columns of the arm without weight, and what its weight adds to them."""
+        if "by_gravity" in self.__dict__:
+            still, *axes = self.by_gravity
+            return still, added(zip(self.model.robot.gravity, axes, strict=True))
+        still = columns_of(self, turned_gravity(self.model, (0.0, 0.0, 0.0)))
+        full = self.acting if self.weight is None else columns_of(self, self.model)
+        return still, added([(1.0, full), (-1.0, still)])
 
-    def columns_of(self, model: Model) -> list[JointColumns]:
-        if self.own is None:
-            return model.columns(self.motion)
-        rest = [k for k in range(len(model.effects)) if k not in own_effects(model)]
-        where = np.concatenate([np.arange(0), *(model.indices[k] for k in rest)]).astype(np.intp)
-        made: list[JointColumns] = []
-        if rest:
-            made = Model(model.robot, tuple(model.effects[k] for k in rest)).columns(self.motion)
-        none = JointColumns(np.zeros(0, np.intp), np.zeros((len(self.motion.t), 0)))
-        return [
-            JointColumns(np.append(where[c.indices], i), np.hstack([c.columns, x]))
-            for c, i, x in zip(made or [none] * self.n, self.own.indices, self.own.columns, strict=True)
-        ]
+    @cached_property
+    def by_gravity(self) -> list[list[JointColumns]]:
+        """The columns of the arm without weight, and what 1 m/s^2 along x, y and z adds to them."""
+        vectors = np.vstack([np.zeros(3), np.eye(3)])
+        still, *full = (columns_of(self, turned_gravity(self.model, g)) for g in vectors.tolist())
+        return [still, *(added([(1.0, x), (-1.0, still)]) for x in full)]
 
     @cached_property
     def grams(self) -> Grams:
@@ -125,11 +128,15 @@ class Physics:
     @cached_property
     def evidence(self) -> Evidence:
         """What one arm explains of the channels."""
-        heard = self.channels if self.heard is None else self.heard * self.channels
         cross = np.zeros((self.n, self.p))
-        for out, c, y in zip(cross, self.acting, heard.T, strict=True):
+        for out, c, y in zip(cross, self.acting, self.counted.T, strict=True):
             out[c.indices] = c.columns.T @ y
-        return Evidence(self.grams, cross, energy_of(heard))
+        return Evidence(self.grams, cross, energy_of(self.counted))
+
+    @property
+    def counted(self) -> Array:
+        """(M, n) the channels, 0 where nothing is asked of them, as the columns are there."""
+        return self.channels if self.heard is None else self.heard * self.channels
 
     @cached_property
     def sliding(self) -> Physics:
@@ -149,14 +156,14 @@ class Physics:
     @cached_property
     def left_out(self) -> Array:
         """(PARTS, n) share of each part's energy that the arm of all other parts leaves of it."""
-        return left_out(self.columns, self.channels)
+        return left_out(self.columns, self.counted)
 
     def _other_channels(self, channels: Array, rate: Array) -> Physics:
         """Other channels on the same motion: the columns, which are dear, are kept."""
         made = replace(self, channels=channels, rate=rate, parent=None)
-        for name in ("columns", "acting", "pulled", "grams"):
-            if name in self.__dict__:
-                made.__dict__[name] = self.__dict__[name]
+        made.__dict__.update(acting=self.acting, grams=self.grams)
+        kept = self.__dict__.keys() & {"columns", "pulled"}
+        made.__dict__.update({name: self.__dict__[name] for name in kept})
         return made
 
     def part(self, rows: slice | NDArray[np.intp]) -> Physics:
@@ -213,7 +220,10 @@ class Physics:
         """The hypothesis that the true time is ``factor`` times the file's."""
         m = self.motion
         motion = Motion(m.t[0] + factor * (m.t - m.t[0]), m.q, m.dq / factor, m.ddq / factor**2)
-        return replace(self, motion=motion, rate=self.rate / factor)
+        made = replace(self, motion=motion, rate=self.rate / factor)
+        if only_links(self) and self.weight is None:
+            made.__dict__["acting"] = slowed(*self.pulled, factor, len(self.model.rigid_indices))
+        return made
 
     def reversed(self) -> Physics:
         """The hypothesis that time runs from the last row to the first."""
@@ -232,7 +242,11 @@ class Physics:
 
     def with_gravity(self, gravity: Sequence[float]) -> Physics:
         """The hypothesis that gravity is this vector in the base frame."""
-        return replace(self, model=turned_gravity(self.model, gravity))
+        made = replace(self, model=turned_gravity(self.model, gravity))
+        if "by_gravity" in self.__dict__ and self.weight is None:
+            still, *axes = self.by_gravity
+            made.__dict__["acting"] = added([(1.0, still), *zip(gravity, axes, strict=True)])
+        return made
 
     def agreement_with_weight(self) -> float:
         """Correlation, over all joints, of the torque with that of the nominal arm at rest."""
@@ -329,22 +343,8 @@ class Physics:
         return bool(2.0 * cutoff * seconds * share * self.n > _SPARE * self.p)
 
 
-def hermite(at: Array, t: Array, x: Array, slope: Array) -> Array:
-    """Cubic interpolation of x (M,) with known slopes; constant beyond the ends."""
-    at = np.clip(at, t[0], t[-1])
-    k = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)
-    h = np.maximum(t[k + 1] - t[k], np.finfo(float).tiny)  # a clock that stands still for a sample
-    u = (at - t[k]) / h
-    value = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * x[k] + u**2 * (3.0 - 2.0 * u) * x[k + 1]
-    return np.asarray(value + h * (u * (1.0 - u) ** 2 * slope[k] - u**2 * (1.0 - u) * slope[k + 1]))
-
-
-def wide_columns(model: Model, motion: Motion) -> list[Array]:
-    """Per joint (M, p) the columns of all parameters."""
-    return [block.wide(len(model.parameters)) for block in model.columns(motion)]
-
-
-def turned_gravity(model: Model, gravity: Sequence[float]) -> Model:
-    x, y, z = (float(g) for g in gravity)
-    robot: Robot = replace(model.robot, gravity=(x, y, z))
-    return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
+def settled(many: Iterable[Physics]) -> list[Evidence]:
+    """The evidence of each, found side by side."""
+    out = [physics.evidence for physics in many]
+    settle(out)
+    return out

@@ -49,12 +49,14 @@ def find(
     wide, own = physics.evidence, alone_left_out(physics.columns, physics.channels)
     shares, alone = evidence.shares, np.minimum(evidence.alone, wide.alone)
     total = overall(evidence) ** 0.5
-    least = np.minimum(shares, wide.shares)
+    # Where a joint rests, dry friction holds any torque between two limits.
+    as_it_is = np.minimum(shares, wide.shares)
+    least = np.minimum(as_it_is, physics.sliding.evidence.shares)
     ratio = np.minimum(shares / evidence.alone, wide.shares / np.maximum(wide.alone, own))
     usual = _TYPICAL[problem.torque_side]
     against = moving & (ratio > _CONTRADICTS) & (np.sqrt(least) > _AT_LEAST)
     poor = moving & (alone > _OWN)
-    middle = float(np.median(np.sqrt(least[moving]))) if moving.any() else 0.0
+    middle = float(np.median(np.sqrt(as_it_is[moving]))) if moving.any() else 0.0
     far = moving & (np.sqrt(least) > max(_FAR * middle, _FAR_AT_LEAST)) & ~against & ~poor
     figures = {"percent": (100.0 * np.sqrt(shares)).round(2).tolist(), "overall_percent": 100.0 * total}
     listed = ", ".join(f"{100.0 * x:.2g}" for x in np.sqrt(shares))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.check import beyond
+from sdp_vs_penalty.check.columns import independent_of
 from sdp_vs_penalty.check.own import Own, own_effects
 from sdp_vs_penalty.check.physics import Physics
 from sdp_vs_penalty.data.measurements import Measurements
@@ -66,7 +67,8 @@ def physics_of(
 
     late = (cache(partial(_stacked, own, make)) for make in (beyond.usual, beyond.rivals))
     kept = Own(_stacked(own, known), indices, *late)
-    given = Physics(model, Motion(t, q, dq, ddq), tau, rate, problem.nominal(model), own=kept)
+    independent, nominal = independent_of(model, problem.nominal(model))
+    given = Physics(model, Motion(t, q, dq, ddq), tau, rate, nominal, independent=independent, own=kept)
     return beyond.widened(given.part(_sliding(dq[:, moving_joints(run)])))
 
 
@@ -96,7 +98,9 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64]) -> tuple[tu
 
 def _stacked(pieces: Sequence[_Dense], make: Callable[[Motion], list[Array]]) -> Array:
     """(n, M, k) columns of each joint's own motion, low-passed as the torque is."""
-    if not make(pieces[0][0]):
-        return np.zeros((pieces[0][0].q.shape[1], sum(x.shape[0] for _, x in pieces), 0))
-    parts = [np.stack([low_pass @ c for c in make(dense)], axis=2) for dense, low_pass in pieces]
+    parts = []
+    for dense, low_pass in pieces:
+        made = [low_pass @ c for c in make(dense)]
+        empty = np.zeros((low_pass.shape[0], dense.q.shape[1], 0))
+        parts.append(np.stack(made, axis=2) if made else empty)
     return np.moveaxis(np.concatenate(parts), 1, 0)

@@ -182,11 +182,13 @@ def _spikes(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issu
     for name, values in (("q", run.q), ("tau", run.tau)):
         for j in np.flatnonzero(moving_joints(run)).tolist():
             x = values[:, j]
+            low, high = np.quantile(x, [0.02, 0.98])
+            least = _SPIKE_RANGE * (high - low) + 1e-9
+            if np.abs(np.diff(x)).max() <= least / (_WIDTH // 2):
+                continue  # the median of the window cannot be that far
             around = np.lib.stride_tricks.sliding_window_view(np.pad(x, _WIDTH // 2, "edge"), _WIDTH)
             off = np.abs(x - np.median(around, axis=1))
-            scatter = np.quantile(off, 0.9)
-            low, high = np.quantile(x, [0.02, 0.98])
-            least = max(_SPIKE * scatter, _SPIKE_RANGE * (high - low) + 1e-9)
+            least = max(_SPIKE * np.quantile(off, 0.9), least)
             bad = (off > least) & moves
             if 0 < bad.sum() <= _FEW * len(x):
                 found[f"{name}{j + 1}"] = bad
@@ -215,26 +217,30 @@ def _torn(run: Measurements, robot: Robot, standstill: float) -> Iterator[Issue]
     speed = np.abs(np.diff(run.q[:, moves], axis=0)) / np.maximum(steps, 1e-300)[:, None]
     pad = np.pad(speed, ((5, 5), (0, 0)), "edge")
     windows = np.lib.stride_tricks.sliding_window_view(pad, 11, axis=0)
-    usual = np.median(windows, axis=2)
-    rough = np.quantile(windows, 0.9, axis=2)
+    # Three in four of the joints that tell have to skip; a skip is above the median of its window.
+    least = max(2, (int(moves.sum()) + 1) // 2)
+    slower = sum((pad[k : k + len(speed)] < speed / _TORN).astype(np.int8) for k in range(11))
+    rows = np.flatnonzero(np.sum(slower > 5, axis=1) >= least - 1 - (least - 1) // 4)
+    rows = rows[steps[rows] < 3.0 * np.median(steps)]
+    if not len(rows):
+        return
+    usual = np.median(windows[rows], axis=2)
+    rough = np.quantile(windows[rows], 0.9, axis=2)
     # Only joints that move well above their own scatter there can tell.
     lattice = np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
     tells = (usual > 3.0 * lattice) & (rough < 2.0 * usual)
-    ratio = np.where(tells, speed / np.maximum(usual, 1e-300), np.nan)
     telling = tells.sum(axis=1)
-    enough = telling >= max(2, (int(moves.sum()) + 1) // 2)
-    low, high = (np.full(len(steps), np.nan) for _ in range(2))
-    if not enough.any():
-        return
-    for count in np.unique(telling[enough]):  # nanquantile takes the rows one by one
-        rows = np.flatnonzero(telling == count)
-        known = ratio[rows][tells[rows]].reshape(-1, count)
-        low[rows], high[rows] = np.quantile(known, [0.25, 0.75], axis=1)
-    ordinary = steps < 3.0 * np.median(steps)
-    torn = np.flatnonzero(ordinary & (low > _TORN) & (high < 2.0 * low + 1.0))
+    low, high, middle = np.zeros((3, len(rows)))
+    ratio = speed[rows] / np.maximum(usual, 1e-300)
+    for count in np.unique(telling[telling >= least]):  # nanquantile takes the rows one by one
+        k = np.flatnonzero(telling == count)
+        known = ratio[k][tells[k]].reshape(-1, count)
+        low[k], middle[k], high[k] = np.quantile(known, [0.25, 0.5, 0.75], axis=1)
+    found = (low > _TORN) & (high < 2.0 * low + 1.0)
+    torn = rows[found]
     if not len(torn) or len(torn) > _FEW * len(steps):
         return
-    missing = np.round(np.nanmedian(ratio[torn], axis=1) - 1.0)
+    missing = np.round(middle[found] - 1.0)
     added = np.zeros(len(steps))
     added[torn] = missing * np.median(steps)
 

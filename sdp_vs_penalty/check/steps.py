@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.check.evidence import Evidence, in_parts, solve
+from sdp_vs_penalty.check.evidence import Evidence, in_parts, settle, solve
 from sdp_vs_penalty.check.hypothesis import HALF, Hypothesis, propose
 from sdp_vs_penalty.check.issue import Issue, joints_text
 from sdp_vs_penalty.check.physics import Physics
@@ -34,7 +35,7 @@ def drift(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     By a score test: of each joint's column the part that the arm's columns do not explain, against the
     residual; the best one is then applied and judged like any other hypothesis.
     """
-    t = physics.motion.t
+    t, physics = physics.motion.t, physics.sliding
     u = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300)
     shapes: dict[float | None, Array] = {None: u - 0.5}
     shapes |= {float(s): (u > s) - 0.5 for s in _STEPS}
@@ -42,10 +43,12 @@ def drift(physics: Physics, moving: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     weights = 1.0 / (evidence.shares * evidence.energy)
     gram = np.tensordot(weights, evidence.gram, 1)
     best: dict[bool, tuple[float, int, float | None]] = {}
-    x = np.column_stack(list(shapes.values()))
+    every = np.column_stack(list(shapes.values()))
     for j in np.flatnonzero(moving).tolist():
         columns = physics.columns[j]
-        residual = physics.channels[:, j] - columns @ evidence.theta
+        assert physics.heard is not None
+        x = physics.heard[:, j, None] * every
+        residual = physics.counted[:, j] - columns @ evidence.theta
         shared = columns.T @ x
         own = np.sum(x**2, axis=0) - weights[j] * np.sum(shared * solve(gram, shared), axis=0)
         found = weights[j] * (residual @ x) ** 2 / np.maximum(own, 1e-6 * np.sum(x**2, axis=0))
@@ -75,7 +78,8 @@ def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
         return np.asarray(u if at is None else (u > at).astype(float))
 
     def apply(p: Physics) -> Physics:
-        columns, y, x = p.columns[j], p.channels[:, j], shape(p.motion.t)
+        columns, y, x = p.columns[j], p.counted[:, j], shape(p.motion.t)
+        x = x if p.heard is None else p.heard[:, j] * x
         # Together with the arm's own columns on that joint, at the parameters that all joints share.
         e = p.evidence
         others = (np.arange(p.n) != j) / (e.shares * e.energy)
@@ -88,7 +92,7 @@ def _stepped(physics: Physics, j: int, at: float | None) -> Hypothesis:
         right = np.append(others @ e.cross, 0.0) + weight * wide.T @ y
         size = float(solve(full, right[:, None])[-1, 0])
         out = np.zeros_like(p.channels)
-        out[:, j] = size * x
+        out[:, j] = size * shape(p.motion.t)
         return p.without(out)
 
     moved = physics.channels[:, j] - apply(physics).channels[:, j]
@@ -129,6 +133,7 @@ def two_parts(physics: Physics, cutoff: float) -> Iterator[Issue]:
     edges = [0, *(int(share * count) for share in cuts), count]
     pieces = in_parts(physics.columns, physics.channels, edges)
     before, after = list(accumulate(pieces)), list(accumulate(pieces[::-1]))[::-1]
+    settle([*before[:-1], *after[1:]])
     for cut, *parts in zip(edges[1:-1], before, after[1:], strict=False):
         left = sum(part.shares * part.energy for part in parts) / one.energy
         score = float(np.log(np.maximum(left, 1e-5)).sum())
@@ -173,7 +178,8 @@ def _with_load(physics: Physics, cut: int) -> Evidence:
     """The evidence where the last link has ten parameters of its own after the cut."""
     last = physics.model.rigid_indices[-10:]
     after = (np.arange(len(physics.motion.t)) >= cut)[:, None]
-    columns = [np.hstack([c, c[:, last] * after]) for c in physics.columns]
+    whole = replace(physics, independent=None).columns
+    columns = [np.hstack([c, x[:, last] * after]) for c, x in zip(physics.columns, whole, strict=True)]
     return Evidence.of(columns, physics.channels)
 
 

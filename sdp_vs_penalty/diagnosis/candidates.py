@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.golden_section import highest
-from sdp_vs_penalty.diagnosis.library import Batch, Candidacy, Group, Key, Library, spread_columns
+from sdp_vs_penalty.diagnosis.library import Batch, Candidacy, Key, Library, spread_columns
 from sdp_vs_penalty.diagnosis.scoring import (
     Beside,
     Scores,
     Solved,
+    averaged,
     bounded,
     cross_validate,
     effective,
@@ -66,6 +67,7 @@ class Candidates:
         self.pieces = [rows.pieces(j) for j in range(rows.n)]
         self._scored: tuple[WhiteFit, Set[int] | None, Scores] | None = None
         self._coarsely: tuple[WhiteFit, Set[int] | None, Array] | None = None
+        self._tuned: tuple[WhiteFit | None, dict[int, Candidate]] = None, {}
         self._columns: dict[tuple[str, int, tuple[float, ...]], Array] = {}
 
     @cached_property
@@ -81,9 +83,10 @@ class Candidates:
         return found
 
     @cached_property
-    def bounded(self) -> list[list[bool]]:
-        """Which parameters of each group may not be negative."""
-        return [bounded(group.effect) for group in self.white.groups]
+    def bounded(self) -> list[NDArray[np.bool_]]:
+        """Which parameters of each batch's groups (G, k) may not be negative."""
+        groups = self.white.groups
+        return [np.array([bounded(groups[g].effect) for g in b.groups]) for b in self.white.batches]
 
     @cached_property
     def by_key(self) -> dict[Key, list[int]]:
@@ -134,16 +137,10 @@ class Candidates:
         ]
         best = coarse[0][0] if coarse else 0.0
         close = [c for k, c in enumerate(coarse) if c[0] > (_FAR if k < _CONTENDERS else _CLOSE) * best]
-        found = [
-            max(
-                (
-                    self.refined(fit, self.white.groups[g], key, v)
-                    for g in self._best_forms(self.by_key[key], values)
-                ),
-                key=lambda h: h.chi2,
-            )
-            for v, key, values in close[:most]
-        ]
+        found = []
+        for v, key, values in close[:most]:
+            forms = (self.refined(fit, g, v) for g in self._best_forms(self.by_key[key], values))
+            found.append(max(forms, key=lambda h: h.chi2))
         return sorted(found, key=lambda h: -h.evidence)
 
     def _plausible(
@@ -161,8 +158,8 @@ class Candidates:
         evidence[[g for h in picked for g in self._written.get(h.effect.text, ())]] = 0.0
         values = evidence[np.concatenate([np.zeros(0, np.intp), *self.by_key.values()])]
         sizes = np.array([len(members) for members in self.by_key.values()], np.intp)
-        parts = np.split(values, np.cumsum(sizes)[:-1])
-        each = dict(zip(self.by_key, zip(_averaged(values, sizes), parts, strict=True), strict=True))
+        parts = np.split(values, np.cumsum(sizes)[:-1]) if len(sizes) else []
+        each = dict(zip(self.by_key, zip(averaged(values, sizes), parts, strict=True), strict=True))
         found = ((key, each[key]) for key in self.eligible(picked, known))
         return dict(sorted(((k, v) for k, v in found if v[0] > 0.0), key=lambda f: -f[1][0]))
 
@@ -200,7 +197,8 @@ class Candidates:
         taken to change that joint's error only."""
         scores = self.scores(fit, scaled, on)
         out = np.zeros(len(scores.chi2))
-        for batch, solved, gram in zip(scaled.batches, scores.batches, scaled.grams, strict=True):
+        parts = zip(scaled.batches, scores.batches, scaled.grams, self.bounded, strict=True)
+        for batch, solved, gram, limited in parts:
             if solved is None:
                 continue
             chi2, k = scores.chi2[batch.groups], batch.columns.shape[1]
@@ -208,14 +206,14 @@ class Candidates:
                 out[batch.groups] = self._spread_evidence(fit, batch, gram, scores, solved)
                 continue
             if k > 1:
-                self._with_signs(batch, chi2, solved)
+                self._with_signs(chi2, solved, limited)
             out[batch.groups] = np.where(chi2 > k, evidence(fit.joint_gains(batch.joint, chi2), k), 0.0)
         return out
 
-    def _with_signs(self, batch: Batch, chi2: Array, solved: Solved) -> None:
+    @staticmethod
+    def _with_signs(chi2: Array, solved: Solved, limited: NDArray[np.bool_]) -> None:
         """chi2 (G,) of a batch on one joint, as far as the signs of its parameters allow: what is
         plausible with the wrong signs only would stand in the way of all others."""
-        limited = np.array([self.bounded[g] for g in batch.groups])
         for place in np.flatnonzero(np.any(limited & (solved.beta < 0.0), axis=1)):
             chi2[place] = passive(solved.gram[place], solved.pull[place])[0]
 
@@ -233,15 +231,19 @@ class Candidates:
             out[likely] = evidence(fit.likelihood_gain(after), freedom)
         return out
 
-    def refined(self, fit: WhiteFit, group: Group, key: Key, averaged: float) -> Candidate:
-        """The candidate with its shape constants moved to where they explain most.
-
-        What a free shape costs is in ``averaged``, the evidence averaged over the grid.
-        """
-        columns = self.white.columns(group).reshape(len(fit.residual), -1)
-        start = self.judged(fit, key, group.effect, columns)
-        best = self.tuned(fit, start)
-        return replace(best, evidence=averaged + best.evidence - start.evidence)
+    def refined(self, fit: WhiteFit, g: int, averaged: float) -> Candidate:
+        """The candidate of a group, its shape constants moved to where they explain most; those of the
+        last fit are kept. What a free shape costs is in ``averaged``, the evidence over the grid."""
+        if self._tuned[0] is not fit:
+            self._tuned = fit, {}
+        if g not in self._tuned[1]:
+            group = self.white.groups[g]
+            columns = self.white.columns(group).reshape(len(fit.residual), -1)
+            start = self.judged(fit, group.key, group.effect, columns)
+            best = self.tuned(fit, start)
+            self._tuned[1][g] = replace(best, evidence=best.evidence - start.evidence)
+        best = self._tuned[1][g]
+        return replace(best, evidence=averaged + best.evidence)
 
     def tuned(self, fit: WhiteFit, start: Candidate, fixed: frozenset[str] = frozenset()) -> Candidate:
         """The candidate with every continuous shape constant refined in turn, but the fixed ones."""
@@ -339,13 +341,3 @@ class Candidates:
         by_time = candidate.effect.follows_clock
         fold = fit.rows.block % _TIME_FOLDS if by_time else fit.rows.fold
         return cross_validate(fit, shapes, candidate.signed, fold, candidate.effect.plausible)
-
-
-def _averaged(values: Array, sizes: NDArray[np.intp]) -> list[float]:
-    """2 log of the mean Bayes factor over shapes, of as many values in a row as ``sizes`` says: what a
-    free shape constant costs is built in."""
-    starts = np.cumsum(sizes) - sizes
-    top = np.maximum(np.maximum.reduceat(values, starts), 0.0) if len(sizes) else np.zeros(0)
-    shares = np.exp(0.5 * (values - np.repeat(top, sizes)))
-    mean = np.add.reduceat(shares, starts) / sizes if len(sizes) else top
-    return list((top + 2.0 * np.log(mean)).tolist())

@@ -98,15 +98,11 @@ class Weighting:
         """(n,) variance of the noise behind the colour's filter, before the division."""
         return 1.0 + np.sum(self.colour**2, axis=1)
 
-    @cached_property
-    def _coloured(self) -> list[bool]:
-        return [bool(a.any()) for a in self.colour]
-
     def apply(self, columns: Array, joint: int) -> Array:
         """White rows (M, ...) of one joint, filtered and divided."""
         if not columns.any():
             return columns
-        if self._coloured[joint]:
+        if self.colour[joint].any():
             columns = innovations(columns, self.colour[joint], self.pieces[joint])
         return columns / self.level[joint]
 
@@ -220,7 +216,9 @@ class WhiteFit:
             for f in np.unique(folds):
                 out = fold == f
                 Q, target = self.Q[out], self.target[out]
-                inverse = _inverse(np.eye(Q.shape[1]) - Q.T @ Q)
+                # The estimate that they are beside is held by HELD of the rows: without it, what a fold
+                # alone determines would be anything there.
+                inverse = np.linalg.inv((1.0 + HELD) * np.eye(Q.shape[1]) - Q.T @ Q)
                 theta = inverse @ (self.Q.T @ self.target - Q.T @ target)
                 found.append(WithoutFold(out, Q, target, inverse, theta, target - Q @ theta))
             self._without[key] = found
@@ -345,10 +343,3 @@ class WithoutFold:
     inverse: Array
     theta: Array
     error: Array
-
-
-def _inverse(gram: Array) -> Array:
-    """Inverse of the training folds' gram, the estimate that they are beside held by HELD of the rows:
-    without it, what a fold alone determines would be anything there."""
-    values, vectors = np.linalg.eigh(gram)
-    return (vectors / (np.maximum(values, 0.0) + HELD)) @ vectors.T

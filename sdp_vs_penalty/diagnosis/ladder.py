@@ -132,8 +132,14 @@ def next_pick(state: SearchState) -> Pick | None:
     """The best acceptable candidate, with what it cannot be told apart from.
 
     While even the best leaves error that is not noise, the choice is made with that error's own
-    colour taken out: otherwise whatever is slow, like the error, would win.
+    colour taken out: otherwise whatever is slow, like the error, would win. Worked out once a state.
     """
+    if not state.next_pick:
+        state.next_pick.append(_looked_for(state))
+    return state.next_pick[0]
+
+
+def _looked_for(state: SearchState) -> Pick | None:
     first = state.contenders(_LOOKED_AT)
     if first and _left(state.fit, first[0]) > MISFIT:
         state = state.coloured(first[0])

@@ -214,6 +214,16 @@ def evidence(chi2: Array | float, k: Array | float) -> Array:
     return k * (ratio - 1.0 - np.log(ratio))
 
 
+def averaged(values: Array, sizes: NDArray[np.intp]) -> list[float]:
+    """2 log of the mean Bayes factor over shapes, of as many values in a row as ``sizes`` says: what a
+    free shape constant costs is built in."""
+    starts = np.cumsum(sizes) - sizes
+    top = np.maximum(np.maximum.reduceat(values, starts), 0.0) if len(sizes) else np.zeros(0)
+    shares = np.exp(0.5 * (values - np.repeat(top, sizes)))
+    mean = np.add.reduceat(shares, starts) / sizes if len(sizes) else top
+    return list((top + 2.0 * np.log(mean)).tolist())
+
+
 def effective(gram: Array, known: Array | None) -> float:
     """How many of k coefficients the rows determine, rather than what is ``known`` of them: trace of
     G (G + diag(1 / known^2))^-1, with their partialled gram G (k, k)."""

@@ -150,9 +150,12 @@ def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least:
     """The joints' levels brought up to date with the picks; ``least`` (n,) : each one's smallest
     variance."""
     for _ in range(2):
-        fit = _extended(stage.fit(weighting), picks)
+        base = stage.fit(weighting)
+        fit = _extended(base, picks)
         level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, least))
         if np.allclose(level, weighting.level, rtol=_SETTLED, atol=0.0):
-            break
+            out = SearchState(stage, picks, base)
+            vars(out)["fit"] = fit  # known already
+            return out
         weighting = replace(weighting, level=level)
     return SearchState(stage, picks, stage.fit(weighting))

@@ -30,17 +30,17 @@ def base_parameters(
     indices of theta_b. Raises InputError where those named are not independent.
     """
     robot = model.robot
-    motion = _random_motion(robot, seed)
+    motion = random_motion(robot, seed)
     stacked = robot.regressor(motion.q, motion.dq, motion.ddq).reshape(-1, 10 * robot.links)
     if independent is None:
-        return _base_of(stacked)
+        return structure(stacked)
     rigid = [model.parameters[k].name for k in model.rigid_indices]
     for name in independent:
         if name not in rigid:
             raise InputError(
                 f"base_parameters: {name!r} is no parameter of a link", "write names like Izz1"
             )
-    return _base_of(stacked, tuple(rigid.index(name) for name in independent))
+    return structure(stacked, tuple(rigid.index(name) for name in independent))
 
 
 def base_parameters_of(
@@ -53,13 +53,13 @@ def base_parameters_of(
     part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
     names = [p.name for p in model.parameters]
     places = np.array([names.index(p.name) for p in part.parameters])
-    motion = _random_motion(model.robot, 0)
+    motion = random_motion(model.robot, 0)
     stacked = np.zeros((len(motion.t), model.robot.n, len(places)))
     for j, block in enumerate(part.columns(motion)):
         stacked[:, j, block.indices] = block.columns
     # Of columns that stand for each other the first leads, whatever rounding says: links before rotors.
     preference = np.linspace(1.0, 1.0 - 1e-4, len(places))
-    base, kept = _base_of(stacked.reshape(-1, len(places)), preference=preference)
+    base, kept = structure(stacked.reshape(-1, len(places)), preference=preference)
     return base, places, [int(places[k]) for k in kept]
 
 
@@ -101,15 +101,15 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     return BaseParameters(rows, names, leading)
 
 
-def _random_motion(robot: Robot, seed: int) -> Motion:
-    """States enough to tell apart whatever can be told apart."""
-    count = 20 * robot.n + 100
+def random_motion(robot: Robot, seed: int, count: int = 0) -> Motion:
+    """``count`` states, or enough to tell apart whatever can be told apart."""
+    count = count or 20 * robot.n + 100
     q = robot.random_configurations(count, seed)
     dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n))
     return Motion(np.zeros(count), q, dq, ddq)
 
 
-def _base_of(
+def structure(
     stacked: Array, kept: tuple[int, ...] | None = None, preference: Array | float = 1.0
 ) -> tuple[Array, tuple[int, ...]]:
     """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted QR chooses of

@@ -117,11 +117,16 @@ class LeastSquares:
         norms = self.column_norms
         unit = np.where(norms > 0.0, norms, 1.0)
         scaled = np.where(norms > 0.0, self.R, 0.0) / unit
-        rest = np.zeros((max(0, scaled.shape[1] - scaled.shape[0]), scaled.shape[1]))
-        _, s, vt = np.linalg.svd(np.vstack([scaled, rest]), full_matrices=False)
-        good = s > 1e-14 * s.max(initial=0.0)
-        spread = np.sum((vt[good] / s[good, None]) ** 2, axis=0)
-        hidden = np.sum(vt[~good] ** 2, axis=0) > 1e-12
+        if not scaled.any():
+            return np.zeros(len(norms))
+        # scaled P = Q [T S]: what is combined with nothing that is invisible lies apart by T alone.
+        r, pivots = scipy.linalg.qr(scaled, mode="r", pivoting=True, check_finite=False)
+        rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-13 * abs(r[0, 0])))
+        back = scipy.linalg.solve_triangular(r[:rank, :rank], np.eye(rank), check_finite=False)
+        unseen = np.vstack([-back @ r[:rank, rank:], np.eye(len(pivots) - rank)])
+        hidden, spread = np.ones(len(norms), bool), np.ones(len(norms))
+        hidden[pivots] = np.sum(np.linalg.qr(unseen)[0] ** 2, axis=1) > 1e-12
+        spread[pivots[:rank]] = np.sum(back**2, axis=1)
         return np.where(hidden, 0.0, norms / np.sqrt(np.where(hidden, 1.0, spread)))
 
 

@@ -102,6 +102,7 @@ class _Bare:
 
     def __init__(self, columns: list[Any], channels: Any) -> None:
         self.columns, self.channels = columns, channels
+        self.counted = channels
         self.evidence = Evidence.of(columns, channels)
 
     def gained(self, log: float) -> Any:

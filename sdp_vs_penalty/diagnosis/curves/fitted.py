@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -47,8 +47,11 @@ class Look:
         self.settled = settled
         self.state, self.variables, self.fit = state, variables, state.fit
         self.noise, self.rows = state.stage.noise, state.stage.rows
-        fit = self.fit
-        self.overlap = fit.rows.block_sums(fit.Q * fit.residual[:, None])
+
+    @cached_property
+    def overlap(self) -> Array:
+        """(B, r) block sums of Q r."""
+        return self.fit.rows.block_sums(self.fit.Q * self.fit.residual[:, None])
 
     def white(self, columns: Array, joint: int) -> Array:
         """(M, k) columns of one joint, white and weighted like the rows."""
