@@ -216,6 +216,8 @@ def diagnosis(
         explain(f"retune {retune.explanation}{weak}")
     if result.effects:
         _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
+    if result.beside:
+        explain(result.beside)
     for curve in result.curves:
         explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor

@@ -158,7 +158,7 @@ class Candidates:
         evidence[[g for h in picked for g in self._written.get(h.effect.text, ())]] = 0.0
         values = evidence[np.concatenate([np.zeros(0, np.intp), *self.by_key.values()])]
         sizes = np.array([len(members) for members in self.by_key.values()], np.intp)
-        parts = np.split(values, np.cumsum(sizes)[:-1])
+        parts = np.split(values, np.cumsum(sizes)[:-1]) if len(sizes) else []
         each = dict(zip(self.by_key, zip(averaged(values, sizes), parts, strict=True), strict=True))
         found = ((key, each[key]) for key in self.eligible(picked, known))
         return dict(sorted(((k, v) for k, v in found if v[0] > 0.0), key=lambda f: -f[1][0]))

@@ -25,7 +25,13 @@ from sdp_vs_penalty.diagnosis.held_out import HeldOut, OnFolds, OnTest
 from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
 from sdp_vs_penalty.diagnosis.library import turning
 from sdp_vs_penalty.diagnosis.own_shapes import moved
-from sdp_vs_penalty.diagnosis.parsimony import believable, bent, correlated, overshadowed
+from sdp_vs_penalty.diagnosis.parsimony import (
+    believable,
+    bent,
+    correlated,
+    overshadowed,
+    seen_sliding,
+)
 from sdp_vs_penalty.diagnosis.remaining import remaining
 from sdp_vs_penalty.diagnosis.retunes import retunes
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows, with_estimate
@@ -41,6 +47,7 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.excerpt import MOST_SEARCHED, excerpt, excerpt_sentence
 from sdp_vs_penalty.signals.motion import record_motion
+from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
 from sdp_vs_penalty.signals.stillness import STILL
@@ -133,11 +140,19 @@ def conclude(
 ) -> Diagnosis:
     """Verdict, findings and held-out errors of a search that has come to its end."""
     found, held_out = _offered(found, lambda f: OnFolds(f) if test is None else OnTest(f, data, test))
+    major = held_out.minor.count(False)
     estimate, state, stage = found.estimate, found.state, found.state.stage
     left, events = remaining(state)
     retuned = retunes(found.shapes, estimate.robot, held_out.before, held_out.ladder[0])
     errors = torque_errors(stage, estimate, gain_errors) if state.picks else np.zeros((0, 0))
-    findings = tuple(_finding(found, k, held_out, errors) for k in range(len(state.picks)))
+    # What minor ones share with the others costs nothing when they are left out.
+    lean = found
+    if major < len(state.picks):
+        lean = replace(found, state=state.with_picks(state.picks[:major]))
+    every = [
+        _finding(lean if k < major else found, k, held_out, errors) for k in range(len(state.picks))
+    ]
+    findings, minor = tuple(every[:major]), tuple(replace(f, confidence="minor") for f in every[major:])
     doubted = explanations.doubts(findings)
     rows = None if test is None else (diagnosis_rows(test, estimate, settings), estimate)
     measured = measured_curves(state, left, [j - 1 for _, j in doubted], rows)
@@ -153,7 +168,7 @@ def conclude(
         events,
         stage.noise.source,
         left.share,
-        held_out.ladder[-1],
+        held_out.ladder[major],
         stage.rows.cutoff,
         explanations.remarks(
             stage.noise.source,
@@ -161,6 +176,7 @@ def conclude(
                 *doubted.values(),
                 explanations.standstill(held_out.moving, held_out.ladder[-1]),
                 explanations.negligible(left),
+                explanations.turning(left) if stage.noise.source == REPETITION else "",
             ),
             held_out.source,
             new_share,
@@ -173,28 +189,38 @@ def conclude(
         measured.curves,
         tuple(carriers(stage.rows, state.residual, left.matters)),
         tuple((j + 1, float(left.beyond[j])) for j in left.matters),
+        minor,
     )
 
 
 def _offered(found: Found, on: Callable[[Found], OnFolds | OnTest]) -> tuple[Found, HeldOut]:
     """The search without the picks that may be what others leave, and those that do not lower their
     joints' error on data left out; with the constants that the model was given on joints whose error
-    there other ones raise."""
+    there other ones raise. Those that are minor come last."""
+    found = replace(found, state=seen_sliding(found.state))
     judge, back = on(found), frozenset[int]()
     while True:
         found = replace(found, state=believable(found.state))
-        held_out = judge.errors(found.state.picks)
-        kept = [p for p, pays in zip(found.state.picks, held_out.pays, strict=True) if pays]
+        picks = found.state.picks
+        held_out = judge.errors(picks)
+        kept = [p for p, pays in zip(picks, held_out.pays, strict=True) if pays]
         worse = held_out.ladder[-1] > _RAISED * held_out.before
         raised = [j for j in moved(found.first, found.estimate) if worse[j]]
-        if len(kept) < len(found.state.picks):
+        if len(kept) < len(picks):
             found = replace(found, state=found.state.with_picks(kept))
         elif not back.issuperset(raised):
             back |= frozenset(raised)
             found = reverted(found, raised)
             judge = on(found)
         else:
-            return found, held_out
+            break
+    order = sorted(range(len(picks)), key=lambda k: held_out.minor[k])
+    if order != list(range(len(picks))):
+        found = replace(found, state=found.state.with_picks([picks[k] for k in order]))
+        ladder = judge.errors(found.state.picks).ladder
+        minor = tuple(held_out.minor[k] for k in order)
+        held_out = replace(held_out, ladder=ladder, minor=minor)
+    return found, held_out
 
 
 def _finding(found: Found, k: int, held_out: HeldOut, errors: Array) -> Finding:

@@ -11,7 +11,7 @@ from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.show import repeatability_warning
-from sdp_vs_penalty.diagnosis.verdict import Remainder
+from sdp_vs_penalty.diagnosis.verdict import NOMINAL, Remainder
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
@@ -114,9 +114,23 @@ def negligible(left: Remainder) -> str:
     """One sentence where error surely repeats that hardly matters, else nothing."""
     if not left.remains or left.matters:
         return ""
+    raised = 100.0 * left.raised.max(initial=0.0)
     return (
-        f"What else repeats on {show.joints([j + 1 for j in left.joints])} hardly matters: it raises no "
-        f"joint's error by more than {100.0 * left.raised.max():.2g} % above the noise."
+        f"What else repeats on {show.joints([j + 1 for j in left.joints])} hardly matters: while the "
+        f"joint slides it raises the error by {raised:.2g} % above the noise at most, or is below "
+        f"{100.0 * NOMINAL:g} % of the torque."
+    )
+
+
+def turning(left: Remainder) -> str:
+    """One sentence where most of what is left is of slow joints, else nothing."""
+    slow = np.flatnonzero((left.slow > left.floor) & (left.slow > 2.0 * left.beyond))
+    if not len(slow):
+        return ""
+    errors = ", ".join(f"{left.slow[j]:.2g}" for j in slow)
+    return (
+        f"While {show.joints((slow + 1).tolist())} is slow, {errors} N m or N RMS are left beyond the "
+        "noise: where dry friction turns round its laws hold only approximately."
     )
 
 

@@ -82,23 +82,8 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "text": self.text,
-            "effect": self.effect,
-            "joints": list(self.joints),
-            "shape": dict(self.shape),
-            "size": self.size,
-            "std": self.std,
-            "unit": self.unit,
-            "parameters": dict(self.parameters),
-            "confidence": self.confidence,
-            "indistinguishable_from": list(self.indistinguishable_from),
-            "finer": list(self.finer),
-            "remarks": list(self.remarks),
-            "constants": self.constants,
-            "gain": self.gain,
-            "held_out_rmse_before": self.held_out_rmse_before.tolist(),
-            "held_out_rmse_after": self.held_out_rmse_after.tolist(),
-            "explanation": self.explanation,
+            k: x.tolist() if isinstance(x, np.ndarray) else list(x) if isinstance(x, tuple) else x
+            for k, x in vars(self).items()
         }
 
     @classmethod
@@ -133,11 +118,7 @@ class Invisible:
     absorbed_share: float
 
     def to_dict(self) -> dict[str, Any]:
-        return {
-            "effect": self.effect,
-            "joints": list(self.joints),
-            "absorbed_share": self.absorbed_share,
-        }
+        return {**vars(self), "joints": list(self.joints)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Invisible:
@@ -148,7 +129,8 @@ class Invisible:
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
-    adding; noise_floor (n,) of the filtered torque; events : what happened once.
+    adding; minor : those that lower no joint's held-out error noticeably beside them, added only where
+    they are asked for; noise_floor (n,) of the filtered torque; events : what happened once.
 
     noise_source : "repetition", or "residual" where nothing repeats and abstention is weaker;
     unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
@@ -180,23 +162,26 @@ class Diagnosis(Shown):
     curves: tuple[Curve, ...] = ()
     left: tuple[tuple[int, str, float], ...] = ()
     remains: tuple[tuple[int, float], ...] = ()
+    minor: tuple[Finding, ...] = ()
 
     def selected(self, numbers: Sequence[int] | None = None, confident: bool = False) -> Diagnosis:
-        """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
+        """Only the findings of these numbers (from 1, in the order of adding, then the minor ones), or
+        the confident ones.
 
         Changed shape constants are not numbered: they stay, the confident ones or all. So do curves,
         but where numbers are given.
         Raises InputError for a number that is not there, and where no finding is left.
         """
+        every = self.effects if numbers is None else (*self.effects, *self.minor)
         for number in numbers or ():
-            if not 1 <= number <= len(self.effects):
+            if not 1 <= number <= len(every):
                 raise InputError(
-                    f"finding {number} does not exist, there are {len(self.effects)}",
+                    f"finding {number} does not exist, there are {len(every)}",
                     "number them from 1 in the order of the list",
                 )
         chosen = tuple(
             f
-            for k, f in enumerate(self.effects, start=1)
+            for k, f in enumerate(every, start=1)
             if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
         )
         retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
@@ -206,7 +191,7 @@ class Diagnosis(Shown):
             raise InputError(
                 f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
             )
-        return replace(self, effects=chosen, retuned=retuned, curves=curves)
+        return replace(self, effects=chosen, retuned=retuned, curves=curves, minor=())
 
     @property
     def headline(self) -> str:
@@ -215,6 +200,15 @@ class Diagnosis(Shown):
         constants = [(r.effect, (r.joint,), r.confidence) for r in self.retuned]
         known = self.noise_source == "repetition"
         return diagnosis_verdict(self.unknown, found, known, constants)
+
+    @property
+    def beside(self) -> str:
+        """The minor findings in one sentence, or ""."""
+        if not self.minor:
+            return ""
+        first = len(self.effects) + 1
+        named = ", ".join(f"{k}. {f.text.partition('@')[0]}" for k, f in enumerate(self.minor, first))
+        return f"Minor, lowers no joint's held-out error by 1 % and is not added by default: {named}."
 
     @property
     def unknown(self) -> str:
@@ -284,6 +278,9 @@ class Diagnosis(Shown):
             "verdict": self.verdict,
             "frozen": self.frozen,
             "effects": [{"number": k, **f.to_dict()} for k, f in enumerate(self.effects, start=1)],
+            "minor": [
+                {"number": k, **f.to_dict()} for k, f in enumerate(self.minor, len(self.effects) + 1)
+            ],
             "retuned": [r.to_dict() for r in self.retuned],
             "curves": [c.to_dict() for c in self.curves],
             "noise_floor": self.noise_floor.tolist(),
@@ -325,6 +322,7 @@ class Diagnosis(Shown):
             tuple(map(Curve.from_dict, data.get("curves", ()))),
             tuple((int(x["joint"]), str(x["variable"]), float(x["rmse"])) for x in data.get("left", ())),
             tuple((int(x["joint"]), float(x["rmse"])) for x in data.get("remains", ())),
+            tuple(map(Finding.from_dict, data.get("minor", ()))),
         )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from sdp_vs_penalty.diagnosis.library import Key, spread_columns
 from sdp_vs_penalty.diagnosis.refit import fitted_parameters, model_beside, weighting_of
 from sdp_vs_penalty.diagnosis.rows import with_estimate
 from sdp_vs_penalty.diagnosis.search import Found
-from sdp_vs_penalty.diagnosis.stage import Stage, informative, model_columns
+from sdp_vs_penalty.diagnosis.stage import Stage, model_columns
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -36,13 +37,16 @@ from sdp_vs_penalty.regression.regression import (
 )
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL
-from sdp_vs_penalty.signals.segments import segmented
-from sdp_vs_penalty.signals.stillness import STILL
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty.signals.stillness import SLOW, STILL
 
 #: What lowers its joints' errors by less than this share, summed over them, does not pay ...
 _PAYS = 0.001
 #: ... and where the noise is a guess: evidence counts the model's own error then.
 _PAYS_GUESSED = 0.003
+#: What lowers no joint's error by this share is minor where the noise is a guess: from fold to fold the
+#: change by small findings spreads by half of that and more (0.5 to 5 % of 4 findings).
+MINOR = 0.01
 #: Outer folds at most: the search is repeated without each of them.
 _OUTER = 5
 
@@ -53,12 +57,14 @@ class HeldOut:
     (steps + 1, n) : with those that the search adopted, before the first effect and after each; source :
     "test" or "folds"; pays (steps,) : whether an effect lowers the errors of the joints that it acts on,
     on rows from which its size was not estimated (the test run's, or folds left out) and that are
-    evidence; moving (n,) : RMSE of those rows after the last effect."""
+    evidence; minor (steps,) : whether beside all others it lowers none of them by more than chance
+    would; moving (n,) : RMSE of those rows after the last effect."""
 
     before: Array
     ladder: Array
     source: str
     pays: tuple[bool, ...]
+    minor: tuple[bool, ...]
     moving: Array
 
 
@@ -73,17 +79,17 @@ class OnTest:
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
         found, effects = self.found, [p.candidate.effect for p in picks]
         frozen, (split,) = found.state.stage.frozen, self._kept.of(effects, self._splits)
-        evidence, every = (
+        _, evidence, every = (
             _rmse(x, rows.joint_rows())
             for x, rows in zip(_ladder(found.estimate, frozen, effects, split), split.there, strict=True)
         )
 
         def squares(chosen: Sequence[int]) -> Array:
-            return _squares(found.estimate, frozen, [effects[k] for k in chosen], split)[0]
+            return _squares(found.estimate, frozen, [effects[k] for k in chosen], split)
 
         before = every[0] if found.first is found.estimate else self._before
-        told = _told(picks, evidence, squares, found.state.stage.noise.source == RESIDUAL)
-        return HeldOut(before, every, "test", told, evidence[-1])
+        told = _told(picks, squares, found.state.stage.noise.source == RESIDUAL)
+        return HeldOut(before, every, "test", *told, evidence[-1])
 
     @cached_property
     def _kept(self) -> _Kept:
@@ -96,8 +102,8 @@ class OnTest:
     def _before(self) -> Array:
         """(n,) errors of the model as it was given."""
         first, own = self.found.first, self._split(self.found.first, ())
-        squares = _squares(first, self.found.state.stage.frozen, (), own)[1]
-        return _rmse(squares, own.there[1].joint_rows())
+        squares = _squares(first, self.found.state.stage.frozen, (), own)[-1]
+        return _rmse(squares, own.there[-1].joint_rows())
 
     def _split(self, estimate: Estimate, effects: Sequence[Effect]) -> _Split:
         """The rows of both runs in the columns of the model and of all effects."""
@@ -114,33 +120,34 @@ class OnTest:
         there = compress_cells(self.test, model, settings, self._cells)
         if frozen:
             train, there = (rows.beside(estimate.theta) for rows in (train, there))
-        return _Split(tuple(effects), train, (there.select([0]), there))
+        return _Split.of(effects, train, there)
 
     @cached_property
-    def _cells(self) -> _Evidence:
-        """Which rows of the test run are evidence: where nothing repeats, not those of standstill."""
-        found = self.found
-        if found.state.stage.noise.source != RESIDUAL:
-            return _Evidence({})
-        rows = segmented(self.test, found.estimate.preprocessing)
-        return _Evidence(
-            {k: (rows.t[m], rows.still[m]) for k in set(rows.run) if (m := rows.run == k).any()}
-        )
+    def _cells(self) -> _Cells:
+        """Which rows of the test run are evidence."""
+        rows = segmented(self.test, self.found.estimate.preprocessing)
+        kinds = _kinds(rows, self.found.state.stage.noise.source == RESIDUAL)
+        return _Cells({k: (rows.t[m], kinds[m]) for k in set(rows.run) if (m := rows.run == k).any()})
+
+
+def _kinds(rows: SegmentedRuns, guessed: bool) -> NDArray[np.intp]:
+    """(M, n) kind of each row: 0 the joint slides, 1 it is slow, 2 it stands still and that is no
+    evidence, because the noise is a ``guessed`` one."""
+    return np.where(guessed & (rows.still > STILL), 2, rows.slow > SLOW).astype(np.intp)
 
 
 @dataclass(frozen=True)
-class _Evidence:
-    """Two cells: the rows that are evidence, and the others; still : by run, instants (M,) and how much
-    of a row there a joint stood still (M, n)."""
+class _Cells:
+    """A cell a kind of rows; kinds : by run, instants (M,) and kinds (M, n) there."""
 
-    still: Mapping[int, tuple[Array, Array]]
-    places = ((0, 0.0, 0.0), (0, 0.0, 0.0))
+    kinds: Mapping[int, tuple[Array, NDArray[np.intp]]]
+    places = ((0, 0.0, 0.0),) * 3
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        if run not in self.still:
+        if run not in self.kinds:
             return np.zeros(len(t), np.intp)
-        at, still = self.still[run]
-        return np.array([np.interp(t, at, s) > STILL for s in still.T], np.intp).T
+        at, kinds = self.kinds[run]
+        return kinds[np.clip(np.searchsorted(at, t), 0, len(at) - 1)]
 
 
 @dataclass(frozen=True)
@@ -157,17 +164,21 @@ class OnFolds:
         total = np.sum(
             [_matched(now, stage, picks, own, train) for train, own in self._searched], axis=0
         )
-        same = np.sum([_ladder(now, frozen, effects, split)[0] for split in splits], axis=0)
 
         def squares(chosen: Sequence[int]) -> Array:
             own = [effects[k] for k in chosen]
-            return np.sum([_squares(now, frozen, own, split)[0] for split in splits], axis=0)
+            return np.sum([_squares(now, frozen, own, split) for split in splits], axis=0)
 
-        keep = stage.rows.keep
-        count, evident = keep.sum(axis=0), (keep & _evident(stage)).sum(axis=0)
-        evidence = _rmse(same, evident)
-        told = _told(picks, evidence, squares, stage.noise.source == RESIDUAL)
-        return HeldOut(_rmse(self._before, count), _rmse(total, count), "folds", told, evidence[-1])
+        keep, guessed = stage.rows.keep, stage.noise.source == RESIDUAL
+        count, evident = keep.sum(axis=0), (keep & (_kinds(stage.rows, guessed) < 2)).sum(axis=0)
+        moving = _rmse(squares(range(len(picks)))[1], evident)
+        pays, minor = _told(picks, squares, guessed)
+        # Shapes that all rows have chosen flatter: the search without a fold has to find it as well.
+        falls = 0.5 * np.log(total[:-1] / total[1:])
+        worth = [np.max(fall[_acts(pick)]) for pick, fall in zip(picks, falls, strict=True)]
+        minor = tuple(m or (guessed and w <= MINOR) for m, w in zip(minor, worth, strict=True))
+        before = _rmse(self._before, count)
+        return HeldOut(before, _rmse(total, count), "folds", pays, minor, moving)
 
     @cached_property
     def _kept(self) -> _Kept:
@@ -186,7 +197,7 @@ class OnFolds:
             columns = model_columns(rows, first, stage.frozen)
             stage = replace(stage, rows=rows, columns=columns, residual=rows.residual)
         splits = [_left_out(first, stage, (), train) for train, _ in self._searched]
-        return np.asarray(np.sum([_squares(first, stage.frozen, (), s)[1] for s in splits], axis=0))
+        return np.asarray(np.sum([_squares(first, stage.frozen, (), s)[-1] for s in splits], axis=0))
 
     @cached_property
     def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
@@ -204,13 +215,17 @@ class OnFolds:
 @dataclass(frozen=True)
 class _Split:
     """Rows in the columns of a model and of effects, or of what a frozen model leaves in those of the
-    effects: ``train`` to fit to, ``there`` to judge on, those that are evidence and all; known : squared
-    errors with some of the effects."""
+    effects: ``train`` to fit to, ``there`` to judge on, by sliding, by all that is evidence and by all;
+    known : squared errors with some of the effects."""
 
     effects: tuple[Effect, ...]
     train: Regression
-    there: tuple[Regression, Regression]
+    there: tuple[Regression, ...]
     known: dict[tuple[int, ...], Array] = field(default_factory=dict, init=False)
+
+    @classmethod
+    def of(cls, effects: Sequence[Effect], train: Regression, kinds: Regression) -> _Split:
+        return cls(tuple(effects), train, tuple(kinds.select(range(k)) for k in (1, 2, 3)))
 
 
 class _Kept:
@@ -229,19 +244,20 @@ class _Kept:
 
 
 def _squares(estimate: Estimate, frozen: bool, own: Sequence[Effect], split: _Split) -> Array:
-    """(2, n) squared errors on the rows to judge on of the model with these effects, of those split."""
+    """(3, n) squared errors on the rows to judge on of the model with these effects, of those split."""
     chosen = tuple(k for k, e in enumerate(split.effects) if any(e is x for x in own))
     if chosen not in split.known:
         sizes = [len(e.parameters) for e in split.effects]
         picked = np.repeat(np.isin(np.arange(len(sizes)), chosen), sizes)
         wanted = np.concatenate([np.ones(split.train.p - len(picked), bool), picked])
+        own = [split.effects[k] for k in chosen]  # in the order of the columns
         theta = fitted_parameters(estimate, own, split.train.keeping(wanted), frozen)
         split.known[chosen] = np.array([x.keeping(wanted).joint_losses(theta) for x in split.there])
     return split.known[chosen]
 
 
 def _ladder(estimate: Estimate, frozen: bool, effects: Sequence[Effect], split: _Split) -> Array:
-    """(2, steps + 1, n) the same of the model with the first effects, one step after the other."""
+    """(3, steps + 1, n) the same of the model with the first effects, one step after the other."""
     steps = range(len(effects) + 1)
     return np.stack([_squares(estimate, frozen, effects[:k], split) for k in steps], axis=1)
 
@@ -262,22 +278,17 @@ def _left_out(
     if not stage.frozen:
         torque += (stage.columns @ estimate.theta).T
     rows_of = np.concatenate([np.concatenate(columns, axis=2), torque.T[:, :, None]], axis=2)
-    blocks = tuple(TimeBlock(0, 0.0, 0.0) for _ in range(3))
+    kinds = 1 + _kinds(rows, stage.noise.source == RESIDUAL)
+    kinds[train] = 0
+    blocks = tuple(TimeBlock(0, 0.0, 0.0) for _ in range(4))
     factors = []
     for j in range(rows.n):
-        counts = _evident(stage)[:, j]
-        for block, mine in enumerate((train, ~train & counts, ~train & ~counts)):
-            kept = rows_of[j][mine & rows.keep[:, j]]
+        for block in range(4):
+            kept = rows_of[j][(kinds[:, j] == block) & rows.keep[:, j]]
             indices = np.arange(len(parameters))
             factors.append(Factor(j, block, indices, triangular([kept]), len(kept)))
     both = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
-    return _Split(tuple(effects), both.select([0]), (both.select([1]), both.select([1, 2])))
-
-
-def _evident(stage: Stage) -> NDArray[np.bool_]:
-    """(M, n) which rows are evidence for or against a law: where nothing repeats, those of motion."""
-    known = stage.noise.source != RESIDUAL
-    return np.ones_like(stage.rows.keep) if known else stage.rows.still <= STILL
+    return _Split.of(effects, both.select([0]), both.select([1, 2, 3]))
 
 
 def _matched(
@@ -296,33 +307,48 @@ def _matched(
     same = sorted((p for p in own if p.candidate.key in step), key=lambda p: step[p.candidate.key])
     steps = np.array([step[p.candidate.key] for p in same], int)
     effects = [p.candidate.effect for p in same]
-    squares = _ladder(estimate, stage.frozen, effects, _left_out(estimate, stage, effects, train))[1]
+    squares = _ladder(estimate, stage.frozen, effects, _left_out(estimate, stage, effects, train))[-1]
     return squares[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
 
 
 def _told(
+    picks: Sequence[Pick], squares: Callable[[Sequence[int]], Array], guessed: bool = False
+) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+    """Of each pick whether it pays, by the errors of its joints together, and whether it is minor, by
+    that which falls most; guessed : the noise, so that model error counts as evidence."""
+    paying = _kept(picks, squares, np.sum, _PAYS_GUESSED if guessed else _PAYS)
+    major = paying
+    if guessed and len(paying) == len(picks):
+        major = _kept(picks, squares, np.max, MINOR)
+    return tuple(k in paying for k in range(len(picks))), tuple(
+        k not in major for k in range(len(picks))
+    )
+
+
+def _kept(
     picks: Sequence[Pick],
-    ladder: Array,
     squares: Callable[[Sequence[int]], Array],
-    guessed: bool = False,
-) -> tuple[bool, ...]:
-    """Of each pick whether the errors of the joints on which it acts fall by what pays. ladder
-    (steps + 1, n) : with the first picks; squares : (n,) of any picks, by which those are judged beside
-    all others that do not pay where they stand: some need a later one."""
-    needed, steps = _PAYS_GUESSED if guessed else _PAYS, zip(picks, ladder[:-1], ladder[1:], strict=True)
-    change = [_change(pick, before, after) for pick, before, after in steps]
+    together: Callable[[Array], Any],
+    least: float,
+) -> list[int]:
+    """The picks by which errors fall enough, where they stand or beside all others that are kept: some
+    need a later one."""
     kept = list(range(len(picks)))
-    for k in sorted((k for k in kept if change[k] >= -needed), key=lambda k: -change[k]):
+
+    def falls(k: int, others: Sequence[int], beside: Sequence[int]) -> float:
+        effect, joints = picks[k].candidate.effect, _acts(picks[k])
+        before, after = (squares(c) for c in (others, beside))
+        # No law of friction holds where it turns round: what is not friction is told by sliding.
+        kind = 0 if effect.signless and before[0, joints].all() else 1
+        before, after = (np.maximum(x[kind, joints], 1e-300) for x in (before, after))
+        return float(together(0.5 * np.log(before / after)))
+
+    share = [falls(k, kept[:k], kept[: k + 1]) for k in kept]
+    for k in sorted((k for k in kept if share[k] <= least), key=lambda k: share[k]):
         others = [m for m in kept if m != k]
-        if 0.5 * _change(picks[k], squares(others), squares(kept)) >= -needed:
+        if falls(k, others, kept) <= least:
             kept = others
-    return tuple(k in kept for k in range(len(picks)))
-
-
-def _change(pick: Pick, before: Array, after: Array) -> float:
-    """The logarithms' change, summed over the joints on which a pick acts."""
-    before, after = (np.maximum(x[_acts(pick)], 1e-300) for x in (before, after))
-    return float(np.sum(np.log(after / before)))
+    return kept
 
 
 def _acts(pick: Pick) -> list[int] | slice:
@@ -340,6 +366,5 @@ def _looked_for(picks: Sequence[Pick]) -> frozenset[Key]:
 def _stage_on(stage: Stage, train: NDArray[np.bool_], keys: frozenset[Key]) -> Stage:
     """The same stage with some of the rows, all others switched off, and some of the candidates."""
     off = ~train[:, None] | ~stage.rows.keep
-    rows = stage.rows.with_masked(off)
-    labels = replace(stage.labels, count=informative(rows, stage.noise))
-    return replace(stage, rows=rows, labels=labels, candidacy=stage.candidacy.only(keys))
+    stage = stage.on(stage.rows.with_masked(off))
+    return replace(stage, candidacy=replace(stage.candidacy, keys=keys))

@@ -281,6 +281,12 @@ def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candid
     return (own, rivals) if plain is None else (plain, rivals_of(others, plain, contenders))
 
 
+def gain_of(state: SearchState, k: int) -> float:
+    """What pick k is worth beside all others, on rows that do not fit it."""
+    others = state.without(k)
+    return float(_block_gains(others, _judged(others, state.picks[k].candidate)).sum())
+
+
 def _judged(state: SearchState, h: Candidate) -> Candidate:
     """The same candidate beside other picks."""
     return state.stage.candidates.judged(state.fit, h.key, h.effect, h.columns)

@@ -6,13 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.ladder import TOLD_APART, accepted, accepted_beside, joints_of
+from sdp_vs_penalty.diagnosis.ladder import (
+    MIN_GAIN,
+    TOLD_APART,
+    accepted,
+    accepted_beside,
+    gain_of,
+    joints_of,
+)
 from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.scoring import evidence
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.signals.stillness import SLOW
 
 #: Of a pick's energy, the share that its correlation with another must take for its size to be theirs
 #: together: standard deviations are then sqrt(1 / (1 - 0.8)) = 2.2 times as large as alone.
@@ -126,6 +134,22 @@ def believable(state: SearchState) -> SearchState:
         if _part_of_a_law(state, k) or _drowned(state, k):
             state = state.with_picks(state.without(k).picks)
     return state
+
+
+def seen_sliding(state: SearchState) -> SearchState:
+    """The search without picks that are not friction and that do not show while their joints slide:
+    where dry friction turns round its laws hold only approximately, whatever that resembles."""
+    if not any(e.signless for e in state.effects):
+        return state
+    stage = state.stage
+    rows = stage.rows.with_masked((stage.rows.slow > SLOW) | ~stage.rows.keep)
+    sliding = state.on(stage.on(rows))
+    while True:
+        gains = {k: gain_of(sliding, k) for k, effect in enumerate(sliding.effects) if effect.signless}
+        k = min(gains, key=lambda k: gains[k], default=None)
+        if k is None or gains[k] >= MIN_GAIN:
+            return state
+        state, sliding = (s.with_picks(s.without(k).picks) for s in (state, sliding))
 
 
 def correlated(state: SearchState, k: int) -> tuple[Pick, ...]:

@@ -16,14 +16,12 @@ from sdp_vs_penalty.signals.noise import FAINT, RESIDUAL, SAME_PHASE, difference
 from sdp_vs_penalty.signals.outliers import local_excess, lone_windows, noise_profile, robust_scale
 from sdp_vs_penalty.signals.repetition import consecutive, later_rows
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.signals.stillness import STILL
+from sdp_vs_penalty.signals.stillness import SLOW, STILL
 
 Mask = NDArray[np.bool_]
 
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
-#: Share of its usual speed below which a joint is slow: friction's own errors are largest there.
-_SLOW = 0.2
 #: Hz: below, lines are the motion's own harmonics.
 _SLOWEST_HUM = 0.8
 #: In units of the row rate: above, what the low-pass folds has no flat surroundings.
@@ -38,7 +36,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     """
     fit, stage = state.fit, state.stage
     rows, noise = stage.rows, stage.noise
-    n, M = rows.n, len(rows.t)
+    n, M, turning = rows.n, len(rows.t), rows.slow > SLOW
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
     left = remainder(fit, rows, noise, state.residual)
     mask, faint = np.zeros((2, M, n), bool)
@@ -47,6 +45,9 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
         steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
         # The noise may be larger than the repetition let on; its median does not see an event.
         steady /= max(robust_scale(steady[steady != 0.0]), 1.0)
+        # Friction that turns round lets go a little elsewhere each time.
+        slow = turning[:, j]
+        steady[slow] /= max(np.sqrt(np.mean(steady[slow] ** 2)), 1.0) if slow.any() else 1.0
         degrees = float(noise.degrees[j])
         found = local_excess(steady, rows.pieces(j), n, degrees)
         if noise.source == RESIDUAL and found.any():
@@ -66,7 +67,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
             mask[:] = False
         else:
             left = without
-    mask |= _odd_ones(state)
+    mask |= _odd_ones(state) & ~turning
     whole = rows.with_masked(np.zeros((0, 0), bool))
     events = [
         Event(j, start, end)
@@ -79,8 +80,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
 
 def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
     """(M,) windows that stand out of a joint's own error, where no repetition tells it from noise."""
-    speed = np.abs(rows.dq[:, joint])
-    slow = (speed < _SLOW * np.sqrt(np.mean(speed**2))) | (rows.still[:, joint] > 0.0)
+    slow = (rows.slow[:, joint] > SLOW) | (rows.still[:, joint] > 0.0)
     jerk = np.concatenate(
         [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
     )
@@ -96,8 +96,8 @@ def _hums(state: SearchState) -> list[Event]:
     rows, repeats = state.stage.rows, state.stage.noise.repeats
     if repeats:
         left, found = differences(rows, rows.residual, repeats), consecutive(repeats)
-    else:
-        left = state.residual
+    else:  # reversals are harmonics of the motion
+        left = np.where(rows.slow > SLOW, 0.0, state.residual)
     out = []
     for j in range(rows.n):
         every = found if repeats else rows.pieces(j)

@@ -73,6 +73,11 @@ class Stage:
         labels = replace(self.labels, count=informative(self.rows, noise))
         return replace(self, noise=noise, labels=labels)
 
+    def on(self, rows: SegmentedRuns) -> Stage:
+        """The same with other rows masked."""
+        labels = replace(self.labels, count=informative(rows, self.noise))
+        return replace(self, rows=rows, labels=labels)
+
     def fit(self, weighting: Weighting) -> WhiteFit:
         """The model alone, fitted to its weighted white residual; the last few are kept."""
         key = weighting.level.tobytes() + weighting.colour.tobytes()

@@ -7,8 +7,10 @@ Two tests on what the ladder leaves, white and of unit variance if only noise is
 - the variance of each joint against that of the noise, where the noise is known from repetition.
 
 White values weigh each frequency by how quiet it is there: what they show surely may be too little to
-matter. So the error is compared with the noise in N m as well. Rows of standstill are no evidence: dry
-friction holds any torque up to its own there, comes back with the motion, and is no function of it.
+matter. So the error is compared with the noise in N m as well, and with the torque. Rows of standstill
+are no evidence: dry friction holds any torque up to its own there, comes back with the motion, and is no
+function of it. Nor are rows of a slow joint: where friction turns round any law of it is only nearly
+right, and what it gets wrong comes back, too.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.signals.stillness import STILL
+from sdp_vs_penalty.signals.stillness import SLOW, STILL
 
 Mask = NDArray[np.bool_]
 
@@ -31,14 +33,18 @@ Mask = NDArray[np.bool_]
 FALSE_UNKNOWN = 5e-4
 #: Share by which what repeats has to raise a joint's error above its noise to matter.
 _MATTERS = 0.1
+#: Share of a joint's torque (RMS) below which nothing is told from links that are not quite as long as
+#: the model says: 1 mm in 0.3 m, and 0.1 degrees.
+NOMINAL = 0.005
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """share (n,) : variance above the noise over that of the noise; p : smallest p value, corrected
-    for the number of tests (1 where only the residual shows the noise: nothing can be tested then);
-    remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat; joints : those
-    on which it is, from 0; beyond, floor (n,) [N m or N]: RMS of what is not noise, and of the noise."""
+    """share (n,) : variance above the noise over that of the noise, in motion; p : smallest p value,
+    corrected for the number of tests (1 where only the residual shows the noise: nothing can be tested
+    then); remains : whether that is below FALSE_UNKNOWN, or windows of too much energy repeat; joints :
+    those on which it is, from 0; beyond, floor (n,) [N m or N]: RMS of what is not noise while the joint
+    slides, and of the noise; slow (n,) the same as beyond while it is slow; torque (n,) : RMS."""
 
     share: Array
     p: float
@@ -46,11 +52,15 @@ class Remainder:
     joints: tuple[int, ...]
     beyond: Array
     floor: Array
+    slow: Array
+    torque: Array
 
     @property
     def matters(self) -> tuple[int, ...]:
         """The joints (from 0) whose error it raises noticeably above their noise."""
-        return tuple(j for j, r in zip(self.joints, self.raised, strict=True) if r > _MATTERS)
+        least = NOMINAL * self.torque
+        raised = zip(self.joints, self.raised, strict=True)
+        return tuple(j for j, r in raised if r > _MATTERS and self.beyond[j] > least[j])
 
     @property
     def raised(self) -> Array:
@@ -70,19 +80,34 @@ def remainder(
     keep = rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL)
     if ignore is not None:
         keep &= ~ignore
+    slides = keep & (rows.slow <= SLOW)
     leverage = np.sum(fit.Q**2, axis=1).reshape(n, M).T
-    degrees = np.maximum((keep * (1.0 - leverage)).sum(axis=0), 1.0)
-    variance = (keep * white**2).sum(axis=0) / degrees
+
+    def mean(squares: Array, which: Mask) -> tuple[Array, Array]:
+        degrees = np.maximum((which * (1.0 - leverage)).sum(axis=0), 1.0)
+        return (which * squares).sum(axis=0) / degrees, degrees
+
+    variance, degrees = mean(white**2, slides)
     p_values = []
     if noise.source == REPETITION:
         p_values += list(special.fdtrc(degrees, noise.degrees, variance))
-        p_values += _repeated_products(white, keep, rows, noise)
+        p_values += _repeated_products(white, slides, rows, noise)
     p = min(1.0, min(p_values, default=1.0) * max(len(p_values), 1))
     small = {k % n for k, each in enumerate(p_values) if each * len(p_values) < FALSE_UNKNOWN}
-    square = (keep * residual**2).sum(axis=0) / degrees
-    beyond = np.sqrt(np.maximum(square - noise.floor**2, 0.0))
-    joints = tuple(sorted(small))
-    return Remainder(variance - 1.0, float(p), p < FALSE_UNKNOWN, joints, beyond, noise.floor)
+    beyond, slow = (
+        np.sqrt(np.maximum(mean(residual**2, which)[0] - noise.floor**2, 0.0))
+        for which in (slides, keep & ~slides)
+    )
+    return Remainder(
+        mean(white**2, keep)[0] - 1.0,
+        float(p),
+        p < FALSE_UNKNOWN,
+        tuple(sorted(small)),
+        beyond,
+        noise.floor,
+        slow,
+        np.sqrt(np.mean(rows.torque**2, axis=0)),
+    )
 
 
 def _repeated_products(white: Array, keep: Mask, rows: SegmentedRuns, noise: Noise) -> list[float]:

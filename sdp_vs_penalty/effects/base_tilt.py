@@ -20,6 +20,7 @@ class BaseTilt(Effect):
     reference = "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's acceleration)"
     needs_links = True
     whole_robot = True
+    signless = True
 
     @property
     def across(self) -> Array:

@@ -17,6 +17,7 @@ class DriftOffset(Drift):
         "It depends on the time, not on the motion."
     )
     reference = "Doebelin, Measurement Systems, ch. 3 (zero drift)"
+    signless = True
     symbol = "f_do"
     units = ("N*m", "N")
     refines = ("torque_offset",)

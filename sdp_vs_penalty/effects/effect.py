@@ -112,7 +112,8 @@ class Effect(ABC):
     sized_shape: ClassVar[str] = ""
     #: False where sizes cannot be compared, because no one number says how large the effect is.
     one_number: ClassVar[bool] = True
-    #: True where no column holds the sign of a velocity.
+    #: True where no column holds the sign of a velocity: nothing of it is particular to reversals, and
+    #: what looks like it there alone is dry friction's own error.
     signless: ClassVar[bool] = False
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:

@@ -22,6 +22,7 @@ class JointElasticity(LinkDeviation):
     symbol = "c_e"
     units = ("rad/(N*m)", "m/N")
     lower = 0.0
+    signless = True
     forward = "left out"  # a link that moves by itself
     has_memory = True  # time derivatives of the torque
 

@@ -16,6 +16,7 @@ class JointSpring(JointEffect):
         "spring. Its rest position appears as part of the offset."
     )
     reference = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
+    signless = True
     symbol = "k_s"
     units = ("N*m/rad", "N/m")
 

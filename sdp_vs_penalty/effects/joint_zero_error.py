@@ -18,6 +18,7 @@ class JointZeroError(LinkDeviation):
         "same; on some joints the links' parameters absorb it.)"
     )
     reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
+    signless = True
     symbol = "e_0"
     units = ("rad", "m")
 

@@ -31,6 +31,7 @@ class KinematicError(Effect):
     reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3"
     needs_links = True
     whole_robot = True
+    signless = True
     one_number = False
 
     @property

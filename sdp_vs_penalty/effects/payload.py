@@ -25,6 +25,7 @@ class Payload(Effect):
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     whole_robot = True
+    signless = True
     frozen_only = True
     sized_by = slice(0, 1)  # its mass
 

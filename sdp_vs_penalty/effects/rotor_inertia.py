@@ -19,6 +19,7 @@ class RotorInertia(JointEffect):
     symbol = "I_a"
     units = ("kg*m^2", "kg")
     lower = 0.0
+    signless = True
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.ddq[:, joint]

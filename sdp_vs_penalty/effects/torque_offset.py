@@ -13,6 +13,7 @@ class TorqueOffset(JointEffect):
     equation = "f_o"
     explanation = "The zero of a torque or current sensor, or a friction that differs by direction."
     reference = "Gaz et al., RA-L 2019, eq. 9"
+    signless = True
     symbol = "f_o"
     units = ("N*m", "N")
 

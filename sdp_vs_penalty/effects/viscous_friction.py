@@ -16,6 +16,7 @@ class ViscousFriction(JointEffect):
     symbol = "f_v"
     units = ("N*m*s/rad", "N*s/m")
     lower = 0.0
+    signless = True
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.dq[:, joint]

@@ -207,7 +207,7 @@ def findings(material: Material) -> Section:
         plot = ladder_figure(names, errors, material.last.robot.torque_units)
         body += figure(plot, "Held-out RMS error of each joint, finding by finding.", 380)
         body += table(heads, rows, numbers_from=5)
-    body += "".join(text(remark) for remark in found.remarks)
+    body += "".join(text(remark) for remark in (found.beside, *found.remarks) if remark)
     return Section("findings", "What is missing", body)
 
 

@@ -41,6 +41,9 @@ from sdp_vs_penalty.signals.stillness import (
 
 #: Rows and dense samples per period of the torque low-pass's cut-off.
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
+#: Share of its usual speed below which a joint is slow: dry friction turns round there, and its laws
+#: hold only approximately.
+_SLOW = 0.2
 #: Motion counts as too sharp where two state filters disagree by this many robust deviations.
 _SHARP, _CORNER = 12.0, 0.3
 
@@ -132,6 +135,15 @@ class SegmentedRuns:
     def still(self) -> Array:
         """(M, n) share of each row that a joint stood still."""
         return np.concatenate([s.standstill.share for s in self.segments])
+
+    @cached_property
+    def slow(self) -> Array:
+        """(M, n) share of each row that comes from instants at which a joint was slow."""
+        usual = np.sqrt(np.mean(np.concatenate([s.motion.dq for s in self.segments]) ** 2, axis=0))
+        shares = [
+            abs(s.low_pass) @ (np.abs(s.motion.dq) <= _SLOW * usual).astype(float) for s in self.segments
+        ]
+        return np.concatenate(shares)
 
     @cached_property
     def holds(self) -> NDArray[np.bool_]:

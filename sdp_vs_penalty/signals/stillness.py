@@ -27,6 +27,8 @@ _ALIKE = 4.0
 _TURNS = 27.0
 #: Share of a row that a standstill may reach before the row counts as one.
 STILL = 0.01
+#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
+SLOW = 0.1
 #: By how many times more than moving rows those of a standstill are off where no law says what holds.
 _LAWLESS = 2.0
 #: Travels over which friction may turn [rad or m].

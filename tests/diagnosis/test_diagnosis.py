@@ -70,7 +70,7 @@ def test_findings_json_is_the_interface(found: Diagnosis) -> None:
     assert set(data) == {
         *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
         *("held_out_source", "held_out_rmse_before", "held_out_rmse", "invisible", "events", "remarks"),
-        *("new_motion_share", "retuned", "curves", "left", "remains"),
+        *("new_motion_share", "retuned", "curves", "left", "remains", "minor"),
     }
     assert data["held_out_source"] == "test"
     # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.
@@ -294,20 +294,34 @@ def test_a_finding_lowers_the_error_where_the_effect_acts() -> None:
 
     from sdp_vs_penalty.diagnosis.held_out import _told
 
-    def pick(joints: tuple[int, ...], whole: bool = False) -> Any:
-        return SimpleNamespace(
-            candidate=SimpleNamespace(
-                effect=SimpleNamespace(joints=joints, whole_robot=whole, spreads=False)
-            )
-        )
+    def told(
+        ladder: Any,
+        joints: tuple[int, ...],
+        everywhere: str = "",
+        signless: bool = False,
+        guessed: bool = False,
+    ) -> tuple[bool, bool]:
+        flags = {"whole_robot": False, "spreads": False, everywhere: True, "signless": signless}
+        effect = SimpleNamespace(joints=joints, **flags)
+        picks: Any = [SimpleNamespace(candidate=SimpleNamespace(effect=effect))]
+        (pays,), (minor,) = _told(picks, lambda chosen: np.array(ladder)[:, len(chosen)] ** 2, guessed)
+        return pays, minor
 
-    ladder = np.array([[1.0, 1.0, 1.0], [1.0, 0.9, 1.1]])
+    # Errors on rows of sliding, then on those that are evidence: without the effect, and with it.
+    ladder = [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.7]], [[1.0, 1.0, 1.0], [1.0, 0.9, 1.1]]]
     for joints, expected in {(1,): True, (0,): False, (2,): False, (0, 2): False}.items():
-        (pays,) = _told([pick(joints)], ladder, lambda chosen: ladder[len(chosen)] ** 2)
-        assert pays == expected
+        assert told(ladder, joints)[0] == expected
+    # What is not friction is told by rows of sliding.
+    assert told(ladder, (1,), signless=True)[0] is False
+    assert told(ladder, (2,), signless=True) == (True, False)
     # Of several joints the errors count together, each by its own size.
-    ladder = np.array([[1.0, 1.0, 9.0], [1.0, 0.8, 9.9]])
-    assert _told([pick((), whole=True)], ladder, np.zeros) == (True,)
+    ladder = [[[1.0, 1.0, 9.0], [1.0, 0.8, 9.9]]] * 2
+    for everywhere in ("whole_robot", "spreads"):
+        assert told(ladder, (0,), everywhere) == (True, False)
+    # What lowers no joint's error by 1 % is minor where the noise is a guess.
+    assert told([[[1.0], [0.995]]] * 2, (0,)) == (True, False)
+    assert told([[[1.0], [0.995]]] * 2, (0,), guessed=True) == (True, True)
+    assert told([[[1.0], [0.985]]] * 2, (0,), guessed=True) == (True, False)
 
 
 def test_a_finding_that_needs_a_later_one_is_judged_beside_it() -> None:
@@ -315,13 +329,17 @@ def test_a_finding_that_needs_a_later_one_is_judged_beside_it() -> None:
 
     from sdp_vs_penalty.diagnosis.held_out import _told
 
-    effect = SimpleNamespace(joints=(0,), whole_robot=False, spreads=False)
+    effect = SimpleNamespace(joints=(0,), whole_robot=False, spreads=False, signless=False)
     picks: Any = [SimpleNamespace(candidate=SimpleNamespace(effect=effect))] * 3
     # The second helps beside the third only, the first never does.
     error = {(): 1.0, (0,): 1.1, (0, 1): 1.2, (0, 1, 2): 0.5, (1, 2): 0.4, (2,): 0.6}
-    ladder = np.array([[error[tuple(range(k))]] for k in range(4)])
-    pays = _told(picks, ladder, lambda chosen: np.array([error[tuple(chosen)] ** 2]))
+    pays, minor = _told(picks, lambda chosen: np.full((2, 1), error[tuple(chosen)] ** 2))
     assert pays == (False, True, True)
+    assert minor == (True, False, False)
+    # The smaller of two that take the same torque is minor, and the larger is not.
+    error = {(): 1.0, (0,): 0.6, (0, 1): 0.597, (0, 2): 0.597, (0, 1, 2): 0.593, (1, 2): 0.6, (1,): 0.61}
+    pays, minor = _told(picks, lambda chosen: np.full((2, 1), error[tuple(chosen)] ** 2), True)
+    assert (pays, minor) == ((True, True, True), (False, True, True))
 
 
 def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) -> None:

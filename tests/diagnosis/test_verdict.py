@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from sdp_vs_penalty.diagnosis.events import Event
-from sdp_vs_penalty.diagnosis.explanations import negligible
+from sdp_vs_penalty.diagnosis.explanations import negligible, turning
 from sdp_vs_penalty.diagnosis.show import event_lines, fit_level, fit_verdict, risen
 from sdp_vs_penalty.diagnosis.verdict import FALSE_UNKNOWN, remainder
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL
@@ -28,9 +28,9 @@ def left(repeating: float, sign: float = 1.0, seed: int = 0) -> tuple[Any, Any, 
     M = int(RATE * SECONDS)
     t = np.arange(M) / RATE
     white = rng.normal(size=(2 * M, 2))
-    slow = np.sin(2.0 * np.pi * 0.4 * t)
-    white[:M, 0] += repeating * np.interp(t + LATE / RATE, t, slow)
-    white[M:, 0] += sign * repeating * slow
+    wave = np.sin(2.0 * np.pi * 0.4 * t)
+    white[:M, 0] += repeating * np.interp(t + LATE / RATE, t, wave)
+    white[M:, 0] += sign * repeating * wave
     white[5:9] = 0.0  # the past of a filter
     keep = np.ones((2 * M, 2), bool)
     keep[100:120, 1] = False
@@ -40,8 +40,11 @@ def left(repeating: float, sign: float = 1.0, seed: int = 0) -> tuple[Any, Any, 
     torque = FLOOR * white
     fit = SimpleNamespace(residual=residual, Q=Q, weighting=SimpleNamespace(level=level), torque=torque)
     segments = [SimpleNamespace(t=t), SimpleNamespace(t=100.0 + t)]
-    still = np.zeros((2 * M, 2))
-    rows = SimpleNamespace(n=2, t=np.tile(t, 2), keep=keep, segments=segments, rate=RATE, still=still)
+    still, slow, small = np.zeros((2 * M, 2)), np.zeros((2 * M, 2)), 1e-3 * torque
+    rows = SimpleNamespace(
+        n=2, t=np.tile(t, 2), keep=keep, segments=segments, rate=RATE, still=still, slow=slow
+    )
+    rows.torque = small
     repeat = SimpleNamespace(rows=np.arange(M), other=1, later=100.0 + t + LATE / RATE)
     noise = SimpleNamespace(
         source=REPETITION,
@@ -113,6 +116,30 @@ def test_what_friction_holds_at_rest_is_no_evidence() -> None:
     found = remainder(fit, rows, noise, fit.torque)
     assert not found.remains
     assert found.beyond[0] == 0.0
+
+
+def test_what_friction_makes_where_it_turns_round_is_no_headline() -> None:
+    """It is said by its size, beside what is left while the joint slides."""
+    fit, rows, noise = left(3.0)
+    rows.slow[:, 0] = 1.0
+    found = remainder(fit, rows, noise, fit.torque)
+    assert not found.remains
+    assert found.beyond[0] == 0.0
+    assert found.slow[0] == pytest.approx(3.0 * FLOOR[0] / np.sqrt(2.0), abs=0.05)
+    assert "joint 1" in turning(found)
+    rows.slow[:, 0] = 0.0
+    assert turning(remainder(fit, rows, noise, fit.torque)) == ""
+
+
+def test_what_is_little_of_the_torque_hardly_matters() -> None:
+    """A link that is 1 mm longer than the model says leaves as much, whatever the noise."""
+    fit, rows, noise = left(1.0)
+    rows.torque = np.full_like(fit.torque, 250.0 * FLOOR[0])
+    found = remainder(fit, rows, noise, fit.torque)
+    assert found.remains
+    assert found.joints == (0,)
+    assert found.matters == ()
+    assert "on joint 1 hardly matters" in negligible(found)
 
 
 def test_events_are_left_out_and_a_guessed_noise_proves_nothing() -> None:

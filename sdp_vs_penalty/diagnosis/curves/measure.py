@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.curves.formula import written
 from sdp_vs_penalty.diagnosis.curves.held_out import Judge, TestRun, known_floor
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.ladder import TOLD_APART
+from sdp_vs_penalty.diagnosis.parsimony import LAW
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.diagnosis.verdict import Remainder
@@ -101,7 +102,21 @@ def _instead(
         better = better and other.error(joint) <= judged.error(joint)
     if doubted and _explains(alone, joint):
         better |= other.error(joint) <= np.sqrt(MISFIT) * judged.error(joint)
-    return (alone, instead, other) if instead and better else None
+    if not better or any(_renamed(state, own, f) for f in instead):
+        return None
+    return (alone, instead, other) if instead else None
+
+
+def _renamed(state: SearchState, own: Sequence[int], found: FoundCurve) -> bool:
+    """Whether a curve is the torque of one of the picks again, as far as any law holds."""
+    others = state.with_picks([p for k, p in enumerate(state.picks) if k not in own]).fit
+    curve = others.partialled(others.scaled(state.stage.candidates.white_columns(found.effect)))
+    for k in own:
+        named = others.partialled(others.scaled(state.picks[k].candidate.columns))
+        left = curve - named @ np.linalg.lstsq(named, curve, rcond=None)[0]
+        if np.sum(left**2) <= LAW * np.sum(curve**2):
+            return True
+    return False
 
 
 def _not_seen_to_repeat(state: SearchState, variables: Variables) -> list[int]:

@@ -54,6 +54,8 @@ def _draw(view: View) -> None:
     with tag("ol", style="findings"):
         for k, finding in enumerate(found.effects):
             _card(view, found, k, finding.text in added)
+    if found.beside:
+        tag("p", found.beside, "soft")
     _curves(view, found)
     if len(sure) > 1:
         button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
