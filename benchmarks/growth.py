@@ -186,6 +186,9 @@ def picture(series: Sequence[Series], path: Path) -> None:
     for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
         for s in (x for x in series if x.of == kind):
             axes.loglog(s.sizes, s.seconds, "o-", label=f"{s.what}: exponent {s.exponent:.2f}")
+        sizes = sorted({x for s in series if s.of == kind for x in s.sizes})
+        axes.set_xticks(sizes, [f"{x:g}" if x < 1e4 else f"{1e-3 * x:g}k" for x in sizes], fontsize=7)
+        axes.minorticks_off()
         axes.set_xlabel(kind)
         axes.set_ylabel("processor time [s]")
         axes.legend(fontsize=7)

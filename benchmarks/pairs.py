@@ -298,7 +298,7 @@ def whole_process(problem: Problem, run: Measurements, python: str | None) -> li
             used, other = float(least[mine, k]), float(least[2, k])
             rows.append(
                 Row(f"whole identify process {how}, {what}", used, other, unit, other / used,
-                    "<= 0.6 s" if unit == "s" else "less", used <= most, note)
+                    "<= 0.6 s" if unit == "s" else "less", bool(used <= most), note)
             )  # fmt: skip
     return rows
 

@@ -148,7 +148,8 @@ def write(out: Path) -> None:
             [
                 s.what,
                 s.of,
-                *(f"{x[0]:.6g} to {x[-1]:.6g}" for x in (s.sizes, s.seconds)),
+                f"{s.sizes[0]:.6g} to {s.sizes[-1]:.6g}",
+                f"{s.seconds[0]:.3g} to {s.seconds[-1]:.3g}",
                 f"{s.exponent:.2f}",
             ]
             for s in series
