@@ -129,8 +129,8 @@ class Invisible:
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
-    adding; minor : those that lower no joint's held-out error noticeably beside them, added only where
-    they are asked for; noise_floor (n,) of the filtered torque; events : what happened once.
+    adding; minor : those that lower no joint's held-out error noticeably beside them, added after
+    them by :meth:`selected`; noise_floor (n,) of the filtered torque; events : what happened once.
 
     noise_source : "repetition", or "residual" where nothing repeats and abstention is weaker;
     unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
@@ -172,7 +172,7 @@ class Diagnosis(Shown):
         but where numbers are given.
         Raises InputError for a number that is not there, and where no finding is left.
         """
-        every = self.effects if numbers is None else (*self.effects, *self.minor)
+        every = (*self.effects, *self.minor)
         for number in numbers or ():
             if not 1 <= number <= len(every):
                 raise InputError(
@@ -208,7 +208,7 @@ class Diagnosis(Shown):
             return ""
         first = len(self.effects) + 1
         named = ", ".join(f"{k}. {f.text.partition('@')[0]}" for k, f in enumerate(self.minor, first))
-        return f"Minor, lowers no joint's held-out error by 1 % and is not added by default: {named}."
+        return f"Minor, lowers no joint's held-out error by 1 % on folds: {named}."
 
     @property
     def unknown(self) -> str:

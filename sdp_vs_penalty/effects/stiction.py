@@ -14,7 +14,7 @@ from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 class Stiction(PreslidingHysteresis):
     name = "stiction"
-    equation = "f_h (z - sign(dq)), z the last way of sliding"
+    equation = "f_s (z - sign(dq)), z the last way of sliding"
     explanation = (
         "Dry friction holds a joint at rest, where a smooth sign of the velocity lets go: what it held "
         "at last it goes on holding until the joint slides the other way. Pushed, it is anything up to "
@@ -22,7 +22,7 @@ class Stiction(PreslidingHysteresis):
         "it turns round (presliding) cannot be told."
     )
     reference = "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
-    symbol = "f_h"
+    symbol = "f_s"
     refines: ClassVar[tuple[str, ...]] = ("coulomb_friction",)
     at_rest = "holds"
     #: Short travels, over which the computed state forgets what the filter makes of a joint at rest.

@@ -190,9 +190,9 @@ def _from_repetition(
         _mark_later(runs, repeats, good, j, suspect)
     if shown is not None:
         suspect, repeats = _carried(suspect, runs, shown), find_repeats(shown)
-    held = runs.held if shown is None else shown.held
-    suspect &= ~(runs if shown is None else shown).stuck
-    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
+    seen = runs if shown is None else shown
+    suspect &= ~seen.stuck
+    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, seen.lawless, repeats)
 
 
 def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:

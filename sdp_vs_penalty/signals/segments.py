@@ -146,11 +146,16 @@ class SegmentedRuns:
         return np.concatenate(shares)
 
     @cached_property
+    def _friction(self) -> Array:
+        """(M, n) what the links leave of the torque."""
+        links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
+        return self.torque - np.concatenate(links) if links else self.torque
+
+    @cached_property
     def holds(self) -> NDArray[np.bool_]:
         """(n,) joints whose friction was seen to hold them whatever it was, as far as positions tell."""
         if "holds" not in self.derived:
-            links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
-            friction = self.torque - np.concatenate(links) if links else self.torque
+            friction = self._friction
             ddq = np.concatenate([s.low_pass @ s.motion.ddq for s in self.segments])
             rates = np.stack([self.dq.T, ddq.T], axis=2)
             found = [
@@ -163,8 +168,18 @@ class SegmentedRuns:
 
     @cached_property
     def held(self) -> Array:
-        """(M, n) standard deviation of what friction holds of a row while its joint stands still, beyond
-        what Dahl's law, whatever its travel, and sliding friction can say of it."""
+        """(M, n) standard deviation of what friction may hold of a row while its joint stands still.
+
+        Friction is as large as what the links leave of the torque; held, it is anywhere up to that.
+        """
+        size = np.sqrt(
+            np.sum(self.keep * self._friction**2, axis=0) / np.maximum(self.keep.sum(axis=0), 1)
+        )
+        return np.asarray(size * self.still)
+
+    @cached_property
+    def lawless(self) -> Array:
+        """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding friction can say."""
         return self._standstill[0]
 
     @cached_property
