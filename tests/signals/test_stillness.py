@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.signals.stillness import still, turned_at_rest
+from sdp_vs_penalty.effects.bristles import dahl
+from sdp_vs_penalty.signals.stillness import lawless, still, turned_at_rest
 
 RATE = 250.0
 
@@ -73,3 +74,23 @@ def test_friction_that_turns_round_at_rest_holds(d: float | None, holds: bool) -
     # Once is a knock.
     once = np.where(np.arange(720) < 120, share, 0.5)
     assert not turned_at_rest(friction, rates, np.where(np.arange(720) < 60, once, 0.5), rows)
+
+
+@pytest.mark.parametrize("law", ["dahl", "anything"])
+def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_one_row(law: str) -> None:
+    """A joint creeps while friction yields, or is held by a torque that no position shows."""
+    rng = np.random.default_rng(4)
+    t = np.arange(4000) / 100.0
+    rests = np.sin(0.4 * np.pi * t) > 0.6
+    q = np.cumsum(np.where(rests, 1e-5, 0.5 * np.cos(0.8 * np.pi * t) / 100.0))
+    says = dahl(q, 2e-3, 1.0)
+    held = np.interp(t, np.arange(0.0, 41.0, 0.7), rng.uniform(-1.0, 1.0, 59))
+    friction = says if law == "dahl" else np.where(rests, held, says)
+    left = friction + 0.02 * rng.normal(size=len(t))
+    laws = np.column_stack([dahl(q, d, 1.0) for d in (1e-3, 2e-3, 4e-3)])
+    std, none = lawless(left, laws, rests.astype(float))
+    assert none == (law == "anything")
+    if none:  # all rests together tell no more than one row of the friction's size
+        assert std / np.sqrt(rests.sum()) == pytest.approx(0.6, abs=0.25)
+    else:
+        assert std < 0.02
