@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import sqrt, tanh
 from operator import mul
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +45,7 @@ def driven(world: World, plan: TrueMotion) -> TrueMotion:
     forward += KNOWN * coulomb * np.tanh(plan.dq / (TURNS * arm.unit_speed))
     data = world.built.createData()
     q, v, z, wound = plan.q[0].copy(), np.zeros(n), np.zeros(n), np.zeros(n)
-    M = pin.crba(arm.model, arm.model.createData(), q)
-    alone = np.triu(M) + np.triu(M, 1).T + np.diag(world.rotor)
+    alone = _mass_matrix(arm.model, arm.model.createData(), q) + np.diag(world.rotor)
     inertia = 1.0 / np.diag(np.linalg.inv(alone))  # of a joint whose neighbours are free
     gain = np.maximum((2.0 * np.pi * BANDWIDTH) ** 2 * inertia, coulomb / (YIELDS * arm.unit_speed))
     damp, wind = 2.0 * np.sqrt(gain * inertia), 2.0 * gain
@@ -55,13 +55,18 @@ def driven(world: World, plan: TrueMotion) -> TrueMotion:
         wound += h * (plan.q[k] - seen)
         tau = forward[k] + gain * (plan.q[k] - seen) + damp * (plan.dq[k] - v) + wind * wound
         bias = pin.nonLinearEffects(world.built, data, q, v)
-        M = pin.crba(world.built, data, q)
-        A = np.triu(M) + np.triu(M, 1).T + np.diag(world.rotor + 0.5 * h * world.viscous)
+        A = _mass_matrix(world.built, data, q) + np.diag(world.rotor + 0.5 * h * world.viscous)
         push = A @ v + h * (tau - bias - world.offset - world.viscous * v)
         after, share = _next(A, push, h * coulomb, z, h, world)
         rows.append((q + 0.5 * h * after, 0.5 * (v + after), (after - v) / h, share))
         q, v, z = q + h * after, after, share
     return TrueMotion(plan.t, *(np.array(x) for x in zip(*rows, strict=True)))
+
+
+def _mass_matrix(model: Any, data: Any, q: Array) -> Array:
+    """(n, n) whole: Pinocchio fills the upper triangle only."""
+    M = pin.crba(model, data, q)
+    return np.asarray(np.triu(M) + np.triu(M, 1).T)
 
 
 def _next(A: Array, push: Array, dry: Array, z: Array, h: float, world: World) -> tuple[Array, Array]:
