@@ -96,10 +96,9 @@ def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
     turns round a little elsewhere each time."""
     out = np.zeros_like(mask)
     for j in range(rows.n):
-        slow = rows.slow[:, j] > _SLIGHTLY
-        for piece in rows.with_masked(~mask).pieces(j):
-            own = energy[piece, j]
-            out[piece, j] = own[slow[piece]].sum() > 0.5 * own.sum()
+        slowly, marked = energy[:, j] * (rows.slow[:, j] > _SLIGHTLY), np.flatnonzero(mask[:, j])
+        for piece in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
+            out[piece, j] = slowly[piece].sum() > 0.5 * energy[piece, j].sum()
     return out
 
 
@@ -152,12 +151,10 @@ def _odd_ones(state: SearchState) -> Mask:
     if not suspect.any():
         return suspect
     pairs = [(r.rows, later_rows(rows, r)) for r in repeats]
-    apart, first = np.zeros(suspect.shape), 0
-    squares = differences(rows, rows.residual, repeats) ** 2
+    apart = np.zeros(suspect.shape)
     for one, other in pairs:
         for at in (one, other):
-            np.maximum.at(apart, at, squares[first : first + len(one)])
-        first += len(one)
+            np.maximum.at(apart, at, (state.residual[one] - state.residual[other]) ** 2)
     suspect = suspect & ~_of_reversals(suspect, apart, rows)
     out, near = suspect.copy(), _widened(suspect, stage)
     width = np.ones(2 * _reach(stage) + 1)
