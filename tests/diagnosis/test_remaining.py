@@ -6,8 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from sdp_vs_penalty.diagnosis.ladder import _cancels
+from sdp_vs_penalty.diagnosis import ladder
 from sdp_vs_penalty.diagnosis.remaining import _odd_ones, _repeating
 from sdp_vs_penalty.signals.repetition import Repeat
 
@@ -58,19 +59,26 @@ def test_periods_that_differ_where_friction_turns_round_hold_no_event() -> None:
         assert _odd_ones(state).any() == found
 
 
-def test_cancelling_causes_of_the_whole_robot_are_neither() -> None:
+def test_opposed_causes_of_the_whole_robot_are_neither(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     rate, third = rng.normal(size=(2, 60, 1))
     curved = rate + 0.3 * rng.normal(size=(60, 1))
+    monkeypatch.setattr(ladder, "spread_columns", lambda rows, effect: effect[None])
+
+    def candidate(name: str, joint: int | None, columns: Any) -> Any:
+        return SimpleNamespace(key=(name, joint), columns=columns, effect=columns, beta=np.ones(1))
 
     def beside(pick: Any, left: Any) -> Any:
         fit = SimpleNamespace(scaled=lambda x: x, partialled=lambda x: x, residual=left[:, 0])
-        one = SimpleNamespace(candidate=SimpleNamespace(key=("torque_filter", None), columns=pick))
-        return SimpleNamespace(picks=(one,), without=lambda k: SimpleNamespace(fit=fit))
+        one = SimpleNamespace(candidate=candidate("torque_filter", None, pick))
+        rows = SimpleNamespace(torque=left)
+        found = SimpleNamespace(stage=SimpleNamespace(rows=rows), picks=(one,))
+        found.without = lambda k: SimpleNamespace(fit=fit)
+        return found
 
-    early = SimpleNamespace(key=("global_delay", None), columns=curved)
-    assert _cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)  # type: ignore[arg-type]
-    assert not _cancels(beside(rate, 8.0 * rate + 7.0 * curved), early)  # type: ignore[arg-type]
-    assert not _cancels(beside(third, 8.0 * third - 7.0 * curved), early)  # type: ignore[arg-type]
-    early.key = ("torque_delay", 2)
-    assert not _cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)  # type: ignore[arg-type]
+    early = candidate("global_delay", None, curved)
+    assert ladder._cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)
+    assert not ladder._cancels(beside(rate, 8.0 * rate + 7.0 * curved), early)
+    assert not ladder._cancels(beside(third, 8.0 * third - 7.0 * curved), early)
+    late = candidate("torque_delay", 2, curved)
+    assert not ladder._cancels(beside(rate, 8.0 * rate - 7.0 * curved), late)
