@@ -168,7 +168,12 @@ def _mostly(state: SearchState, first: Candidate) -> list[Candidate]:
     name = first.effect.mostly
     found = [h for j in range(state.fit.rows.n) if name for h in state.contenders(only=(name, j))]
     best = max(found, key=lambda h: h.chi2, default=None)
-    return [] if best is None or best.chi2 < 0.5 * first.chi2 else [best]
+    return [] if best is None or not _says_most(best, first) else [best]
+
+
+def _says_most(own: Candidate, whole: Candidate) -> bool:
+    """Whether an effect on one joint is what a cause of the whole robot mostly is."""
+    return own.key[0] == whole.effect.mostly and own.chi2 > 0.5 * whole.chi2
 
 
 def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequence[Candidate]:
@@ -210,7 +215,7 @@ def accepted(state: SearchState, candidate: Candidate, lucky: bool = True) -> Pi
 
 
 def _cancels(state: SearchState, candidate: Candidate) -> bool:
-    """Whether a cause of the whole robot undoes another one that was picked: a torque that is filtered by
+    """Whether a cause of the whole robot undoes one that was picked: a torque that is filtered by
     8 ms and yet 7 ms early is neither, only what the two leave of each other."""
     whole, rows = candidate.key[1] is None, state.stage.rows
     for k in (k for k, p in enumerate(state.picks) if whole and p.candidate.key[1] is None):
@@ -305,7 +310,8 @@ def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candid
     if same is not None:
         own = same if same.chi2 > own.chi2 else replace(own, evidence=same.evidence)
     best = contenders[0] if contenders else own
-    if best.key != own.key and best.evidence > own.evidence + TOLD_APART:
+    better = best.key != own.key and best.evidence > own.evidence + TOLD_APART
+    if better and not _says_most(own, best):
         own = best
     rivals = rivals_of(others, own, contenders)
     plain = _plain_form(own, rivals)

@@ -82,3 +82,23 @@ def test_opposed_causes_of_the_whole_robot_are_neither(monkeypatch: pytest.Monke
     assert not ladder._cancels(beside(third, 8.0 * third - 7.0 * curved), early)
     late = candidate("torque_delay", 2, curved)
     assert not ladder._cancels(beside(rate, 8.0 * rate - 7.0 * curved), late)
+
+
+def test_a_zero_that_is_off_is_named_before_errors_of_every_joint() -> None:
+    def candidate(name: str, chi2: float, mostly: str = "") -> Any:
+        return SimpleNamespace(
+            key=(name, None), chi2=chi2, effect=SimpleNamespace(name=name, mostly=mostly)
+        )
+
+    whole = candidate("kinematic_error", 100.0, "joint_zero_error")
+    zeros = {0: 20.0, 1: 60.0, 2: 55.0}
+
+    def contenders(only: Any) -> list[Any]:
+        return [candidate(only[0], zeros[only[1]])]
+
+    state: Any = SimpleNamespace(contenders=contenders, fit=SimpleNamespace(rows=SimpleNamespace(n=3)))
+    assert [h.chi2 for h in ladder._mostly(state, whole)] == [60.0]
+    zeros[1] = zeros[2] = 40.0
+    assert ladder._mostly(state, whole) == []
+    assert ladder._mostly(state, candidate("base_tilt", 10.0)) == []
+    assert not ladder._says_most(candidate("base_tilt", 90.0), whole)
