@@ -54,7 +54,7 @@ from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import make_report
-from sdp_vs_penalty.simulation.hidden_runs import makers
+from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
@@ -70,7 +70,7 @@ def catalogue(request: Request, progress: Progress) -> Answer:
             for name, kind in estimator_types().items()
             if not kind.needs_black_box
         ],
-        "hideable": [name for name in makers() if not effect_types()[name].frozen_only],
+        "hideable": [name for name in MAKERS if not effect_types()[name].frozen_only],
         "whole_robot": [name for name, kind in effect_types().items() if kind.whole_robot],
         "levels": list(LEVELS),
         "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -99,7 +98,7 @@ def shifted(effect: str, joint: int, shift: Change, number: float | None) -> Hid
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
         moved = displaced(m, joint, shift(world, m, size))
-        return rigid(world, moved) - rigid(world, m)
+        return world.rigid(moved) - world.rigid(m)
 
     return Hidden(effect, (joint,), change, number, shift=shift)
 
@@ -116,11 +115,6 @@ def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     dq[:, joint] += rate
     ddq[:, joint] += acceleration
     return TrueMotion(m.t, q, dq, ddq)
-
-
-def rigid(world: World, m: TrueMotion) -> Array:
-    """(N, n) of the links."""
-    return inverse_dynamics(world.built, m.q, m.dq, m.ddq)
 
 
 def sign(world: World, joint: int, m: TrueMotion) -> Array:

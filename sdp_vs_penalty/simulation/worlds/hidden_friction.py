@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
 from sdp_vs_penalty.simulation.worlds.friction import bristles
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, rigid, sign
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, sign
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -54,11 +55,20 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _presliding(w: World, j: int, rng: Generator) -> Hidden:
+    return _dahl("presliding_hysteresis", w, j, log_uniform(rng, 0.001, 0.01))
+
+
+def stiction(w: World, j: int, rng: Generator) -> Hidden:
+    """The same over a travel that hardly shows."""
+    return _dahl("stiction", w, j, log_uniform(rng, 0.0005, 0.001))
+
+
+def _dahl(effect: str, w: World, j: int, travel: float) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
-    d = _unit(w, j) * log_uniform(rng, 0.001, 0.01)
+    d = _unit(w, j) * travel
     one = np.array([d])
     return at_joint(
-        "presliding_hysteresis",
+        effect,
         j,
         lambda w, m: bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0] - sign(w, j, m),
         d=d,
@@ -83,13 +93,14 @@ def _power(w: World, j: int, rng: Generator) -> Hidden:
 
 def _load(w: World, j: int, rng: Generator) -> Hidden:
     """Hamon, Gautier, Garrec, IROS 2010: rubs in proportion to the torque that the gear transmits."""
-    return at_joint("load_dependent_friction", j, lambda w, m: np.abs(rigid(w, m)[:, j]) * sign(w, j, m))
+    return at_joint("load_dependent_friction", j, lambda w, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m))
 
 
 def _coupling(w: World, j: int, rng: Generator) -> Hidden:
     """Janot et al., IEEE TCST 2014; between turning joints, as wrists are."""
-    n = w.arm.n
-    i = j - 1 if j > 0 else min(1, n - 1)
+    if w.arm.n < 2:
+        raise InputError("effect joint_coupling needs a robot with two joints or more", "leave it out")
+    i = j - 1 if j > 0 else 1
     form, side = int(rng.integers(1, 5)), float(rng.choice([-1.0, 1.0]))
     width = float(np.median(w.dry.width))
 
@@ -134,6 +145,8 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
     Dry friction only: of the viscous kind the joints' own friction absorbs all but a cross term, from
     which no ratio can be told."""
     pairs = [i for i in range(w.arm.n - 1) if w.arm.rotary[i : i + 2].all()]
+    if not pairs:
+        raise InputError("effect transmission_friction needs neighbours that turn", "leave it out")
     first = min(pairs, key=lambda i: abs(i - j))
     law = int(rng.choice([2, 3, 4]))
     ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
@@ -162,7 +175,7 @@ def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
     return at_joint(
         "load_dependent_hysteresis",
         j,
-        lambda w, m: np.abs(rigid(w, m)[:, j]) * bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0],
+        lambda w, m: np.abs(w.rigid(m)[:, j]) * bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0],
         d=d,
     )
 
