@@ -20,6 +20,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS, true_world
