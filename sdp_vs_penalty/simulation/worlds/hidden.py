@@ -93,6 +93,17 @@ def at_joint(
     return Hidden(effect, (joint,), on_joint(joint, law), number, shape)
 
 
+def plain(effect: str, law: Callable[[World, int, TrueMotion], Array], signed: bool = False) -> Maker:
+    """The maker of a torque of one joint without constants, law(world, joint, motion) (N,) times the
+    size; signed : either way round."""
+
+    def make(w: World, j: int, rng: np.random.Generator) -> Hidden:
+        side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
+        return at_joint(effect, j, lambda w, m: side * law(w, j, m), side)
+
+    return make
+
+
 def shifted(effect: str, joint: int, shift: Change, number: float | None) -> Hidden:
     """The link of a joint stands at q + shift, where q is what motor and encoder do."""
 

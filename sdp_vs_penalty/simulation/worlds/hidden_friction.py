@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
 from sdp_vs_penalty.simulation.worlds.friction import bristles
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, sign
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, plain, sign
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -20,26 +20,6 @@ Generator = np.random.Generator
 
 def _unit(world: World, joint: int) -> float:
     return float(world.arm.unit_speed[joint])
-
-
-def _viscous(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("viscous_friction", j, lambda _, m: m.dq[:, j])
-
-
-def _coulomb(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("coulomb_friction", j, lambda w, m: sign(w, j, m))
-
-
-def _asymmetric(w: World, j: int, rng: Generator) -> Hidden:
-    side = float(rng.choice([-1.0, 1.0]))
-    return at_joint("asymmetric_viscous_friction", j, lambda _, m: side * np.abs(m.dq[:, j]), side)
-
-
-def _asymmetric_coulomb(w: World, j: int, rng: Generator) -> Hidden:
-    """The same paper, sec. 2: dry friction with a size for each direction."""
-    side = float(rng.choice([-1.0, 1.0]))
-    law = "asymmetric_coulomb_friction"
-    return at_joint(law, j, lambda w, m: side * np.abs(sign(w, j, m)), side)
 
 
 def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
@@ -89,11 +69,6 @@ def _power(w: World, j: int, rng: Generator) -> Hidden:
         lambda w, m: np.sign(m.dq[:, j]) * np.abs(m.dq[:, j]) ** alpha,
         alpha=alpha,
     )
-
-
-def _load(w: World, j: int, rng: Generator) -> Hidden:
-    """Hamon, Gautier, Garrec, IROS 2010: rubs in proportion to the torque that the gear transmits."""
-    return at_joint("load_dependent_friction", j, lambda w, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m))
 
 
 def _coupling(w: World, j: int, rng: Generator) -> Hidden:
@@ -209,15 +184,23 @@ def _position(w: World, j: int, rng: Generator) -> Hidden:
 
 
 FRICTION: Mapping[str, Maker] = {
-    "viscous_friction": _viscous,
-    "coulomb_friction": _coulomb,
-    "asymmetric_viscous_friction": _asymmetric,
-    "asymmetric_coulomb_friction": _asymmetric_coulomb,
+    "viscous_friction": plain("viscous_friction", lambda w, j, m: m.dq[:, j]),
+    "coulomb_friction": plain("coulomb_friction", sign),
+    # A size for each direction: Armstrong-Helouvry et al., Automatica 1994, sec. 2.
+    "asymmetric_viscous_friction": plain(
+        "asymmetric_viscous_friction", lambda w, j, m: np.abs(m.dq[:, j]), signed=True
+    ),
+    "asymmetric_coulomb_friction": plain(
+        "asymmetric_coulomb_friction", lambda w, j, m: np.abs(sign(w, j, m)), signed=True
+    ),
     "stribeck_friction": _stribeck,
     "presliding_hysteresis": _presliding,
     "sigmoid_friction": _sigmoid,
     "power_law_friction": _power,
-    "load_dependent_friction": _load,
+    # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS 2010.
+    "load_dependent_friction": plain(
+        "load_dependent_friction", lambda w, j, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m)
+    ),
     "joint_coupling": _coupling,
     "drift_friction": _warming,
     "warming_friction": _by_temperature,

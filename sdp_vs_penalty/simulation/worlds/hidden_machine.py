@@ -16,6 +16,7 @@ from sdp_vs_penalty.simulation.worlds.hidden import (
     Maker,
     at_joint,
     displaced,
+    plain,
     shifted,
 )
 from sdp_vs_penalty.simulation.worlds.hidden_friction import stiction
@@ -24,19 +25,6 @@ from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
-
-
-def _side(rng: Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-def _spring(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("joint_spring", j, lambda _, m: m.q[:, j])
-
-
-def _offset(w: World, j: int, rng: Generator) -> Hidden:
-    side = _side(rng)
-    return at_joint("torque_offset", j, lambda _, m: np.full(len(m.t), side), side)
 
 
 def _drift(w: World, j: int, rng: Generator) -> Hidden:
@@ -51,15 +39,6 @@ def _ripple(w: World, j: int, rng: Generator) -> Hidden:
     turns = float(rng.integers(2, 41))
     k = turns if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
     return at_joint("torque_ripple", j, lambda _, m: np.cos(k * m.q[:, j] + phase), k=k)
-
-
-def _rotor(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("rotor_inertia", j, lambda _, m: m.ddq[:, j])
-
-
-def _gain(w: World, j: int, rng: Generator) -> Hidden:
-    side = _side(rng)
-    return at_joint("torque_gain", j, lambda w, m: side * w.torque(m)[:, j], side)
 
 
 def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
@@ -96,7 +75,7 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
-    side = _side(rng)
+    side = float(rng.choice([-1.0, 1.0]))
     hidden = shifted("joint_zero_error", j, lambda _, m, a: np.full(len(m.t), a * side), side)
     return replace(hidden, size=1e-3)
 
@@ -185,12 +164,12 @@ FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: What the challenge meets as a nuisance.
 NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": stiction}
 MACHINE: Mapping[str, Maker] = {
-    "joint_spring": _spring,
-    "torque_offset": _offset,
+    "joint_spring": plain("joint_spring", lambda w, j, m: m.q[:, j]),
+    "torque_offset": plain("torque_offset", lambda w, j, m: np.ones(len(m.t)), signed=True),
     "drift_offset": _drift,
     "torque_ripple": _ripple,
-    "rotor_inertia": _rotor,
-    "torque_gain": _gain,
+    "rotor_inertia": plain("rotor_inertia", lambda w, j, m: m.ddq[:, j]),
+    "torque_gain": plain("torque_gain", lambda w, j, m: w.torque(m)[:, j], signed=True),
     "torque_delay": _delay,
     "global_delay": _global_delay,
     "torque_filter": _filter,
