@@ -1,20 +1,27 @@
-"""Runs with hidden effects: 20 s of a motion that repeats after two thirds, noise as on the real arm.
+"""The verb ``simulate``: runs in which effects are hidden, for finding them again.
 
-``simulate --hide`` is made from these: the problem's own arm as a world, with what worlds can hide.
+20 s of a motion that repeats after two thirds, noise as on the real arm: the problem's own arm as a
+world, with what worlds can hide.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, interp1d
 
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
@@ -39,12 +46,14 @@ _SIZING = 200.0
 _WARM_UP = 120.0
 #: Whatever can be hidden, by the name of the library's effect.
 MAKERS: Mapping[str, Maker] = dict(sorted({**FRICTION, **MACHINE, **FROZEN, **NUISANCE}.items()))
+#: The files of a folder of simulated runs; the last run is meant as the test run.
+RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 
-@dataclass(frozen=True)
-class HiddenRuns:
+@dataclass(frozen=True, repr=False)
+class HiddenRuns(show.Shown):
     """runs : as logged; ideal : what perfect sensors and a perfect clock would have logged at the same
-    instants; truth : what a scorer may read; hidden : the effects, sized."""
+    instants; truth : what is hidden, for a scorer; hidden : the effects, sized."""
 
     problem: Problem
     world: World
@@ -52,6 +61,71 @@ class HiddenRuns:
     ideal: tuple[Measurements, ...]
     hidden: tuple[Hidden, ...]
     truth: dict[str, Any]
+
+    @property
+    def train(self) -> tuple[Measurements, ...]:
+        """The runs to identify from."""
+        return self.runs[:-1]
+
+    @property
+    def test(self) -> Measurements:
+        """The run to judge on."""
+        return self.runs[-1]
+
+    def save(self, folder: str | Path) -> None:
+        """Write run1..3.csv, test.csv and truth.json.
+
+        Raises InputError where the folder holds runs that were not written here.
+        """
+        folder = Path(folder)
+        refuse_foreign(folder)
+        for name, run in zip(RUN_FILES, self.runs, strict=True):
+            save(run, folder / name)
+        write_text(folder / "truth.json", json.dumps(self.truth, indent=1) + "\n")
+
+    def _summary(self) -> show.Summary:
+        length = self.test.t[-1] - self.test.t[0]
+        return f"Simulated runs: {self.truth['problem']}, seed {self.truth['seed']}", [
+            ("train", f"{show.count(len(self.train), 'run')} of {length:.3g} s"),
+            ("test", f"1 run of {length:.3g} s"),
+            ("model's effects", ", ".join(self.truth["model_effects"])),
+        ]
+
+
+def refuse_foreign(folder: Path) -> None:
+    """InputError where a folder holds runs that :meth:`HiddenRuns.save` did not write."""
+    if not (folder / "truth.json").exists():  # else the folder is one that was written here
+        for name in RUN_FILES:
+            if (folder / name).exists():
+                raise InputError(f"{name} exists already", "name another folder", folder)
+
+
+def simulate(
+    problem: str | Path | Problem,
+    hide: str | Sequence[str] = (),
+    level: str | float = "strong",
+    seed: int = 0,
+) -> HiddenRuns:
+    """Simulate three runs to identify from and one to test on, with effects hidden in them.
+
+    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    hide : ``effect[:joints]``, several separated by commas or in a sequence, or none. level :
+        strong, medium, weak, or the hidden torque's RMS over the raw noise; seed : of everything random.
+    Raises InputError for an effect that does not exist or makes no torque there, or another level.
+    """
+    robot = as_problem(problem, "simulate(problem=...)")
+    size = level
+    if level not in LEVELS:
+        try:
+            size = float(level)
+        except ValueError:
+            size = -1.0
+        if not 0.0 < size < 1e6:
+            raise InputError(
+                f"level {level!r} is unknown", f"write {', '.join(LEVELS)} or a positive number"
+            )
+    effects = [(e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)]
+    return hidden_runs(robot, effects, size, seed, must_show=True)
 
 
 def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> World:
