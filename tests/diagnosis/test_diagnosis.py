@@ -347,7 +347,7 @@ def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) 
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
     bigger = add(estimate, "presliding_hysteresis:1", data)
     new = bigger.model.effects[-1]
-    true = made.hidden[0].details["shape"]["d"]
+    true = made.hidden[0].shape["d"]
     assert new.shape["d"] == pytest.approx(true, rel=0.15)
     assert bigger.method == estimate.method
     before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
