@@ -311,7 +311,7 @@ def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candid
         own = same if same.chi2 > own.chi2 else replace(own, evidence=same.evidence)
     best = contenders[0] if contenders else own
     better = best.key != own.key and best.evidence > own.evidence + TOLD_APART
-    if better and not _says_most(own, best):
+    if better and not _says_most(own, best) and not _cancels(others, best):
         own = best
     rivals = rivals_of(others, own, contenders)
     plain = _plain_form(own, rivals)
