@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
@@ -80,15 +81,28 @@ def products(columns: Array, library: Library, joint: int | None) -> Array:
     return np.asarray(parts.transpose(0, 2, 1) @ library.robot) / np.reshape(level, (-1, 1, 1))
 
 
-def factored(columns: Array) -> tuple[Array, Array]:
-    """columns (N, m) as orthonormal ones times a triangle R (m, m): by Cholesky's of their products
-    where they are far enough from each other, else by Householder's."""
+def factored(columns: Array, least: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Those of the columns (N, m) of which the ones before leave more than ``least`` (m,): as
+    orthonormal ones times a triangle R, and their places; by Cholesky's triangle of their products where
+    they are far enough from each other, else by Householder's."""
     gram = columns.T @ columns
     try:
         R = np.asarray(np.linalg.cholesky(gram).T)
-        if np.all(np.diagonal(R) >= _APART * np.sqrt(np.diagonal(gram))):
-            return columns @ np.linalg.inv(R), R
+        size = np.diagonal(R)
+        if np.all(size >= _APART * np.sqrt(np.diagonal(gram))) and np.all(size > least):
+            return columns @ np.linalg.inv(R), R, np.arange(len(least))
     except np.linalg.LinAlgError:
         pass
-    q, r = np.linalg.qr(columns)
-    return np.asarray(q), np.asarray(r)
+    whole = R = triangle(columns)
+    kept = np.arange(len(least))
+    while not (seen := np.abs(np.diagonal(R)) > least[kept]).all():
+        kept = np.delete(kept, np.argmin(seen))
+        R = triangle(whole[:, kept])
+    q = solve_triangular(R, columns[:, kept].T, trans="T", check_finite=False).T
+    again = np.linalg.cholesky(q.T @ q).T  # as orthonormal as the columns are far from each other
+    return q @ np.linalg.inv(again), np.asarray(again @ R), kept
+
+
+def triangle(columns: Array) -> Array:
+    """Householder's R (m, m) of columns (N, m)."""
+    return np.asarray(np.linalg.qr(columns, mode="r"))

@@ -8,7 +8,7 @@ r, z what Q leaves of torque and candidate, the drop is (z'r)^2 / z'z.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -138,11 +138,6 @@ class WhiteFit:
     _weighted: dict[int, tuple[Library, Library]] = field(default_factory=dict, init=False)
     _without: dict[bytes, list[WithoutFold]] = field(default_factory=dict, init=False)
 
-    @classmethod
-    def of(cls, rows: RowLabels, basis: Array, target: Array, weighting: Weighting) -> WhiteFit:
-        """Least squares on white columns (n M, r) of full rank, target white (n M,)."""
-        return Coloured.of(basis, target, weighting).fit(rows, weighting)
-
     def scaled(self, columns: Array) -> Array:
         """White columns (n M, k), weighted."""
         return self.weighting.apply_all(columns)
@@ -161,13 +156,7 @@ class WhiteFit:
             return self
         added = self._beside(white)
         rest, least = np.hstack([a.rest for a in added]), np.concatenate([a.least for a in added])
-        kept = np.arange(len(least))
-        while True:
-            new, R = factored(rest[:, kept])
-            seen = np.abs(np.diagonal(R)) > least[kept]
-            if seen.all():
-                break
-            kept = np.delete(kept, np.argmin(seen))
+        new, R, kept = factored(rest, least)
         taken = new.T @ self.residual
         more = Extension(added, kept, np.asarray(np.linalg.inv(R)), taken)
         residual, Q = self.residual - new @ taken, np.hstack([self.Q, new])
@@ -296,40 +285,6 @@ class WhiteFit:
         degrees, least = (x.reshape(-1, *(1,) * (chi2.ndim - 1)) for x in known)
         variance = np.maximum(chi2 / degrees, least)
         return np.asarray(np.sum(degrees * np.log(variance) + chi2 / variance, axis=0))
-
-
-@dataclass(frozen=True)
-class Coloured:
-    """The model's white columns (n, M, r) and the torque (n, M) behind the colour's filter, not yet
-    divided by the joints' levels; factors : triangular, of each joint's columns."""
-
-    columns: Array
-    target: Array
-    factors: tuple[Array, ...]
-
-    @classmethod
-    def of(cls, basis: Array, target: Array, weighting: Weighting) -> Coloured:
-        """From white columns (n M, r) of full rank and white torque (n M,)."""
-        n, (N, r) = len(weighting.level), basis.shape
-        only = replace(weighting, level=np.ones(n))
-        columns = only.apply_all(basis).reshape(n, N // n, r)
-        factors = tuple(np.asarray(np.linalg.qr(c, mode="r")) for c in columns)
-        return cls(columns, only.apply_all(target).reshape(n, -1), factors)
-
-    def fit(self, rows: RowLabels, weighting: Weighting) -> WhiteFit:
-        """Least squares with these levels; the orthonormal basis by the joints' triangular factors."""
-        level = weighting.level[:, None]
-        Y, target = self.columns / level[:, :, None], (self.target / level).ravel()
-        q = Y.reshape(len(target), Y.shape[2])
-        if q.shape[1]:
-            parts = [R / v for R, v in zip(self.factors, weighting.level, strict=True)]
-            R = np.linalg.qr(np.concatenate(parts), mode="r")
-            size = np.abs(np.diagonal(R))
-            if size.min() > 1e-8 * size.max():
-                q = scipy.linalg.solve_triangular(R, q.T, trans="T", check_finite=False).T
-            else:
-                q = np.linalg.qr(q)[0]
-        return WhiteFit(rows, q, target - q @ (q.T @ target), target, weighting)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.candidates import Candidates
-from sdp_vs_penalty.diagnosis.fit import Coloured, RowLabels, Weighting, WhiteFit, orthonormal
+from sdp_vs_penalty.diagnosis.coloured import Coloured
+from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
 from sdp_vs_penalty.diagnosis.library import Candidacy, Key, Library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -86,6 +87,11 @@ class Stage:
                 del self._fits[next(iter(self._fits))]
             self._fits[key] = self._coloured(weighting).fit(self.labels, weighting)
         return self._fits[key]
+
+    def levelled(self, weighting: Weighting, white: Sequence[Array]) -> WhiteFit:
+        """The fit with white columns (n M, k) more, or one on fewer rows that leaves joints the same."""
+        few = self._coloured(weighting).compressed(self.labels, white, weighting)
+        return self.fit(weighting).extended(*white) if few is None else few
 
     def _coloured(self, weighting: Weighting) -> Coloured:
         """The model behind the colour's filter, that of the last colour kept."""

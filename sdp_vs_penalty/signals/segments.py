@@ -43,7 +43,7 @@ from sdp_vs_penalty.signals.stillness import (
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
 #: Share of its usual speed below which a joint is slow: dry friction turns round there, and its laws
 #: hold only approximately.
-_SLOW = 0.2
+_SLOW_SPEED = 0.2
 #: Motion counts as too sharp where two state filters disagree by this many robust deviations.
 _SHARP, _CORNER = 12.0, 0.3
 
@@ -92,7 +92,8 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
     gains (n,) : what the torque channels read over the true torque, where the model knows it;
-    derived : what follows from the motion alone, whatever is masked and whatever the model.
+    derived : what follows from the motion alone, whatever is masked and whatever the model; modelled :
+    from the model as well.
     """
 
     segments: tuple[Segment, ...]
@@ -103,6 +104,7 @@ class SegmentedRuns:
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
     derived: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
+    modelled: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def t(self) -> Array:
@@ -141,7 +143,8 @@ class SegmentedRuns:
         """(M, n) share of each row that comes from instants at which a joint was slow."""
         usual = np.sqrt(np.mean(np.concatenate([s.motion.dq for s in self.segments]) ** 2, axis=0))
         shares = [
-            abs(s.low_pass) @ (np.abs(s.motion.dq) <= _SLOW * usual).astype(float) for s in self.segments
+            abs(s.low_pass) @ (np.abs(s.motion.dq) <= _SLOW_SPEED * usual).astype(float)
+            for s in self.segments
         ]
         return np.concatenate(shares)
 
@@ -229,7 +232,7 @@ class SegmentedRuns:
     def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
-        return replace(self, segments=segments)
+        return replace(self, segments=segments, modelled={})
 
     def blocks(self, effect: Effect) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k)."""
@@ -240,15 +243,17 @@ class SegmentedRuns:
 
     def _true_blocks(self, effect: Effect) -> list[Block]:
         """The same of the true torque; what the motion alone decides is worked out once, for each set of
-        those widths of signs that it asks for."""
-        if (
-            effect.needs_torque
-            or effect.needs_links
-            or effect_types().get(effect.name) is not type(effect)
-        ):
-            return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
-        key = effect.name, effect.joints, tuple(effect.shape.items()), id(effect.robot)
+        those widths of signs that it asks for, what the model decides once a model."""
+        own = [s.motion for s in self.segments]
+        if effect_types().get(effect.name) is not type(effect):
+            return self._stack(effect, own)
         # The robot is kept as well: its number in the key stays its own.
+        key = effect.name, effect.joints, tuple(effect.shape.items()), id(effect.robot)
+        if effect.needs_torque or effect.needs_links:
+            if key not in self.modelled:
+                self.modelled[key] = effect.robot, self._stack(effect, own)
+            blocks: list[Block] = self.modelled[key][1]
+            return blocks
         known: list[tuple[dict[int, float], list[Block]]]
         known = self.derived.setdefault(key, (effect.robot, []))[1]
         motions, watched = self._watched
@@ -256,9 +261,9 @@ class SegmentedRuns:
             if all(watched.same(j, width) for j, width in asked.items()):
                 return blocks
         watched.asked.clear()
-        parts = [(s.low_pass, effect.blocks(m)) for s, m in zip(self.segments, motions, strict=True)]
-        known.append((dict(watched.asked), self._stack(parts)))
-        return known[-1][1]
+        blocks = self._stack(effect, motions)
+        known.append((dict(watched.asked), blocks))
+        return blocks
 
     @cached_property
     def _watched(self) -> tuple[list[Motion], _Widths]:
@@ -274,8 +279,9 @@ class SegmentedRuns:
                 return block.columns
         return np.zeros((len(self.t), len(effect.parameters)))
 
-    @staticmethod
-    def _stack(parts: Sequence[tuple[sparse.csr_array, list[Block]]]) -> list[Block]:
+    def _stack(self, effect: Effect, motions: Sequence[Motion]) -> list[Block]:
+        """An effect's columns of the segments' motions, on the rows."""
+        parts = [(s.low_pass, effect.blocks(m)) for s, m in zip(self.segments, motions, strict=True)]
         first = parts[0][1]
         return [
             Block(
