@@ -17,6 +17,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
 from sdp_vs_penalty.signals.noise import Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -39,7 +40,7 @@ class Group:
     def k(self) -> int:
         return self.columns.stop - self.columns.start
 
-    @property
+    @cached_property
     def signed(self) -> bool:
         return self.k == 1 and self.effect.parameters[0].lower == 0.0
 
@@ -178,8 +179,6 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
             if not effect.several:
                 joints: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
                 taken |= {(effect.name, j) for j in joints}
-    start = min(float(s.motion.t[0]) for s in rows.segments)
-    warm = all(s.motion.temperature is not None for s in rows.segments)
     own: list[list[tuple[Key, Effect]]] = [[] for _ in range(n)]
     several: list[tuple[Key, Effect]] = []
     for name, kind in effect_types().items():
@@ -194,28 +193,38 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
             spread = several if joint is None or kind.spreads or kind.joins else own[joint]
             spread += [
                 (key, effect)
-                for effect in kind.candidates(robot, joint, start)
-                if (warm or not effect.needs_temperature)
-                and effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
+                for effect in _forms(rows, robot, kind, joint)
+                if effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
             ]
+    every = [effect for part in (*own, several) for _, effect in part]
+    blocks = iter(rows.blocks_of(every))
     groups: list[Group] = []
     matrices = []
-    for j in range(n):
-        columns = [rows.column(effect, j) for _, effect in own[j]]
-        matrices.append(np.hstack([np.zeros((len(rows.t), 0)), *columns]))
+    for place, part in enumerate((*own, several)):
+        sizes = [len(effect.parameters) for _, effect in part]
+        joint, joints = (place, range(place, place + 1)) if place < n else (None, range(n))
         first = 0
-        for key, effect in own[j]:
-            k = len(effect.parameters)
-            groups.append(Group(key, effect, j, slice(first, first + k)))
+        out = np.zeros((len(joints), len(rows.t), sum(sizes)))
+        for (key, effect), k in zip(part, sizes, strict=True):
+            groups.append(Group(key, effect, joint, slice(first, first + k)))
+            for block in next(blocks):
+                if block.joint in joints:
+                    out[block.joint - joints[0]][:, first + block.parameters] = block.columns
             first += k
-    robot_parts, first = [np.zeros((n, len(rows.t), 0))], 0
-    for key, effect in several:
-        k = len(effect.parameters)
-        groups.append(Group(key, effect, None, slice(first, first + k)))
-        first += k
-        robot_parts.append(spread_columns(rows, effect))
-    robot_columns = np.concatenate(robot_parts, axis=2)
-    return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
+        matrices.append(out)
+    return Library(tuple(groups), tuple(m[0] for m in matrices[:-1]), matrices[-1], _batches(groups))
+
+
+def _forms(rows: SegmentedRuns, robot: Robot, kind: type[Effect], joint: int | None) -> list[Effect]:
+    """An effect on one joint with all shape constants that a search begins with; kept."""
+    key = "forms", kind, joint, id(robot)
+    if key not in rows.derived:
+        start = min(float(s.motion.t[0]) for s in rows.segments)
+        warm = all(s.motion.temperature is not None for s in rows.segments)
+        forms = kind.candidates(robot, joint, start)
+        rows.derived[key] = robot, [e for e in forms if warm or not e.needs_temperature]
+    found: list[Effect] = rows.derived[key][1]
+    return found
 
 
 def turning(rows: SegmentedRuns, effect: Effect) -> float:
@@ -242,10 +251,10 @@ def _batches(groups: Sequence[Group]) -> tuple[Batch, ...]:
             joint,
             signed,
             np.array(p),
-            np.array([np.r_[groups[g].columns] for g in p]),
+            np.array([groups[g].columns.start for g in p])[:, None] + np.arange(k),
             groups[p[0]].effect.plausible,
         )
-        for (joint, _, signed, _), p in places.items()
+        for (joint, k, signed, _), p in places.items()
     )
 
 

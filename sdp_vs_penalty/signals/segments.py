@@ -14,7 +14,7 @@ follow (a step in acceleration): there the states are wrong, not the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces
+from sdp_vs_penalty.signals.columns import Columns
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
@@ -69,21 +69,6 @@ class Segment:
     torque_dense: Array
     dense: sparse.csr_array
     q_dense: Array
-
-
-class _Widths(tuple[float, ...]):
-    """The velocities over which the joints' signs turn; asked : those that an effect has looked at."""
-
-    def __init__(self, _: Iterable[float]) -> None:
-        self.asked: dict[int, float] = {}
-
-    def __getitem__(self, joint: Any) -> Any:
-        self.asked[joint] = super().__getitem__(joint)
-        return self.asked[joint]
-
-    def same(self, joint: int, width: float) -> bool:
-        """Whether a joint's is this one; nobody has looked at it."""
-        return super().__getitem__(joint) == width
 
 
 @dataclass(frozen=True)
@@ -236,41 +221,24 @@ class SegmentedRuns:
 
     def blocks(self, effect: Effect) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k)."""
-        blocks = self._true_blocks(effect)
-        if self.gains is None or effect.needs_torque:
-            return blocks
-        return [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
+        return self.blocks_of([effect])[0]
 
-    def _true_blocks(self, effect: Effect) -> list[Block]:
-        """The same of the true torque; what the motion alone decides is worked out once, for each set of
-        those widths of signs that it asks for, what the model decides once a model."""
-        own = [s.motion for s in self.segments]
-        if effect_types().get(effect.name) is not type(effect):
-            return self._stack(effect, own)
-        # The robot is kept as well: its number in the key stays its own.
-        key = effect.name, effect.joints, tuple(effect.shape.items()), id(effect.robot)
-        if effect.needs_torque or effect.needs_links:
-            if key not in self.modelled:
-                self.modelled[key] = effect.robot, self._stack(effect, own)
-            blocks: list[Block] = self.modelled[key][1]
-            return blocks
-        known: list[tuple[dict[int, float], list[Block]]]
-        known = self.derived.setdefault(key, (effect.robot, []))[1]
-        motions, watched = self._watched
-        for asked, blocks in known:
-            if all(watched.same(j, width) for j, width in asked.items()):
-                return blocks
-        watched.asked.clear()
-        blocks = self._stack(effect, motions)
-        known.append((dict(watched.asked), blocks))
-        return blocks
+    def blocks_of(self, effects: Sequence[Effect]) -> list[list[Block]]:
+        """The same of many effects, quicker than one after the other."""
+        found = self._columns.of(effects)
+        if self.gains is None:
+            return found
+        return [
+            blocks
+            if effect.needs_torque
+            else [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
+            for effect, blocks in zip(effects, found, strict=True)
+        ]
 
     @cached_property
-    def _watched(self) -> tuple[list[Motion], _Widths]:
-        """The segments' motions, which note which widths of signs are asked for."""
-        first = self.segments[0].motion
-        widths = _Widths(first.width(j) for j in range(self.n))
-        return [replace(s.motion, sign_width=widths) for s in self.segments], widths
+    def _columns(self) -> Columns:
+        parts = [(s.low_pass, s.motion) for s in self.segments]
+        return Columns(parts, self.n, self.derived, self.modelled)
 
     def column(self, effect: Effect, joint: int) -> Array:
         """(M, k) columns of a joint's own torque only."""
@@ -278,19 +246,6 @@ class SegmentedRuns:
             if block.joint == joint:
                 return block.columns
         return np.zeros((len(self.t), len(effect.parameters)))
-
-    def _stack(self, effect: Effect, motions: Sequence[Motion]) -> list[Block]:
-        """An effect's columns of the segments' motions, on the rows."""
-        parts = [(s.low_pass, effect.blocks(m)) for s, m in zip(self.segments, motions, strict=True)]
-        first = parts[0][1]
-        return [
-            Block(
-                block.joint,
-                block.parameters,
-                np.concatenate([low @ blocks[k].columns for low, blocks in parts]),
-            )
-            for k, block in enumerate(first)
-        ]
 
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
