@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ import scipy.linalg
 
 from sdp_vs_penalty.diagnosis.extension import triangle
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit
+from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Rows are compressed to triangles where that makes them fewer by this.
@@ -18,81 +19,161 @@ _FEWER = 3
 
 
 @dataclass(frozen=True)
-class Coloured:
-    """The model's white columns (n, M, r) and the torque (n, M) behind the colour's filter, not yet
-    divided by the joints' levels; factors : each joint's columns, orthonormal ones times a triangle."""
+class JointRows:
+    """One joint's rows behind its filter: the model's columns (M, r) = Q R, Q orthonormal, the torque
+    (M,), and what is asked of them again and again."""
 
     columns: Array
     target: Array
-    factors: tuple[tuple[Array, Array], ...]
-    weighting: Weighting
-    _added: dict[int, tuple[Array, dict[int, tuple[Array, Array]]]] = field(
+    Q: Array
+    R: Array
+    filter: Callable[[Array], Array]
+    _beside: dict[int, tuple[Array, tuple[Array, Array] | None]] = field(
+        default_factory=dict, init=False
+    )
+    _times: dict[int, tuple[Array, dict[int, tuple[Array, Array]]]] = field(
         default_factory=dict, init=False
     )
 
     @classmethod
+    def of(cls, basis: Array, target: Array, filter: Callable[[Array], Array]) -> JointRows:
+        """From white columns (M, r) and torque (M,)."""
+        columns = filter(basis)
+        Q, R = np.linalg.qr(columns)
+        return cls(columns, filter(target), np.asarray(Q), np.asarray(R), filter)
+
+    def beside(self, white: Array, own: Array) -> tuple[Array, Array] | None:
+        """Of white columns, here ``own`` (M, k), behind the filter: Q's products with them and what Q
+        leaves; None where they do not act."""
+        if id(white) not in self._beside:
+            found = None
+            if own.any():
+                z = self.filter(own)
+                overlap = self.Q.T @ z
+                found = overlap, z - self.Q @ overlap
+            self._beside[id(white)] = white, found
+        return self._beside[id(white)][1]
+
+    def times(self, Z: Array) -> tuple[Array, Array]:
+        """Products Q'Z (r, C) and torque'Z (C,) with a library's columns behind the filter; those of the
+        last library are kept."""
+        known = self._products(Z)
+        if 0 not in known:
+            known[0] = self.Q.T @ Z, self.target @ Z
+        return known[0]
+
+    def white_times(self, white: Array, own: Array, Z: Array) -> Array | None:
+        """Products (k, C) of white columns with a library's, both behind the filter."""
+        known, parts = self._products(Z), self.beside(white, own)
+        if parts is None:
+            return None
+        if id(white) not in known:
+            known[id(white)] = parts[0].T @ self.times(Z)[0] + parts[1].T @ Z, white
+        return known[id(white)][0]
+
+    def _products(self, Z: Array) -> dict[int, tuple[Array, Array]]:
+        if id(Z) not in self._times:
+            self._times.clear()
+            self._times[id(Z)] = Z, {}
+        return self._times[id(Z)][1]
+
+
+@dataclass(frozen=True)
+class Levelled:
+    """Products of joints' rows divided by their ``level`` (n,) with a library's on a joint, (..., C_j),
+    or on several, joint by joint (n, ..., C); turn (r, r) : makes the model's columns orthonormal."""
+
+    joints: tuple[JointRows, ...]
+    level: Array
+    turn: Array
+
+    def model(self, library: Library, joint: int | None) -> Array:
+        """With the model's orthonormal columns, (r, C_j)."""
+        turns = [(own.R @ self.turn).T for own in self.joints]
+        return self._each(library, joint, lambda j, Z: turns[j] @ self.joints[j].times(Z)[0])
+
+    def torque(self, library: Library, joint: int | None) -> Array:
+        """With the torque, (C_j,)."""
+        return self._each(library, joint, lambda j, Z: self.joints[j].times(Z)[1])
+
+    def columns(self, white: Array, library: Library, joint: int | None) -> Array:
+        """With white columns (n M, k), (k, C_j)."""
+        parts = white.reshape(len(self.joints), -1, white.shape[1])
+
+        def times(j: int, Z: Array) -> Array:
+            found = self.joints[j].white_times(white, parts[j], Z)
+            return np.zeros((white.shape[1], Z.shape[1])) if found is None else found
+
+        return self._each(library, joint, times)
+
+    def _each(self, library: Library, joint: int | None, times: Callable[[int, Array], Array]) -> Array:
+        def of(j: int) -> Array:
+            mine = slice(library.own[j]) if j == joint else slice(library.own[j], None)
+            return times(j, library.parts[j])[..., mine] / (self.level[j] * library.divisors[j])
+
+        return of(joint) if joint is not None else np.stack([of(j) for j in range(len(self.joints))])
+
+
+@dataclass(frozen=True)
+class Coloured:
+    """All joints' rows behind the filters of a weighting, not yet divided by the joints' levels."""
+
+    joints: tuple[JointRows, ...]
+
+    @classmethod
     def of(cls, basis: Array, target: Array, weighting: Weighting) -> Coloured:
         """From white columns (n M, r) of full rank and white torque (n M,)."""
-        n, (N, r) = len(weighting.level), basis.shape
-        only = replace(weighting, level=np.ones(n))
-        columns = only.apply_all(basis).reshape(n, N // n, r)
-        factors = tuple((np.asarray(q), np.asarray(R)) for q, R in map(np.linalg.qr, columns))
-        return cls(columns, only.apply_all(target).reshape(n, -1), factors, only)
+        n = len(weighting.level)
+        parts = zip(basis.reshape(n, -1, basis.shape[1]), target.reshape(n, -1), strict=True)
+        return cls(tuple(JointRows.of(Y, t, weighting.filter_of(j)) for j, (Y, t) in enumerate(parts)))
+
+    def fit(self, rows: RowLabels, weighting: Weighting) -> WhiteFit:
+        """Least squares with these levels; the orthonormal basis by the joints' triangular factors."""
+        level = weighting.level
+        parts = [(own.columns / v, own.R / v) for own, v in zip(self.joints, level, strict=True)]
+        target = np.concatenate([own.target / v for own, v in zip(self.joints, level, strict=True)])
+        q, turn = _orthonormal(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+        source = None if turn is None else Levelled(self.joints, level, turn)
+        return WhiteFit(rows, q, target - q @ (q.T @ target), target, weighting, source)
 
     def compressed(
         self, rows: RowLabels, white: Sequence[Array], weighting: Weighting
     ) -> WhiteFit | None:
         """The fit with white columns (n M, k) more, on the rows of a triangle of each joint's columns
         and torque, where these are fewer: joints' errors and degrees are the same."""
-        n, M, r = self.columns.shape
+        n, (M, r) = len(self.joints), self.joints[0].columns.shape
         ends = r + np.cumsum([0, *(w.shape[1] for w in white)])
         size = int(ends[-1]) + 1
         if _FEWER * size > M:
             return None
         out = np.zeros((n, size, size))
-        for j, (q, R) in enumerate(self.factors):
-            known = [
-                (slice(a, a + w.shape[1]), self._beside(w)) for a, w in zip(ends, white, strict=False)
-            ]
-            own = [(at, parts[j]) for at, parts in known if j in parts]
-            along = q.T @ self.target[j]
-            own.append((slice(size - 1, size), (along[:, None], (self.target[j] - q @ along)[:, None])))
-            out[j, :r, :r] = R
-            for at, (overlap, _) in own:
-                out[j, :r, at] = overlap
-            places = np.concatenate([np.r_[at] for at, _ in own])
-            rest = triangle(np.hstack([left for _, (_, left) in own]))
+        for j, own in enumerate(self.joints):
+            along = own.Q.T @ own.target
+            beside = [(size - 1, along[:, None], (own.target - own.Q @ along)[:, None])]
+            for first, w in zip(ends.tolist(), white, strict=False):
+                parts = own.beside(w, w.reshape(n, M, -1)[j])
+                beside += [] if parts is None else [(first, *parts)]
+            places = np.concatenate([at + np.arange(x.shape[1]) for at, x, _ in beside])
+            out[j, :r, :r] = own.R
+            out[j, :r, places] = np.hstack([x for _, x, _ in beside]).T
+            rest = triangle(np.hstack([x for *_, x in beside]))
             out[j, r : r + len(rest), places] = rest.T
         few = replace(weighting, colour=np.zeros_like(weighting.colour))
         labels = replace(rows, block=np.zeros(size, np.intp), fold=np.zeros(size, np.intp))
-        less = Coloured(out[:, :, :r], out[:, :, -1], self.factors, few)
-        parts = [out[:, :, a:b].reshape(n * size, -1) for a, b in pairwise(ends.tolist())]
-        return less.fit(labels, few).extended(*parts)
+        scaled = out / weighting.level[:, None, None]
+        q, target = _orthonormal(scaled[:, :, :r].reshape(n * size, r))[0], scaled[:, :, -1].ravel()
+        fit = WhiteFit(labels, q, target - q @ (q.T @ target), target, few)
+        return fit.extended(*(out[:, :, a:b].reshape(n * size, -1) for a, b in pairwise(ends.tolist())))
 
-    def _beside(self, white: Array) -> dict[int, tuple[Array, Array]]:
-        """Of white columns behind the colour's filter, by joint: their products with the joint's
-        orthonormal ones and what these leave; kept."""
-        if id(white) not in self._added:
-            parts = {}
-            for j, z in enumerate(white.reshape(*self.target.shape, -1)):
-                if z.any():
-                    z, q = self.weighting.apply(z, j), self.factors[j][0]
-                    overlap = q.T @ z
-                    parts[j] = overlap, z - q @ overlap
-            self._added[id(white)] = white, parts
-        return self._added[id(white)][1]
 
-    def fit(self, rows: RowLabels, weighting: Weighting) -> WhiteFit:
-        """Least squares with these levels; the orthonormal basis by the joints' triangular factors."""
-        level = weighting.level[:, None]
-        Y, target = self.columns / level[:, :, None], (self.target / level).ravel()
-        q = Y.reshape(len(target), Y.shape[2])
-        if q.shape[1]:
-            parts = [R / v for (_, R), v in zip(self.factors, weighting.level, strict=True)]
-            R = np.linalg.qr(np.concatenate(parts), mode="r")
-            size = np.abs(np.diagonal(R))
-            if size.min() > 1e-8 * size.max():
-                q = scipy.linalg.solve_triangular(R, q.T, trans="T", check_finite=False).T
-            else:
-                q = np.linalg.qr(q)[0]
-        return WhiteFit(rows, q, target - q @ (q.T @ target), target, weighting)
+def _orthonormal(columns: Array, factors: Array | None = None) -> tuple[Array, Array | None]:
+    """The columns (N, r) made orthonormal, and the triangle's inverse that does it, None where that is
+    not exact; factors : triangles one below the other with the columns' products."""
+    if not columns.shape[1]:
+        return columns, np.zeros((0, 0))
+    R = triangle(columns if factors is None else factors)
+    size = np.abs(np.diagonal(R))
+    if size.min() > 1e-8 * size.max():
+        q = scipy.linalg.solve_triangular(R, columns.T, trans="T", check_finite=False).T
+        return q, np.asarray(np.linalg.inv(R))
+    return np.asarray(np.linalg.qr(columns)[0]), None

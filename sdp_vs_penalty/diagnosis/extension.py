@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,26 +29,52 @@ class PerLibrary:
 
     kept: dict[tuple[int, int | None], tuple[Library, Array]] = field(default_factory=dict)
 
-    def has(self, library: Library, joint: int | None) -> bool:
-        return (id(library), joint) in self.kept
-
-    def of(self, library: Library, joint: int | None, made: Callable[[], Array] | None = None) -> Array:
+    def of(self, library: Library, joint: int | None, made: Callable[[], Array]) -> Array:
         """Those that are kept, or else ``made``."""
         key = id(library), joint
-        if made is not None and key not in self.kept:
+        if key not in self.kept:
             self.kept[key] = library, made()
         return self.kept[key][1]
 
 
+class Source(Protocol):
+    """Products of weighted rows with a library's, without a pass over them."""
+
+    def model(self, library: Library, joint: int | None) -> Array: ...
+    def torque(self, library: Library, joint: int | None) -> Array: ...
+    def columns(self, white: Array, library: Library, joint: int | None) -> Array: ...
+
+
+class Base(Protocol):
+    """The fit that columns are added to."""
+
+    @property
+    def source(self) -> Source | None: ...
+    def overlaps(self, library: Library, joint: int | None) -> Array: ...
+
+
 @dataclass(frozen=True)
 class Added:
-    """White columns (n M, k) beside a fit, and what that leaves of them once weighted: rest (n M, k);
-    least (k,) : norm from which a column of it is more than rounding; overlaps : of the rest."""
+    """White columns (n M, k) beside a fit; along (r, k) : the fit's products with them, weighted, None
+    where it leaves little; rest (n M, k) : what it leaves; least (k,) : norm from which a column of that
+    is more than rounding; kept : the rest's products."""
 
     white: Array
+    along: Array | None
     rest: Array
     least: Array
-    overlaps: PerLibrary = field(default_factory=PerLibrary, init=False)
+    kept: PerLibrary = field(default_factory=PerLibrary, init=False)
+
+    def overlaps(self, base: Base, library: Library, joint: int | None) -> Array:
+        """The rest's products with a library's columns."""
+
+        def made() -> Array:
+            if self.along is None or base.source is None:
+                return products(self.rest, library, joint)
+            whole = base.source.columns(self.white, library, joint)
+            return np.asarray(whole - self.along.T @ base.overlaps(library, joint))
+
+        return self.kept.of(library, joint, made)
 
 
 @dataclass(frozen=True)
@@ -60,25 +87,21 @@ class Extension:
     turn: Array
     taken: Array
 
-    def overlaps(self, library: Library, joint: int | None) -> Array:
-        """The orthonormal columns' products with a library's."""
-        fresh = [a for a in self.added if not a.overlaps.has(library, joint)]
-        if fresh:
-            found = products(np.hstack([a.rest for a in fresh]), library, joint)
-            ends = np.cumsum([a.rest.shape[1] for a in fresh])[:-1]
-            for a, own in zip(fresh, np.split(found, ends, axis=-2), strict=True):
-                a.overlaps.of(library, joint, own.copy)
-        parts = [a.overlaps.of(library, joint) for a in self.added]
+    def overlaps(self, base: Base, library: Library, joint: int | None) -> Array:
+        """The orthonormal columns' products with a library's; base : the other fit."""
+        parts = [a.overlaps(base, library, joint) for a in self.added]
         return np.asarray(self.turn.T @ np.concatenate(parts, axis=-2)[..., self.kept, :])
 
 
 def products(columns: Array, library: Library, joint: int | None) -> Array:
     """x_j'z_j of columns x (n M, r) with those of a library on a joint, (r, C_j), or on several, joint
     by joint (n, r, C)."""
-    parts, level = columns.reshape(*library.robot.shape[:2], columns.shape[1]), library.divisors
+    n, level = len(library.parts), library.divisors
+    parts = columns.reshape(n, len(columns) // n, columns.shape[1])
     if joint is not None:
         return np.asarray(parts[joint].T @ library.joints[joint]) / level[joint]
-    return np.asarray(parts.transpose(0, 2, 1) @ library.robot) / np.reshape(level, (-1, 1, 1))
+    each = zip(parts, library.robot, level, strict=True)
+    return np.stack([x.T @ z / divisor for x, z, divisor in each])
 
 
 def factored(columns: Array, least: Array) -> tuple[Array, Array, NDArray[np.intp]]:

@@ -172,7 +172,7 @@ def test_what_cannot_be_added_hides_nothing(two_link: Problem) -> None:
     groups = [Group((e.name, 0), e, 0, slice(i, i + 1)) for i, e in enumerate(effects)]
     batch = Batch(0, True, np.arange(2), np.arange(2)[:, None])
     joints = (np.column_stack([rng.normal(size=480), stretch]), np.zeros((480, 0)))
-    library = Library(tuple(groups), joints, np.zeros((2, 480, 0)), (batch,))
+    library = Library(tuple(groups), joints, (2, 0), (batch,))
     plain, both = (
         flip_threshold(fit, library, {(name, 0) for name in names[:count]}, 0) for count in (1, 2)
     )

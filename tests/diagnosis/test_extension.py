@@ -18,7 +18,7 @@ def fitted(rng: np.random.Generator) -> tuple[WhiteFit, Library]:
     rows = RowLabels(n, np.arange(M) // 10, np.arange(M) // 100, np.full(n, float(M)))
     weighting = Weighting(np.array([0.5, 2.0]), np.zeros((n, ORDER)), (Pieces(()),) * n)
     joints = tuple(rng.normal(size=(M, 4)) for _ in range(n))
-    library = Library((), joints, rng.normal(size=(n, M, 3)), ())
+    library = Library.of((), joints, rng.normal(size=(n, M, 3)))
     basis = orthonormal(rng.normal(size=(n * M, 5)))
     return Coloured.of(basis, rng.normal(size=n * M), weighting).fit(rows, weighting), library
 
