@@ -219,15 +219,31 @@ def _matched(
     estimate: Estimate, frozen: bool, picks: Sequence[Pick], own: Sequence[Pick], split: Split
 ) -> Array:
     """(steps + 1, n) squared errors on all rows left out, at each step with those of a fold's ``own``
-    picks that are the same effect on the same joint as a pick up to there: it finds them in another
-    order."""
-    step: dict[Key, int] = {}
-    for k, pick in enumerate(picks):
-        step.setdefault(pick.candidate.key, k)
-    same = sorted((p for p in own if p.candidate.key in step), key=lambda p: step[p.candidate.key])
-    steps = np.array([step[p.candidate.key] for p in same], int)
-    squares = ladder_of(estimate, frozen, [p.candidate.effect for p in same], split)[-1]
-    return squares[np.searchsorted(steps, np.arange(len(picks) + 1), side="left")]
+    picks that stand for a pick up to there (:func:`_stands_for`): it finds them in another order."""
+    steps = np.array([_stands_for(p, picks) for p in own], int)
+    order = [k for k in np.argsort(steps, kind="stable") if steps[k] < len(picks)]
+    effects = [own[k].candidate.effect for k in order]
+    squares = ladder_of(estimate, frozen, effects, split)[-1]
+    return squares[np.searchsorted(steps[order], np.arange(len(picks) + 1), side="left")]
+
+
+def _stands_for(own: Pick, picks: Sequence[Pick]) -> int:
+    """Which of the picks a fold's own one is: the same effect on the same joint, of several (waves,
+    laws of one gear) that of the nearest constants; their number where it is none."""
+    shape = own.candidate.effect.shape
+
+    def away(k: int) -> tuple[int, float]:
+        effect = picks[k].candidate.effect
+        forms, sizes = [n for n in effect.shape if effect.shapes[n].bounds is None], set(shape)
+        near = (
+            abs(effect.shape[n] - shape[n]) / (abs(shape[n]) + 1e-300)
+            for n in sizes.difference(forms)
+            if n in effect.shape
+        )
+        return sum(effect.shape[n] != shape.get(n) for n in forms), sum(near)
+
+    same = [k for k, p in enumerate(picks) if p.candidate.key == own.candidate.key]
+    return min(same, key=away, default=len(picks))
 
 
 def _told(

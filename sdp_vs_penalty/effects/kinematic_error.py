@@ -33,6 +33,7 @@ class KinematicError(Effect):
     whole_robot = True
     signless = True
     one_number = False
+    mostly = "joint_zero_error"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
