@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -89,8 +90,12 @@ class Levelled:
 
     def model(self, library: Library, joint: int | None) -> Array:
         """With the model's orthonormal columns, (r, C_j)."""
-        turns = [(own.R @ self.turn).T for own in self.joints]
-        return self._each(library, joint, lambda j, Z: turns[j] @ self.joints[j].times(Z)[0])
+        return self._each(library, joint, lambda j, Z: self._turns[j] @ self.joints[j].times(Z)[0])
+
+    @cached_property
+    def _turns(self) -> list[Array]:
+        """From each joint's orthonormal columns to those of all joints."""
+        return [(own.R @ self.turn).T for own in self.joints]
 
     def torque(self, library: Library, joint: int | None) -> Array:
         """With the torque, (C_j,)."""
