@@ -309,7 +309,7 @@ def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candid
     same = next((h for h in contenders if h.key == old.key), None)
     if same is not None:
         own = same if same.chi2 > own.chi2 else replace(own, evidence=same.evidence)
-    best = contenders[0] if contenders else own
+    best = next(iter(_mostly(others, contenders[0])), contenders[0]) if contenders else own
     better = best.key != own.key and best.evidence > own.evidence + TOLD_APART
     if better and not _says_most(own, best) and not _cancels(others, best):
         own = best
