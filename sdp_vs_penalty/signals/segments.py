@@ -24,12 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.data.measurements import Measurements
-<<<<<<< HEAD
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
-=======
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion
->>>>>>> main
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.columns import Columns
