@@ -26,6 +26,7 @@ from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
 from sdp_vs_penalty.diagnosis.library import turning
 from sdp_vs_penalty.diagnosis.own_shapes import moved
 from sdp_vs_penalty.diagnosis.parsimony import (
+    INVISIBLE,
     believable,
     bent,
     correlated,
@@ -51,8 +52,6 @@ from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
 
-#: An effect of which the model absorbs more than this share cannot be seen.
-INVISIBLE = 0.999
 #: How many times farther than Coulomb friction turns a law of velocity has to reach to be none of it.
 _BEYOND = 2.0
 #: By so much other constants of the model may raise a joint's held-out error before they are taken back.
