@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.problem.problem import Problem as Problem
     from sdp_vs_penalty.report import report as report
     from sdp_vs_penalty.simulation.follow import follow as follow
-    from sdp_vs_penalty.simulation.hide import simulate as simulate
+    from sdp_vs_penalty.simulation.hidden_runs import simulate as simulate
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
 _HOME = {
@@ -56,7 +56,7 @@ _HOME = {
     "Problem": "problem.problem",
     "Reidentifier": "estimation.reidentify",
     "report": "report",
-    "simulate": "simulation.hide",
+    "simulate": "simulation.hidden_runs",
     "where_it_fails": "diagnosis.where_it_fails",
 }
 __all__ = [

@@ -34,6 +34,8 @@ MIN_SHARE = 0.004
 #: Evidence (twice a log Bayes factor, per unit of residual variance) by which a rival must fall
 #: short to be told apart: odds of 150 to 1.
 TOLD_APART = 10.0
+#: Share of the larger one's size below which the torque of two causes of the whole robot cancels.
+_CANCELLED = 0.5
 #: How many candidates a step tries to add, how many steps there are.
 _TRIES = 3
 #: How many are refined to see what the best of them would leave.
@@ -146,7 +148,8 @@ def _looked_for(state: SearchState) -> Pick | None:
     contenders = state.contenders()
     if not contenders:
         return None
-    for candidate in _joint_by_joint(state, contenders)[:_TRIES]:
+    ordered = [*_mostly(state, contenders[0]), *_joint_by_joint(state, contenders)]
+    for candidate in ordered[:_TRIES]:
         pick = accepted(state, candidate)
         if pick is None:
             continue
@@ -157,6 +160,15 @@ def _looked_for(state: SearchState) -> Pick | None:
             return replace(simpler, rivals=rivals_of(state, plain, contenders))
         return replace(pick, rivals=rivals)
     return None
+
+
+def _mostly(state: SearchState, first: Candidate) -> list[Candidate]:
+    """The effect on one joint that says most of what a cause of the whole robot does, if one does: a
+    zero that is 3 degrees off beside joints that are mounted a millimetre elsewhere."""
+    name = first.effect.mostly
+    found = [h for j in range(state.fit.rows.n) if name for h in state.contenders(only=(name, j))]
+    best = max(found, key=lambda h: h.chi2, default=None)
+    return [] if best is None or best.chi2 < 0.5 * first.chi2 else [best]
 
 
 def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequence[Candidate]:
@@ -192,9 +204,24 @@ def accepted(state: SearchState, candidate: Candidate, lucky: bool = True) -> Pi
     excess = np.maximum(fit.joint_chi2 - least, 0.0) / level2
     if gain < MIN_GAIN or gain < MIN_SHARE * excess.sum():
         return None
-    if lucky and not state.above_chance(exponent):
+    if (lucky and not state.above_chance(exponent)) or _cancels(state, candidate):
         return None
     return Pick(candidate, gain, exponent, ())
+
+
+def _cancels(state: SearchState, candidate: Candidate) -> bool:
+    """Whether a cause of the whole robot mostly undoes another one that was picked: a torque that is
+    filtered by 8 ms and yet 7 ms early is neither, only what the two leave of each other."""
+    whole = candidate.key[1] is None
+    for k in (k for k, p in enumerate(state.picks) if whole and p.candidate.key[1] is None):
+        fit = state.without(k).fit
+        pair = [fit.scaled(h.columns) for h in (state.picks[k].candidate, candidate)]
+        beta = np.linalg.lstsq(fit.partialled(np.hstack(pair)), fit.residual, rcond=None)[0]
+        one, other = pair[0] @ beta[: pair[0].shape[1]], pair[1] @ beta[pair[0].shape[1] :]
+        sizes = (np.linalg.norm(x) for x in (one, other))
+        if np.linalg.norm(one + other) < _CANCELLED * max(sizes):
+            return True
+    return False
 
 
 def accepted_beside(state: SearchState, candidate: Candidate) -> Pick | None:

@@ -22,6 +22,8 @@ Mask = NDArray[np.bool_]
 
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
+#: Share of a row from a slow joint from which its friction, much larger than the noise, shows there.
+_SLIGHTLY = 1e-4
 #: Hz: below, lines are the motion's own harmonics.
 _SLOWEST_HUM = 0.8
 #: In units of the row rate: above, what the low-pass folds has no flat surroundings.
@@ -39,7 +41,7 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
     n, M, turning = rows.n, len(rows.t), rows.slow > SLOW
     white = (fit.residual.reshape(n, M) * fit.weighting.level[:, None]).T
     left = remainder(fit, rows, noise, state.residual)
-    mask, faint = np.zeros((2, M, n), bool)
+    mask, faint, lone = np.zeros((3, M, n), bool)
     rates = rate_features(rows)
     for j in range(n):
         steady = white[:, j] / noise_profile(white[:, j], rates[j], rates[j])
@@ -50,8 +52,9 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
         steady[slow] /= max(np.sqrt(np.mean(steady[slow] ** 2)), 1.0) if slow.any() else 1.0
         degrees = float(noise.degrees[j])
         found = local_excess(steady, rows.pieces(j), n, degrees)
-        if noise.source == RESIDUAL and found.any():
-            found &= _lone(white[:, j], rows, j)
+        if found.any():
+            lone[:, j] = _lone(white[:, j], rows, j)
+            found &= lone[:, j] | (noise.source != RESIDUAL)
         if found.sum() < MOST_EVENTS * rows.keep[:, j].sum():
             mask[:, j] = found
             faint[:, j] = found | local_excess(FAINT * steady, rows.pieces(j), n, degrees)
@@ -67,7 +70,8 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
             mask[:] = False
         else:
             left = without
-    mask |= _odd_ones(state) & ~turning
+    mask &= lone | ~_of_reversals(mask, state.residual**2, rows)
+    mask |= _odd_ones(state)
     whole = rows.with_masked(np.zeros((0, 0), bool))
     events = [
         Event(j, start, end)
@@ -79,12 +83,23 @@ def remaining(state: SearchState) -> tuple[Remainder, tuple[Event, ...]]:
 
 
 def _lone(white: Array, rows: SegmentedRuns, joint: int) -> Mask:
-    """(M,) windows that stand out of a joint's own error, where no repetition tells it from noise."""
+    """(M,) windows that stand out of a joint's own error, where nothing tells it from noise."""
     slow = (rows.slow[:, joint] > SLOW) | (rows.still[:, joint] > 0.0)
     jerk = np.concatenate(
         [s.low_pass @ np.gradient(s.motion.ddq[:, joint], s.motion.t) for s in rows.segments]
     )
     return lone_windows(white, rows.pieces(joint), slow, jerk, rows.rate, rows.n)
+
+
+def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
+    """(M, n) the windows of which most energy (M, n) is of rows in which the joint is slow: friction
+    turns round a little elsewhere each time."""
+    out = np.zeros_like(mask)
+    for j in range(rows.n):
+        slowly, marked = energy[:, j] * (rows.slow[:, j] > _SLIGHTLY), np.flatnonzero(mask[:, j])
+        for piece in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
+            out[piece, j] = slowly[piece].sum() > 0.5 * energy[piece, j].sum()
+    return out
 
 
 def _hums(state: SearchState) -> list[Event]:
@@ -94,10 +109,13 @@ def _hums(state: SearchState) -> list[Event]:
     residual is not whitened for it: an autoregression takes a sine for its own colour.
     """
     rows, repeats = state.stage.rows, state.stage.noise.repeats
+    slow = rows.slow > SLOW  # reversals are harmonics of the motion
     if repeats:
         left, found = differences(rows, rows.residual, repeats), consecutive(repeats)
-    else:  # reversals are harmonics of the motion
-        left = np.where(rows.slow > SLOW, 0.0, state.residual)
+        slow = np.concatenate([slow[r.rows] for r in repeats])
+    else:
+        left = state.residual
+    left = np.where(slow, 0.0, left)
     out = []
     for j in range(rows.n):
         every = found if repeats else rows.pieces(j)
@@ -129,19 +147,23 @@ def _repeating(mask: Mask, faint: Mask, stage: Stage) -> Mask:
 def _odd_ones(state: SearchState) -> Mask:
     """(M, n) where the repetitions of a motion differ: an event, in the one that leaves more error."""
     stage = state.stage
-    suspect = stage.noise.suspect
-    out, near = suspect.copy(), _widened(suspect, stage)
+    rows, repeats, suspect = stage.rows, stage.noise.repeats, stage.noise.suspect
     if not suspect.any():
-        return out
+        return suspect
+    pairs = [(r.rows, later_rows(rows, r)) for r in repeats]
+    apart = np.zeros(suspect.shape)
+    for one, other in pairs:
+        for at in (one, other):
+            np.maximum.at(apart, at, (state.residual[one] - state.residual[other]) ** 2)
+    suspect = suspect & ~_of_reversals(suspect, apart, rows)
+    out, near = suspect.copy(), _widened(suspect, stage)
     width = np.ones(2 * _reach(stage) + 1)
-    squares = state.residual**2
-    energy = np.array([np.convolve(x, width, mode="same") for x in squares.T]).T
-    for repeat in stage.noise.repeats:
-        rows, later = repeat.rows, later_rows(stage.rows, repeat)
-        first_less = energy[rows] <= energy[later]
-        out[rows] &= ~(near[later] & first_less)
+    energy = np.array([np.convolve(x, width, mode="same") for x in (state.residual**2).T]).T
+    for one, other in pairs:
+        first_less = energy[one] <= energy[other]
+        out[one] &= ~(near[other] & first_less)
         lost = np.zeros_like(out)
-        np.logical_or.at(lost, later, near[rows] & ~first_less)
+        np.logical_or.at(lost, other, near[one] & ~first_less)
         out &= ~lost
     return out
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 
 
 class AsymmetricCoulombFriction(JointEffect):
@@ -24,11 +23,3 @@ class AsymmetricCoulombFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.abs(motion.sign(joint))
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    def sides(w: TrueRobot, m: Motion) -> Array:  # the size that either direction has beyond the mean
-        share = w.dry(m.dq[:, joint])
-        return np.where(m.dq[:, joint] > 0.0, share, -share)
-
-    return one_joint("asymmetric_coulomb_friction", joint, sides, either_sign(rng), shape={})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 
 
 class AsymmetricViscousFriction(JointEffect):
@@ -22,10 +21,3 @@ class AsymmetricViscousFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.abs(motion.dq[:, joint])
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    def slopes(w: TrueRobot, m: Motion) -> Array:  # one a direction, less their mean
-        return np.where(m.dq[:, joint] > 0.0, m.dq[:, joint], -m.dq[:, joint])
-
-    return one_joint("asymmetric_viscous_friction", joint, slopes, either_sign(rng), shape={})

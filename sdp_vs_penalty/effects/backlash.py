@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 
 
@@ -28,13 +25,3 @@ class Backlash(LinkDeviation):
     def torques(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives
         return -by_q[:, :, joint] * np.sign(motion.link_torque[:, joint, None])
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    def torque(w: TrueRobot, m: Motion, a: float) -> Array:
-        tau = w.rigid(m)
-        link = m.q.copy()
-        link[:, joint] -= 1e-3 * a * np.sign(tau[:, joint])
-        return w.rigid(replace(m, q=link)) - w.rigid(m)
-
-    return HiddenEffect("backlash", (joint,), torque, unit=1e-3, theta=(1e-3,), deviation=1e-3)

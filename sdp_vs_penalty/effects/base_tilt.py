@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 
 
 class BaseTilt(Effect):
@@ -52,19 +51,3 @@ class BaseTilt(Effect):
 
     def remark(self, size: float) -> str:
         return f"Here: {np.degrees(size / 9.81):.2g} degrees."
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    angle = rng.uniform(0.0, 2.0 * np.pi)
-    g = true.robot.gravity
-    along = int(np.argmax(np.abs(g)))
-    across = [axis for axis in range(3) if axis != along]  # of bases whose gravity is along an axis
-
-    def torque(w: TrueRobot, m: Motion, a: float) -> Array:
-        tilted = np.array(g)
-        tilted[across] += 0.01 * a * np.array([np.cos(angle), np.sin(angle)])
-        robot = replace(w.robot, gravity=(tilted[0], tilted[1], tilted[2]))
-        return replace(w, robot=robot).rigid(m) - w.rigid(m)
-
-    theta = (0.01 * float(np.cos(angle)), 0.01 * float(np.sin(angle)))
-    return HiddenEffect("base_tilt", (), torque, unit=0.01, theta=theta)

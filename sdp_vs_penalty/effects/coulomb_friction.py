@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 
 
@@ -37,7 +34,3 @@ class CoulombFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.sign(joint, self.shape["v_s"])
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return one_joint("coulomb_friction", joint, lambda w, m: np.sign(m.dq[:, joint]))

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -44,19 +42,3 @@ class Drift(JointEffect):
         fades before t0 as after it: in an older run exp(-t / T) would grow without end."""
         t = motion.t - self.shape["t0"]
         return np.exp(-np.abs(t) / self.shape["T"]) if self.exponential else t
-
-
-def hidden_drift(effect: str, joint: int, rng: np.random.Generator, friction: bool) -> HiddenEffect:
-    """An offset or a friction that settles with T, or goes on by one per 100 s, from time zero on."""
-    settles, viscous = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
-    T, sign = log_uniform(rng, 20.0, 120.0), either_sign(rng)
-
-    def law(w: TrueRobot, m: Motion) -> Array:
-        course = np.expm1(-m.t / T) if settles else m.t / 100.0
-        if not friction:
-            return course
-        return course * (m.dq[:, joint] if viscous else np.sign(m.dq[:, joint]))
-
-    form = 1 + settles + (2 * viscous if friction else 0)
-    made = one_joint(effect, joint, law, sign, {"form": form, "T": T})
-    return replace(made, theta=(sign if settles else sign / 100.0,))

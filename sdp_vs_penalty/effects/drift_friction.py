@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from sdp_vs_penalty.effects.drift import Drift, hidden_drift
+from sdp_vs_penalty.effects.drift import Drift
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
 
 
@@ -40,7 +37,3 @@ class DriftFriction(Drift):
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
         return self.course(motion) * (dq if self.viscous else motion.sign(joint))
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return hidden_drift("drift_friction", joint, rng, friction=True)

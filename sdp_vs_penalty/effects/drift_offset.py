@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from sdp_vs_penalty.effects.drift import Drift, hidden_drift
+from sdp_vs_penalty.effects.drift import Drift
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 
 
 class DriftOffset(Drift):
@@ -27,7 +24,3 @@ class DriftOffset(Drift):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return self.course(motion)
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return hidden_drift("drift_offset", joint, rng, friction=False)

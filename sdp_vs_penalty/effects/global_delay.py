@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -47,7 +46,3 @@ class GlobalDelay(Effect):
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         return np.column_stack([np.interp(t + theta[0], t, channel) for channel in torque.T])
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return HiddenEffect("global_delay", (), late=np.full(true.robot.n, 1e-3), unit=1e-3, theta=(1e-3,))

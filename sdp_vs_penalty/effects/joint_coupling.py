@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, smooth_sign
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
@@ -73,16 +72,3 @@ class JointCoupling(JointEffect):
         other = 1.0 if form == 3 else -1.0
         velocity, rate = (x[:, joint] + other * x[:, partner] for x in (motion.dq, motion.ddq))
         return smooth_sign(velocity, motion.width(joint), rate, motion.within)
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < true.robot.n]
-    if not neighbours:
-        raise InputError("effect joint_coupling needs a robot with two joints or more", "leave it out")
-    i, form = int(rng.choice(neighbours)), int(rng.integers(1, 5))
-
-    def law(w: TrueRobot, m: Motion) -> Array:
-        own, other = m.dq[:, joint], m.dq[:, i]
-        return other if form == 1 else np.sign({2: other, 3: own + other, 4: own - other}[form])
-
-    return one_joint("joint_coupling", joint, law, either_sign(rng), {"i": i + 1, "form": form})

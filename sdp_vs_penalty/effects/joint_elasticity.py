@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, on_joint
 from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 
 
@@ -32,10 +31,3 @@ class JointElasticity(LinkDeviation):
         rate, acceleration = (x[:, joint, None] for x in motion.link_torque_rates)
         out = by_q[:, :, joint] * tau + by_dq[:, :, joint] * rate + by_ddq[:, :, joint] * acceleration
         return np.negative(out)
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    def shown(w: TrueRobot, m: Motion, a: float) -> Array:  # the encoder is ahead of the link
-        return 1e-4 * a * on_joint(joint, w.robot.n, w.rigid(m)[:, joint])
-
-    return HiddenEffect("joint_elasticity", (joint,), encoder=shown, unit=1e-4, theta=(1e-4,))

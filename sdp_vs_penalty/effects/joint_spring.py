@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 
 
 class JointSpring(JointEffect):
@@ -22,7 +19,3 @@ class JointSpring(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.q[:, joint]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return one_joint("joint_spring", joint, lambda w, m: m.q[:, joint], either_sign(rng))

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, on_joint
 from sdp_vs_penalty.effects.link_deviation import LinkDeviation
 
 
@@ -25,14 +22,3 @@ class JointZeroError(LinkDeviation):
     def torques(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives
         return by_q[:, :, joint]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    sign = either_sign(rng)
-    return HiddenEffect(
-        "joint_zero_error",
-        (joint,),
-        encoder=lambda w, m, a: -1e-3 * sign * a * on_joint(joint, w.robot.n, np.ones(len(m.t))),
-        unit=1e-3,
-        theta=(1e-3 * sign,),
-    )

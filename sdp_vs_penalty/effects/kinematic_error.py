@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.robot.robot import Robot
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].
@@ -33,6 +31,7 @@ class KinematicError(Effect):
     whole_robot = True
     signless = True
     one_number = False
+    mostly = "joint_zero_error"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -92,28 +91,3 @@ def _thinned(motion: Motion) -> NDArray[np.intp]:
         if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
             return few
     return every
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    robot = true.robot
-    slips, turns = 1e-4 * rng.normal(size=(robot.n, 3)), 2e-4 * rng.normal(size=(robot.n, 3))
-    base = np.array([one.parent == -1 for one in robot.joints])
-    felt = np.ones((robot.n, 3), bool)  # a base may stand anywhere, but level
-    for j in np.flatnonzero(base):
-        down = np.array(robot.gravity) @ robot.joints[j].placement[:3, :3]
-        felt[j] = [np.hypot(*np.delete(down, k)) > 1e-6 for k in range(3)]
-    slips[base], turns[~felt] = 0.0, 0.0
-
-    def torque(w: TrueRobot, m: Motion, a: float) -> Array:
-        joints = []
-        for joint, slip, turn in zip(w.robot.joints, a * slips, a * turns, strict=True):
-            pose, size = np.eye(4), float(np.linalg.norm(turn)) or 1.0
-            k = np.cross(np.eye(3), turn / size)  # Rodrigues
-            pose[:3, :3] += np.sin(size) * k + (1.0 - np.cos(size)) * k @ k
-            pose[:3, 3] = slip
-            joints.append(replace(joint, placement=joint.placement @ pose))
-        beside = replace(w, robot=replace(w.robot, joints=tuple(joints)))
-        return beside.rigid(m) - w.rigid(m)
-
-    theta = (*slips[~base].ravel().tolist(), *turns[felt].tolist())
-    return HiddenEffect("kinematic_error", (), torque, theta=theta)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 
 
 class LoadDependentFriction(JointEffect):
@@ -25,10 +24,3 @@ class LoadDependentFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.abs(motion.link_torque[:, joint]) * motion.sign(joint)
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    def law(w: TrueRobot, m: Motion) -> Array:
-        return np.abs(w.rigid(m)[:, joint]) * np.sign(m.dq[:, joint])
-
-    return one_joint("load_dependent_friction", joint, law)

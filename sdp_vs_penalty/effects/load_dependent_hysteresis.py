@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
-from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle
+from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 
 
 class LoadDependentHysteresis(PreslidingHysteresis):
@@ -29,12 +28,3 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         load = np.abs(motion.link_torque)
         return [Block(j, np.array([k]), load[:, [j]] * z[:, [k]]) for k, j in enumerate(self.joints)]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    d = log_uniform(rng, 0.001, 0.02)
-
-    def law(w: TrueRobot, m: Motion) -> Array:
-        return np.abs(w.rigid(m)[:, joint]) * bristle(m.t, m.dq[:, joint], d)
-
-    return one_joint("load_dependent_hysteresis", joint, law, shape={"d": d})

@@ -6,7 +6,6 @@ import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, stop
 from sdp_vs_penalty.effects.effect import Array, Block, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, on_joint
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 #: Elements side by side, and how many times farther the next one bends before it slips.
@@ -48,30 +47,3 @@ class MaxwellSlip(Remembering):
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         own = [_ELEMENTS * k + np.arange(_ELEMENTS) for k in range(len(self.joints))]
         return [Block(j, k, z[:, k]) for j, k in zip(self.joints, own, strict=True)]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    d, share = log_uniform(rng, 0.001, 0.01), rng.dirichlet(np.ones(_ELEMENTS))
-
-    def torque(w: TrueRobot, m: Motion, size: float) -> Array:
-        travel = np.diff(m.q[:, joint]).tolist()
-        total = np.zeros(len(m.t))
-        for i, weight in enumerate(share):  # sample by sample, as a slider is dragged along
-            reach = d * _SPACING**i
-            force = reach * float(np.sign(m.dq[0, joint]))
-            course = [force]
-            for step in travel:
-                force = max(-reach, min(reach, force + step))
-                course.append(force)
-            total += weight * np.array(course) / reach
-        return size * on_joint(joint, w.robot.n, total)
-
-    size = float(np.linalg.norm(share))
-    return HiddenEffect(
-        "maxwell_slip",
-        (joint,),
-        torque,
-        details={"shape": {"d": d}},
-        unit=size,
-        theta=tuple(float(x) for x in share),
-    )

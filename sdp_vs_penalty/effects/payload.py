@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.robot import inertia
 
 
@@ -54,17 +51,3 @@ class Payload(Effect):
             for j, links in enumerate(self.robot.subtree)
             if last in links
         ]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    com = rng.uniform(-0.05, 0.05, 3) + np.array([0.0, 0.0, 0.05])
-    gyration = rng.uniform(0.02, 0.06, 3) ** 2
-    moments = gyration.sum() - gyration
-    load = inertia.standard_from_barycentric([1.0, *com, moments[0], 0, moments[1], 0, 0, moments[2]])
-
-    def torque(w: TrueRobot, m: Motion, a: float) -> Array:
-        links = w.links.copy()
-        links[-1] += a * load
-        return replace(w, links=links).rigid(m) - w.rigid(m)
-
-    return HiddenEffect("payload", (), torque, details={"com": com.tolist()}, theta=tuple(load.tolist()))

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import Constraint
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, on_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -94,26 +93,3 @@ class PositionDependentFriction(Effect):
             for place, j in enumerate(self.joints)
             if j in coulomb
         ]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    waves, k = int(rng.integers(1, 3)), float(rng.integers(1, 4))
-    amplitude, phase = rng.uniform(0.3, 1.0, waves), rng.uniform(0.0, 2.0 * np.pi, waves)
-
-    def torque(w: TrueRobot, m: Motion, size: float) -> Array:
-        q = m.q[:, joint]
-        course = sum(
-            a * np.sin((i + 1) * k * q + p)
-            for i, (a, p) in enumerate(zip(amplitude, phase, strict=True))
-        )
-        return size * on_joint(joint, w.robot.n, np.sign(m.dq[:, joint]) * course)
-
-    theta = np.column_stack([amplitude * np.sin(phase), amplitude * np.cos(phase)]).ravel()
-    return HiddenEffect(
-        "position_dependent_friction",
-        (joint,),
-        torque,
-        details={"shape": {"k": k, "waves": float(waves)}},
-        unit=float(np.linalg.norm(theta)),
-        theta=tuple(float(x) for x in theta),
-    )

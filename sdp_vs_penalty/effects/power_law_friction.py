@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 from sdp_vs_penalty.effects.shape import Shape
 
 
@@ -25,12 +24,3 @@ class PowerLawFriction(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
         return motion.sign(joint) * np.abs(dq) ** self.shape["alpha"]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    alpha = float(rng.uniform(0.3, 0.7) if rng.random() < 0.5 else rng.uniform(1.5, 3.0))
-
-    def law(w: TrueRobot, m: Motion) -> Array:
-        return np.sign(m.dq[:, joint]) * np.abs(m.dq[:, joint]) ** alpha
-
-    return one_joint("power_law_friction", joint, law, either_sign(rng), {"alpha": alpha})

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 
 
 class RotorInertia(JointEffect):
@@ -23,7 +20,3 @@ class RotorInertia(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.ddq[:, joint]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return one_joint("rotor_inertia", joint, lambda w, m: m.ddq[:, joint])

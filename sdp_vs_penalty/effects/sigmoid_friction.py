@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 
 
@@ -28,13 +27,3 @@ class SigmoidFriction(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
         return np.tanh(dq / self.shape["v0"]) - motion.sign(joint)
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    v0 = log_uniform(rng, 0.03, 0.25)
-
-    def law(w: TrueRobot, m: Motion) -> Array:  # the paper's logistic form, 2 / (1 + exp(-phi_2 v)) - 1
-        v = m.dq[:, joint]
-        return 2.0 / (1.0 + np.exp(np.clip(-2.0 * v / v0, -500, 500))) - 1.0 - w.dry(v)
-
-    return one_joint("sigmoid_friction", joint, law, shape={"v0": v0})

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
-from sdp_vs_penalty.effects.effect import Array, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
-from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle
+from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
@@ -33,12 +29,3 @@ class Stiction(PreslidingHysteresis):
     def remark(self, size: float) -> str:
         d, unit = self.shape["d"], self.robot.position_units[self.joints[0]]
         return f"It turned round without a motion that shows: over how far below {d:.2g} {unit} is open."
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    d = log_uniform(rng, 0.0005, 0.001)
-
-    def law(w: TrueRobot, m: Motion) -> Array:
-        return bristle(m.t, m.dq[:, joint], d) - w.dry(m.dq[:, joint])
-
-    return one_joint("stiction", joint, law, shape={"d": d})

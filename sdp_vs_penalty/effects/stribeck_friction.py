@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import VELOCITY, Shape
 
 
@@ -30,15 +29,3 @@ class StribeckFriction(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
         return motion.sign(joint) * np.exp(-((np.abs(dq) / self.shape["vs"]) ** self.shape["delta"]))
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    vs, delta = log_uniform(rng, 0.03, 0.25), float(rng.choice([1.0, 2.0]))
-
-    def law(
-        w: TrueRobot, m: Motion
-    ) -> Array:  # F_c + (F_s - F_c) exp(..), the classical curve, less F_c
-        v = m.dq[:, joint]
-        return np.sign(v) * np.exp(-((np.abs(v) / vs) ** delta))
-
-    return one_joint("stribeck_friction", joint, law, shape={"vs": vs, "delta": delta})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.effects.shape import Shape
 
 
@@ -34,9 +33,3 @@ class TorqueDelay(JointEffect):
         for late, j in zip(theta, self.joints, strict=True):
             out[:, j] = np.interp(t + late, t, torque[:, j])
         return out
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    late = np.zeros(true.robot.n)
-    late[joint] = 1e-3
-    return HiddenEffect("torque_delay", (joint,), late=late, unit=1e-3, theta=(1e-3,))

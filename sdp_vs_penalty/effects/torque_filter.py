@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -86,24 +85,3 @@ def lagging(x: Array, t: Array, T: float) -> Array:
     # y_k - decay y_(k-1) = driven_k.
     recursion = np.array([[1.0], [-decay]]) * np.ones(len(t))
     return np.asarray(solve_banded((1, 0), recursion, driven, check_finite=False))
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    T, both = log_uniform(rng, 0.004, 0.02), bool(rng.random() < 0.5)
-
-    def behind(x: Array, t: Array) -> Array:  # the trapezium rule, a sample at a time
-        y = x.copy()
-        for k in range(1, len(t)):
-            r = 0.5 * (t[k] - t[k - 1]) / T
-            y[k] = ((1.0 - r) * y[k - 1] + r * (x[k] + x[k - 1])) / (1.0 + r)
-        return y
-
-    def change(w: TrueRobot, m: Motion, a: float) -> Array:
-        tau = w.torque(m) - (w.rigid(m) if both else 0.0)
-        passed = behind(tau, m.t)
-        if both:
-            passed = behind(passed[::-1], -m.t[::-1])[::-1]
-        return a * (passed - tau)
-
-    shape = {"T": T, "phase": 1.0 + both}
-    return HiddenEffect("torque_filter", (), change, details={"shape": shape}, unit=T, theta=(T,))

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 
 
 class TorqueGain(JointEffect):
@@ -28,7 +25,3 @@ class TorqueGain(JointEffect):
         out = torque.copy()
         out[:, list(self.joints)] /= 1.0 + theta
         return out
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return one_joint("torque_gain", joint, lambda w, m: w.torque(m)[:, joint], either_sign(rng))

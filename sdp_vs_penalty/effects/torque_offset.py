@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, one_joint
 
 
 class TorqueOffset(JointEffect):
@@ -19,7 +18,3 @@ class TorqueOffset(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return np.ones(len(motion.t))
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return one_joint("torque_offset", joint, lambda w, m: np.ones_like(m.t), either_sign(rng))

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, on_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -92,14 +91,3 @@ class TorqueRipple(Effect):
             f"Several unrelated ripples on joint {joint}: read them as one unknown function of its "
             "position, not as ripples."
         )
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    k, phase = float(rng.integers(2, 31)), float(rng.uniform(0.0, 2.0 * np.pi))
-    return HiddenEffect(
-        "torque_ripple",
-        (joint,),
-        lambda w, m, a: a * on_joint(joint, w.robot.n, np.sin(k * m.q[:, joint] + phase)),
-        details={"shape": {"k": k}},
-        theta=(float(np.sin(phase)), float(np.cos(phase))),
-    )

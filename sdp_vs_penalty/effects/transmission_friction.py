@@ -9,8 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.bristles import Bristles, Remembering, dahl
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform
-from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis, bristle
+from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.effects.stribeck_friction import StribeckFriction
 from sdp_vs_penalty.errors import InputError
@@ -192,37 +191,3 @@ def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
 
 def _ratios(row: Array) -> dict[str, float]:
     return {f"c{j + 1}": float(row[j]) for j in np.flatnonzero(row)}
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    n = true.robot.n
-    if n < 2:
-        raise InputError(
-            "effect transmission_friction needs a robot with two joints or more", "leave it out"
-        )
-    first, law = min(joint, n - 2), int(rng.integers(1, 6))
-    ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
-    shape: dict[str, float] = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio, "law": law}
-    if law == 3:
-        shape["d"] = log_uniform(rng, 0.001, 0.02)
-    if law == 4:
-        shape["vs"] = log_uniform(rng, 0.03, 0.25)
-
-    def torque(w: TrueRobot, m: Motion, size: float) -> Array:
-        v = m.dq[:, first] + ratio * m.dq[:, first + 1]
-        if law == 1:
-            force = v
-        elif law == 3:
-            force = bristle(m.t, v, shape["d"])
-        elif law == 5:
-            force = m.ddq[:, first] + ratio * m.ddq[:, first + 1]
-        else:
-            force = np.sign(v) * (np.exp(-((v / shape["vs"]) ** 2)) if law == 4 else 1.0)
-        out = np.zeros((len(v), n))
-        out[:, first] = size * force
-        out[:, first + 1] = size * ratio * force
-        return out
-
-    return HiddenEffect(
-        "transmission_friction", (first, first + 1), torque, details={"shape": shape}, theta=(1.0,)
-    )

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, one_joint
 
 
 class ViscousFriction(JointEffect):
@@ -20,7 +17,3 @@ class ViscousFriction(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.dq[:, joint]
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    return one_joint("viscous_friction", joint, lambda w, m: m.dq[:, joint])

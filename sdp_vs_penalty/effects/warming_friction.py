@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.effects.drift import Drift
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -74,15 +72,3 @@ class WarmingFriction(JointEffect):
             x = (motion.joint_temperature[:, joint] - _ROOM) / self.shape["warm"]
         rubbing = motion.dq[:, joint] if self.law == "viscous" else motion.sign(joint)
         return np.asarray(np.exp(-x) * rubbing)
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    clock, viscous = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
-    scale = log_uniform(rng, 20.0, 120.0) if clock else log_uniform(rng, 8.0, 50.0)
-
-    def law(w: TrueRobot, m: Motion) -> Array:
-        colder = np.exp(-(m.t if clock else w.temperature(m.t)[:, joint] - 20.0) / scale)
-        return colder * (m.dq[:, joint] if viscous else np.sign(m.dq[:, joint]))
-
-    shape = {"law": 1 + viscous, "by": 1 + clock, "T" if clock else "warm": scale}
-    return replace(one_joint("warming_friction", joint, law, shape=shape), warm=not clock)

@@ -30,7 +30,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.estimation.separation import separate as separation
 from sdp_vs_penalty.estimators import estimator_types, with_solver
-from sdp_vs_penalty.files import write_bytes, write_text
+from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.page.archive import pack, unpack
 from sdp_vs_penalty.page.model_jobs import check_urdf, forward, pose, prove, verify
 from sdp_vs_penalty.page.options import number
@@ -53,8 +53,8 @@ from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.report import make_report
-from sdp_vs_penalty.simulation.hidden_runs import makers
+from sdp_vs_penalty.report import report as write_report
+from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
@@ -70,7 +70,7 @@ def catalogue(request: Request, progress: Progress) -> Answer:
             for name, kind in estimator_types().items()
             if not kind.needs_black_box
         ],
-        "hideable": [name for name in makers() if not effect_types()[name].frozen_only],
+        "hideable": [name for name in MAKERS if not effect_types()[name].frozen_only],
         "whole_robot": [name for name, kind in effect_types().items() if kind.whole_robot],
         "levels": list(LEVELS),
         "real": {d.problem: d.title for d in DATASETS.values() if real_files(d.name)},
@@ -324,15 +324,15 @@ def open_session(request: Request, progress: Progress) -> Answer:
 def report(request: Request, progress: Progress) -> Answer:
     """The self-contained report about the ladder of models."""
     runs = runs_of(request)
-    made = make_report(
+    write_report(
         {m["label"]: load_estimate(m["file"]) for m in request["models"]},
         runs.judge,
+        Path(request["folder"]) / "report.html",
         commands=request["commands"],
         noise_from=runs.whole,
-        diagnosis=None if request["findings"] is None else Diagnosis.from_dict(request["findings"]),
+        findings=None if request["findings"] is None else Diagnosis.from_dict(request["findings"]),
         progress=progress,
     )
-    write_text(Path(request["folder"]) / "report.html", made)
     return {"files": ["report.html"]}
 
 

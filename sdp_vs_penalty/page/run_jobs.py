@@ -21,8 +21,7 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import real_data_folder
 from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-from sdp_vs_penalty.simulation.hide import RUN_FILES
+from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, hidden_runs
 
 #: Share of a run that is identified from where the rest of it is kept for testing, and the seconds
 #: between, so that no filter sees both.

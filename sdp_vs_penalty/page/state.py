@@ -107,6 +107,17 @@ class TabState:
         return self.ladder[-1] if self.ladder else None
 
     @property
+    def current(self) -> Rung:
+        """``model``, in steps that come after the first one."""
+        return self.ladder[-1]
+
+    @property
+    def arm(self) -> dict[str, Any]:
+        """``robot``, in steps that come after it was chosen."""
+        assert self.robot is not None
+        return self.robot
+
+    @property
     def checked(self) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
         """Each run with what the check says of it, beside the other runs of the same arm."""
         keys = [{(f["kind"], f["where"]) for f in run["findings"]} for run in self.runs]

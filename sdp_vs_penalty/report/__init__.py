@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from sdp_vs_penalty.check import check
@@ -72,70 +73,46 @@ def report(
     if noise_from is not None:
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
     said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
-    made = make_report(
-        named,
-        runs,
-        commands=commands,
-        noise_from=whole,
-        diagnosis=said,
-        forward=forward,
-        progress=progress,
-    )
-    write_text(out, made)
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise missing_extra("The report needs", "report") from error
+    material = _material(named, runs, whole, forward, progress)
+    progress("drawing")
+    material = replace(material, commands=commands, diagnosis=said)
+    made = [make(material) for make in _SECTIONS]
+    write_text(out, page(f"{material.last.robot.name}: identified dynamics", made, get_plotlyjs()))
+
+
+def _material(
+    models: Mapping[str, Estimate],
+    runs: Measurements,
+    noise_from: Measurements | None,
+    forward: bool,
+    progress: Progress,
+) -> Material:
+    """What is computed for the sections."""
+    progress("comparing")
+    comparisons = compare(models, runs, noise_from=noise_from)
+    last = list(models.values())[-1]
+    settings = next(iter(models.values())).preprocessing.resolve(runs)
+    rows = {
+        name: [filtered_torque(run, e.model, settings) for run in runs.runs()]
+        for name, e in models.items()
+    }
+    each = _STEP_SECONDS[0] + _STEP_SECONDS[1] * last.robot.n
+    steps = None if forward else int(_FREE_SECONDS / each)
+    try:
+        ahead: Following | str = follow(last, runs, steps=steps, progress=progress)
+    except InputError as error:
+        ahead = str(error)
+    progress("looking where it fails")
+    failures = where_it_fails(last, runs, settings, noise_from=noise_from)
+    checks = check(last.problem, runs)
+    return Material(models, runs, comparisons, rows, failures, checks, (), ahead)
 
 
 def check_name(out: Path) -> None:
     """InputError for a file to write that is no HTML file."""
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError("the report is an HTML file", "choose a name that ends in .html", out)
-
-
-def make_report(
-    models: Mapping[str, Estimate],
-    measurements: Measurements,
-    *,
-    commands: Sequence[str] = (),
-    noise_from: Measurements | None = None,
-    diagnosis: Diagnosis | None = None,
-    forward: bool = False,
-    progress: Progress = no_progress,
-) -> str:
-    """The HTML of a report: models by name, in the order in which effects were added.
-
-    Raises InputError where a model and the measurements do not belong together, or plotly is missing.
-    """
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise missing_extra("The report needs", "report") from error
-    progress("comparing")
-    comparisons = compare(models, measurements, noise_from=noise_from)
-    last = list(models.values())[-1]
-    settings = next(iter(models.values())).preprocessing.resolve(measurements)
-    rows = {
-        name: [filtered_torque(run, e.model, settings) for run in measurements.runs()]
-        for name, e in models.items()
-    }
-    steps = (
-        None if forward else int(_FREE_SECONDS / (_STEP_SECONDS[0] + _STEP_SECONDS[1] * last.robot.n))
-    )
-    try:
-        ahead: Following | str = follow(last, measurements, steps=steps, progress=progress)
-    except InputError as error:
-        ahead = str(error)
-    progress("looking where it fails")
-    failures = where_it_fails(last, measurements, settings, noise_from=noise_from)
-    material = Material(
-        models,
-        measurements,
-        comparisons,
-        rows,
-        failures,
-        check(last.problem, measurements),
-        commands,
-        ahead,
-        diagnosis,
-    )
-    progress("drawing")
-    made = [make(material) for make in _SECTIONS]
-    return page(f"{last.robot.name}: identified dynamics", made, get_plotlyjs())

@@ -1,28 +1,39 @@
-"""Runs with hidden effects: 20 s of a motion that repeats after two thirds, noise as on the real arm.
+"""The verb ``simulate``: runs in which effects are hidden, for finding them again.
 
-``simulate --hide`` is made from these; the challenge has worlds of its own.
+20 s of a motion that repeats after two thirds, noise as on the real arm: the problem's own arm as a
+world, with what worlds can hide.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, interp1d
 
+from sdp_vs_penalty import show
+from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, Maker, TrueRobot
+from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, joint_limits, random_trajectory
 from sdp_vs_penalty.simulation.experiment import Experiment, experiment
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
+from sdp_vs_penalty.simulation.worlds.arm import Arm
+from sdp_vs_penalty.simulation.worlds.conditions import Conditions
+from sdp_vs_penalty.simulation.worlds.friction import DryFriction
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
+from sdp_vs_penalty.simulation.worlds.hidden_friction import FRICTION
+from sdp_vs_penalty.simulation.worlds.hidden_machine import FROZEN, MACHINE, NUISANCE
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
+from sdp_vs_penalty.simulation.worlds.world import World
 
 DURATION = 20.0  # s of each run
 PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run
@@ -31,54 +42,109 @@ PAUSE = 30.0  # s between runs
 _BLEND = 0.7
 #: Rate [Hz] at which effects are sized.
 _SIZING = 200.0
+#: Seconds in which the gears warm up.
+_WARM_UP = 120.0
+#: Whatever can be hidden, by the name of the library's effect.
+MAKERS: Mapping[str, Maker] = dict(sorted({**FRICTION, **MACHINE, **FROZEN, **NUISANCE}.items()))
+#: The files of a folder of simulated runs; the last run is meant as the test run.
+RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 
-def makers() -> dict[str, Maker]:
-    """By the effect's name the function ``hidden`` beside its class, for those that have one."""
-    homes = {name: vars(sys.modules[kind.__module__]) for name, kind in effect_types().items()}
-    return {name: home["hidden"] for name, home in sorted(homes.items()) if "hidden" in home}
-
-
-def make_hidden(effect: str, joint: int, robot: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    """A hidden effect of the library with random shape constants, of size 1 (to be scaled).
-
-    joint : from 0; ignored by effects of the whole robot. Raises InputError for an effect that has
-    no simulation, or that cannot act on this joint.
-    """
-    known = makers()
-    if effect not in known:
-        raise InputError(f"effect {effect!r} cannot be hidden", f"choose from {', '.join(known)}")
-    return known[effect](joint, robot, rng)
-
-
-@dataclass(frozen=True)
-class HiddenRuns:
+@dataclass(frozen=True, repr=False)
+class HiddenRuns(show.Shown):
     """runs : as logged; ideal : what perfect sensors and a perfect clock would have logged at the same
-    instants; plain : the same of a robot without the hidden effects; truth : what a scorer may read;
-    hidden : the effects, sized."""
+    instants; truth : what is hidden, for a scorer; hidden : the effects, sized."""
 
     problem: Problem
-    true: TrueRobot
+    world: World
     runs: tuple[Measurements, ...]
     ideal: tuple[Measurements, ...]
-    plain: tuple[Measurements, ...]
-    hidden: tuple[HiddenEffect, ...]
+    hidden: tuple[Hidden, ...]
     truth: dict[str, Any]
 
+    @property
+    def train(self) -> tuple[Measurements, ...]:
+        """The runs to identify from."""
+        return self.runs[:-1]
 
-def true_robot(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> TrueRobot:
+    @property
+    def test(self) -> Measurements:
+        """The run to judge on."""
+        return self.runs[-1]
+
+    def save(self, folder: str | Path) -> None:
+        """Write run1..3.csv, test.csv and truth.json.
+
+        Raises InputError where the folder holds runs that were not written here.
+        """
+        folder = Path(folder)
+        refuse_foreign(folder)
+        for name, run in zip(RUN_FILES, self.runs, strict=True):
+            save(run, folder / name)
+        write_text(folder / "truth.json", json.dumps(self.truth, indent=1) + "\n")
+
+    def _summary(self) -> show.Summary:
+        length = self.test.t[-1] - self.test.t[0]
+        return f"Simulated runs: {self.truth['problem']}, seed {self.truth['seed']}", [
+            ("train", f"{show.count(len(self.train), 'run')} of {length:.3g} s"),
+            ("test", f"1 run of {length:.3g} s"),
+            ("model's effects", ", ".join(self.truth["model_effects"])),
+        ]
+
+
+def refuse_foreign(folder: Path) -> None:
+    """InputError where a folder holds runs that :meth:`HiddenRuns.save` did not write."""
+    if not (folder / "truth.json").exists():  # else the folder is one that was written here
+        for name in RUN_FILES:
+            if (folder / name).exists():
+                raise InputError(f"{name} exists already", "name another folder", folder)
+
+
+def simulate(
+    problem: str | Path | Problem,
+    hide: str | Sequence[str] = (),
+    level: str | float = "strong",
+    seed: int = 0,
+) -> HiddenRuns:
+    """Simulate three runs to identify from and one to test on, with effects hidden in them.
+
+    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    hide : ``effect[:joints]``, several separated by commas or in a sequence, or none. level :
+        strong, medium, weak, or the hidden torque's RMS over the raw noise; seed : of everything random.
+    Raises InputError for an effect that does not exist or makes no torque there, or another level.
+    """
+    robot = as_problem(problem, "simulate(problem=...)")
+    size = level
+    if level not in LEVELS:
+        try:
+            size = float(level)
+        except ValueError:
+            size = -1.0
+        if not 0.0 < size < 1e6:
+            raise InputError(
+                f"level {level!r} is unknown", f"write {', '.join(LEVELS)} or a positive number"
+            )
+    effects = [(e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)]
+    return hidden_runs(robot, effects, size, seed, must_show=True)
+
+
+def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> World:
     """The true robot: the experiment's links, random viscous and Coulomb friction and offsets of the
     size of friction there; effects named in ``without`` are not among them."""
-    rng = np.random.default_rng([seed, 1])
-    n = problem.robot.n
-    size = 0.02 * np.ones(n) if setup.friction is None else np.abs(setup.friction[:, 0])
-    coulomb, viscous, offset = (
-        size * rng.uniform(0.5, 1.5, n),
-        size * rng.uniform(0.2, 0.8, n),
-        0.2 * size * rng.uniform(-1.0, 1.0, n),
+    robot, rng, none = problem.robot, np.random.default_rng([seed, 1]), np.zeros(problem.robot.n)
+    size = 0.02 + none if setup.friction is None else np.abs(setup.friction[:, 0])
+    coulomb = size * rng.uniform(0.5, 1.5, robot.n) * ("coulomb_friction" not in without)
+    viscous = size * rng.uniform(0.2, 0.8, robot.n) * ("viscous_friction" not in without)
+    offset = 0.2 * size * rng.uniform(-1.0, 1.0, robot.n) * ("torque_offset" not in without)
+    model, chain = robot._with_inertias(setup.links), robot.mechanism
+    rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
+    follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
+    noise, last, ends = setup.sensor.torque_std, robot.link_joints[-1] + 1, joint_limits(robot)
+    arm = Arm(problem.name, None, model, *ends, size, size, rotary, noise, last, *follows)
+    dry = DryFriction("tanh", np.full(robot.n, min(problem.model().sign_width)))
+    return World(
+        Conditions(problem.name), arm, model, dry, coulomb, viscous, offset, none, none, none, _WARM_UP
     )
-    width = min(problem.model().sign_width)
-    return TrueRobot(problem.robot, setup.links, viscous, coulomb, offset, width).without(without)
 
 
 def hidden_runs(
@@ -87,8 +153,8 @@ def hidden_runs(
     level: str | float = "medium",
     seed: int = 0,
     count: int = 4,
-    made: Sequence[HiddenEffect] = (),
-    true: TrueRobot | None = None,
+    made: Sequence[Hidden] = (),
+    world: World | None = None,
     must_show: bool = False,
 ) -> HiddenRuns:
     """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
@@ -96,177 +162,80 @@ def hidden_runs(
     effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
     the whole robot); made : hidden effects of another kind, sized alike. level : of LEVELS, or the
     root mean square of the hidden torque over the raw noise of the joint that it moves most.
-    true : the true robot (default: that of the seed). must_show : raise InputError for an effect that
-    makes no torque at all on its joint (backlash about a vertical axis) instead of hiding nothing.
+    world : the true robot (default: that of the seed). Raises InputError for an effect that has no
+    simulation, or that cannot act on a joint; must_show : also where it makes no torque at all there
+    (backlash about a vertical axis), instead of hiding nothing.
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
-    usual = true_robot(problem, setup, seed) if true is None else true
-    true = true_robot(problem, setup, seed, without) if true is None else true
+    world = true_world(problem, setup, seed, without) if world is None else world
+    length, frequency = DURATION + 2.0 * _BLEND, 2.0 * np.pi / PERIOD
     trajectories = [
-        random_trajectory(
-            problem.robot,
-            10 * seed + k,
-            DURATION + 2.0 * _BLEND,
-            frequency=2.0 * np.pi / PERIOD,
-        )
+        random_trajectory(problem.robot, 10 * seed + k, length, frequency=frequency)
         for k in range(count)
     ]
+    inside = np.arange(_BLEND, _BLEND + DURATION, 1.0 / _SIZING)
+    coarse = [_motion(x, inside, k) for k, x in enumerate(trajectories)]
     hidden = []
     for name, joints in effects:
+        if name not in MAKERS:
+            raise InputError(f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}")
         for joint in joints or _all_joints(problem, name):
-            one = make_hidden(name, joint, usual, rng)
-            sized = _sized(one, true, trajectories, setup, factor)
+            one = MAKERS[name](world, joint, rng)
+            sized = one.sized(world, coarse, factor)
             if sized is not one or not must_show:
                 hidden.append(sized)
             elif joints or not one.joints:
                 where = f"on joint {joint + 1}" if one.joints else "on this robot"
                 raise InputError(f"{name} makes no torque {where}", "hide it elsewhere, or hide another")
-    hidden += [_sized(one, true, trajectories, setup, factor) for one in made]
-    measured = [_measure(x, true, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
-    logged, ideal, plain = zip(*measured, strict=True)
+    hidden += [one.sized(world, coarse, factor) for one in made]
+    measured = [_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)]
+    logged, ideal = zip(*measured, strict=True)
     truth = {
         "problem": problem.name,
         "seed": seed,
         "level": level,
-        "effects": [h.to_dict() for h in hidden],
+        "effects": [{**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return HiddenRuns(problem, true, logged, ideal, plain, tuple(hidden), truth)
+    return HiddenRuns(problem, world, logged, ideal, tuple(hidden), truth)
 
 
 def _all_joints(problem: Problem, name: str) -> Sequence[int]:
-    kind = effect_types().get(name)
-    if kind is None or kind.whole_robot:
-        return [0]
-    return list(kind(problem.robot).joints)
+    kind = effect_types()[name]
+    return [0] if kind.whole_robot else list(kind(problem.robot).joints)
 
 
-def _motion(trajectory: FourierTrajectory, local: Array, start: float) -> Motion:
-    return Motion(local + start, *trajectory.states(local))
-
-
-def starts(k: int) -> float:
-    """When run k begins on the sitting's clock [s]."""
-    return k * (DURATION + 2.0 * _BLEND + PAUSE)
-
-
-def true_torque(
-    true: TrueRobot,
-    hidden: Sequence[HiddenEffect],
-    trajectory: FourierTrajectory,
-    local: Array,
-    start: float,
-) -> tuple[Array, Array]:
-    """(N, n) what the torque channels carry, noise aside: with the hidden effects, and without."""
-
-    def at(moment: Array, base: Array | None = None) -> Array:
-        motion = _motion(trajectory, moment, start)
-        if base is not None and not any(h.encoder for h in hidden):
-            out = base.copy()
-        else:
-            # Friction rubs at the motor, whose motion the encoder shows.
-            error = encoder_error(true, hidden, motion)
-            rate = np.gradient(error, moment, axis=0) if np.any(error) else 0.0
-            out = true.rigid(motion) + true.friction(replace(motion, dq=motion.dq + rate))
-        for h in hidden:
-            if h.torque is not None:
-                out += h.torque(true, motion, h.size)
-        return out
-
-    plain = true.torque(_motion(trajectory, local, start))
-    torque = at(local, plain)
-    for h in hidden:
-        if h.late is not None:
-            for late in np.unique(h.late[h.late > 0.0]):
-                channels = h.late == late
-                torque[:, channels] = at(local - h.size * late)[:, channels]
-    return torque, plain
-
-
-def encoder_error(true: TrueRobot, hidden: Sequence[HiddenEffect], motion: Motion) -> Array:
-    """(N, n) what the encoders show beyond the links' true positions."""
-    out = np.zeros_like(motion.q)
-    for h in hidden:
-        if h.encoder is not None:
-            out = out + h.encoder(true, motion, h.size)
-    return out
-
-
-def hidden_torque(
-    true: TrueRobot,
-    hidden: HiddenEffect,
-    trajectory: FourierTrajectory,
-    start: float,
-    rate: float = _SIZING,
-) -> tuple[Motion, Array]:
-    """The motion as the encoders show it, and (N, n) the torque that a model without the effect gets
-    wrong on it, sampled at ``rate`` [Hz]."""
-    local = np.arange(_BLEND, _BLEND + DURATION, 1.0 / rate)
-    if hidden.encoder is None:
-        torque, plain = true_torque(true, [hidden], trajectory, local, start)
-        motion = _motion(trajectory, local, start)
-        return replace(motion, temperature=true.temperature(motion.t)), torque - plain
-    motion = _motion(trajectory, local, start)
-    error = encoder_error(true, [hidden], motion)
-    speed = np.gradient(error, local, axis=0)
-    shown = Motion(
-        motion.t,
-        motion.q + error,
-        motion.dq + speed,
-        motion.ddq + np.gradient(speed, local, axis=0),
-    )
-    return shown, true.rigid(motion) - true.rigid(shown)
-
-
-def _sized(
-    hidden: HiddenEffect,
-    true: TrueRobot,
-    trajectories: Sequence[FourierTrajectory],
-    setup: Experiment,
-    factor: float,
-) -> HiddenEffect:
-    """The effect scaled until its torque has the wanted size (twice, as some are not linear); as it is,
-    if it makes none."""
-    for _ in range(2):
-        change = np.concatenate(
-            [hidden_torque(true, hidden, x, starts(k))[1] for k, x in enumerate(trajectories)]
-        )
-        ratio = float((np.sqrt(np.mean(change**2, axis=0)) / setup.sensor.torque_std).max())
-        if ratio < 1e-9:
-            return hidden
-        hidden = hidden.sized(factor / ratio)
-    return hidden
+def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
+    """Of run k, on the sitting's clock."""
+    start = k * (DURATION + 2.0 * _BLEND + PAUSE)
+    return TrueMotion(local + start, *trajectory.states(local))
 
 
 def _measure(
     trajectory: FourierTrajectory,
-    true: TrueRobot,
-    hidden: Sequence[HiddenEffect],
+    world: World,
+    hidden: Sequence[Hidden],
     setup: Experiment,
     seed: int,
     k: int,
-) -> tuple[Measurements, Measurements, Measurements]:
-    """One run as the sensor logs it, as a perfect one would, and without the hidden effects.
+) -> tuple[Measurements, Measurements]:
+    """One run as the sensor logs it, and as a perfect one would.
 
     The controller renews its values at its own rate; the log's clock reads whatever was last.
     """
     rng = np.random.default_rng([seed, 3, k])
     local = setup.sensor.instants(trajectory.duration)
-    motion = _motion(trajectory, local, starts(k))
-    torque, plain = true_torque(true, hidden, trajectory, local, starts(k))
-    position = motion.q + encoder_error(true, hidden, motion)
-    log, *shown = setup.sensor.log(trajectory.duration, position, torque, rng)
+    motion = _motion(trajectory, local, k)
+    torque = world.torque(motion) + sum(h.torque(world, motion) for h in hidden)
+    log, *shown = setup.sensor.log(trajectory.duration, motion.q, torque, rng)
     inside = (log >= _BLEND) & (log < _BLEND + DURATION)
-    log, name = log[inside], f"run{k + 1}"
-    clock = log + starts(k)
-    found = [tuple(x[inside] for x in shown)]
-    for where, load in ((position, torque), (motion.q, plain)):
-        found.append((CubicSpline(local, where)(log), interp1d(local, load, axis=0)(log)))
-    warm = true.temperature(clock) if any(h.warm for h in hidden) else None
-    logged, ideal, without = (
-        Measurements(clock, x, tau, names=(name,), temperature=warm) for x, tau in found
-    )
-    return logged, ideal, without
+    clock = motion.t[0] + log[inside]
+    q, tau = (x[inside] for x in shown)
+    true = CubicSpline(local, motion.q)(log[inside]), interp1d(local, torque, axis=0)(log[inside])
+    warm = any(h.effect == "warming_friction" for h in hidden)
+    same: dict[str, Any] = {"names": (f"run{k + 1}",)}
+    same["temperature"] = world.temperature(clock) if warm else None
+    return Measurements(clock, q, tau, **same), Measurements(clock, *true, **same)

@@ -22,6 +22,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals.noise import noise_of
 from sdp_vs_penalty.simulation.hidden_runs import HiddenRuns, hidden_runs
+from sdp_vs_penalty.simulation.worlds.hidden import at_joint
 
 
 def identified(made: HiddenRuns, data: Measurements) -> Estimate:
@@ -50,7 +51,7 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(
     assert found.verdict == "effect_missing"
     assert (first.effect, first.joints) == ("stribeck_friction", (3,))
     assert first.size == pytest.approx(hidden.size, rel=0.1)
-    assert first.shape["vs"] == pytest.approx(hidden.details["shape"]["vs"], rel=0.2)
+    assert first.shape["vs"] == pytest.approx(hidden.shape["vs"], rel=0.2)
     assert first.std < 0.1 * first.size
     assert first.unit == "N*m"
 
@@ -153,20 +154,14 @@ def test_clean_measurements_stay_clean(panda: Problem, two_link: Problem) -> Non
 
 @pytest.mark.slow
 def test_an_unknown_function_of_the_state_is_not_named(panda: Problem) -> None:
-    from sdp_vs_penalty.effects.hidden import HiddenEffect, on_joint
-
-    odd = HiddenEffect(
-        "unknown",
-        (3,),
-        lambda w, m, a: a * on_joint(3, 7, m.q[:, 3] * m.dq[:, 3]),
-    )
+    odd = at_joint("unknown", 3, lambda w, m: m.q[:, 3] * m.dq[:, 3])
     result = diagnosed(hidden_runs(panda, [], "strong", seed=15, made=[odd]))
     assert result.verdict == "unknown_effect"
 
 
 def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
     loaded = hidden_runs(panda, [("payload", [])], "strong", seed=16)
-    empty = hidden_runs(panda, [], 0.0, seed=17, true=loaded.true)
+    empty = hidden_runs(panda, [], 0.0, seed=17, world=loaded.world)
     estimate = identified(empty, concatenate(empty.runs[:3]))
     data = concatenate(loaded.runs[:3])
     result = diagnose(estimate, data, loaded.runs[3], frozen=True)
@@ -191,7 +186,7 @@ def test_only_a_frozen_model_shows_a_payload(panda: Problem) -> None:
 
 def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda: Problem) -> None:
     later = hidden_runs(panda, [("payload", []), ("torque_offset", [4])], "strong", seed=18)
-    empty = hidden_runs(panda, [], 0.0, seed=17, true=later.true)
+    empty = hidden_runs(panda, [], 0.0, seed=17, world=later.world)
     estimate = identified(empty, concatenate(empty.runs[:3]))
     data = concatenate(later.runs[:3])
     result = diagnose(estimate, data, later.runs[3], frozen=True)
@@ -352,7 +347,7 @@ def test_add_estimates_the_shape_and_saves(two_link: Problem, tmp_path: object) 
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
     bigger = add(estimate, "presliding_hysteresis:1", data)
     new = bigger.model.effects[-1]
-    true = made.hidden[0].details["shape"]["d"]
+    true = made.hidden[0].shape["d"]
     assert new.shape["d"] == pytest.approx(true, rel=0.15)
     assert bigger.method == estimate.method
     before, after = compare({"before": estimate, "after": bigger}, made.runs[3])

@@ -142,6 +142,36 @@ def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(own == (train,) for train, own in searched)
 
 
+def test_a_folds_pick_stands_for_that_of_the_nearest_constants() -> None:
+    robot = load_problem("panda").robot
+
+    def pick(text: str) -> Any:
+        (effect,) = parse_effects(text, robot)
+        return SimpleNamespace(
+            candidate=SimpleNamespace(effect=effect, key=(effect.name, effect.joints[0]))
+        )
+
+    gears = "transmission_friction:5+6@c5=1@c6="
+    picks = [
+        pick(text)
+        for text in (
+            f"{gears}1@law=viscous",
+            "torque_ripple:2@k=5",
+            f"{gears}2@law=coulomb",
+            "torque_ripple:2@k=9",
+        )
+    ]
+    stands = {
+        f"{gears}2@law=coulomb": 2,
+        f"{gears}1@law=coulomb": 0,  # one constant differs from either: the first
+        f"{gears}1@law=viscous": 0,
+        "torque_ripple:2@k=8": 3,
+        "torque_ripple:2@k=4": 1,
+        "torque_ripple:3@k=5": 4,
+    }
+    assert {text: held_out._stands_for(pick(text), picks) for text in stands} == stands
+
+
 def test_what_else_looks_like_a_finding_makes_it_weak() -> None:
     assert weaknesses(False, False, False, False, "", "") == ()
     assert weaknesses(False, False, False, False, "", "it may stick") == ("it may stick",)

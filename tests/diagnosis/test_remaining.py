@@ -7,19 +7,21 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.ladder import _cancels
 from sdp_vs_penalty.diagnosis.remaining import _odd_ones, _repeating
 from sdp_vs_penalty.signals.repetition import Repeat
 
 RATE, PERIOD = 10.0, 20.0
 T = np.arange(400) / RATE  # two periods
+NEVER = np.zeros((400, 1))
 
 
-def stage(suspect: Any = None) -> Any:
+def stage(suspect: Any = None, slow: Any = NEVER) -> Any:
     """Rows of one run of one joint whose second half repeats the first."""
     first = np.arange(200)
     repeats = [Repeat(first, 0, T[first] + PERIOD)]
     return SimpleNamespace(
-        rows=SimpleNamespace(segments=[SimpleNamespace(t=T)], rate=RATE, n=1),
+        rows=SimpleNamespace(segments=[SimpleNamespace(t=T)], rate=RATE, n=1, slow=slow),
         noise=SimpleNamespace(repeats=repeats, suspect=suspect),
     )
 
@@ -45,3 +47,30 @@ def test_of_two_periods_that_differ_the_one_with_more_error_holds_the_event() ->
         found = _odd_ones(state)
         assert found[around(true)].any()
         assert not found[around(other)].any()
+
+
+def test_periods_that_differ_where_friction_turns_round_hold_no_event() -> None:
+    # The window that stands out is wider than the reversal; the other period has none of its error.
+    left = 0.01 * np.ones((400, 1)) + around(2.24)
+    wide = np.any([np.abs(T - t) < 1.0 for t in (2.24, 22.24)], axis=0)[:, None]
+    for slow, found in ((around(2.24, 22.24), False), (around(4.0, 24.0), True)):
+        state: Any = SimpleNamespace(stage=stage(wide, slow.astype(float)), residual=left)
+        assert _odd_ones(state).any() == found
+
+
+def test_cancelling_causes_of_the_whole_robot_are_neither() -> None:
+    rng = np.random.default_rng(3)
+    rate, third = rng.normal(size=(2, 60, 1))
+    curved = rate + 0.3 * rng.normal(size=(60, 1))
+
+    def beside(pick: Any, left: Any) -> Any:
+        fit = SimpleNamespace(scaled=lambda x: x, partialled=lambda x: x, residual=left[:, 0])
+        one = SimpleNamespace(candidate=SimpleNamespace(key=("torque_filter", None), columns=pick))
+        return SimpleNamespace(picks=(one,), without=lambda k: SimpleNamespace(fit=fit))
+
+    early = SimpleNamespace(key=("global_delay", None), columns=curved)
+    assert _cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)  # type: ignore[arg-type]
+    assert not _cancels(beside(rate, 8.0 * rate + 7.0 * curved), early)  # type: ignore[arg-type]
+    assert not _cancels(beside(third, 8.0 * third - 7.0 * curved), early)  # type: ignore[arg-type]
+    early.key = ("torque_delay", 2)
+    assert not _cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)  # type: ignore[arg-type]

@@ -17,7 +17,6 @@ from sdp_vs_penalty.effects.drift_offset import DriftOffset
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion, follows_alone
 from sdp_vs_penalty.effects.measured_curve import corners
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.presliding_hysteresis import bristle
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.effects.torque_ripple import TorqueRipple
 from sdp_vs_penalty.errors import InputError
@@ -164,18 +163,6 @@ def test_states_advanced_step_by_step_are_those_along_the_path(law: Law) -> None
     for k, step in enumerate(steps, start=1):
         z = bristles.advanced(z, step[None])
         np.testing.assert_allclose(z[0], [state[k] for state in along], atol=1e-12)
-
-
-def test_the_hidden_bristle_slides_at_the_stribeck_curve() -> None:
-    """LuGre in steady sliding: z = sign(v) (1 + s exp(-(v / vs)^2)), from the first sample on."""
-    t, s, vs = np.linspace(0.0, 1.0, 201), 0.3, 0.05
-    for v in (0.02, -0.04, 0.2):
-        level = np.sign(v) * (1.0 + s * np.exp(-((v / vs) ** 2)))
-        np.testing.assert_allclose(bristle(t, np.full(201, v), 0.003, s, vs), level, rtol=1e-12)
-    v = np.array([0.02, -0.5, -0.5])  # and it starts there, whatever comes next
-    first = bristle(t[:3], v, 0.003, s, vs)
-    assert first[0] == pytest.approx(1.0 + s * np.exp(-((0.02 / vs) ** 2)))
-    assert bristle(t, np.full(201, 0.02), 0.003)[-1] == pytest.approx(1.0)
 
 
 def test_dahl_at_rest_and_through_repeated_samples() -> None:

@@ -1,4 +1,4 @@
-"""The recipe of CONTRIBUTING: one new file is an effect, everywhere, and nothing else is touched."""
+"""The recipe of CONTRIBUTING: one new file is an effect, and one maker hides it in a world."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from effect_contract import check_units_are_those_of_the_columns
 from hidden_contract import (
     check_columns_are_the_hidden_torque,
-    check_the_hidden_world_shares_no_code,
-    check_the_truth_is_what_a_finding_would_say,
+    check_every_form_is_met,
     hidden_cases,
 )
+from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects as folder
 from sdp_vs_penalty.cli import registry
@@ -25,7 +26,11 @@ from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, makers
+from sdp_vs_penalty.simulation.hidden_runs import MAKERS, hidden_runs
+from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
+from sdp_vs_penalty.simulation.worlds.world import World
 
 NAME = "hardening_spring"
 FILE = '''
@@ -36,7 +41,6 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot, either_sign, log_uniform, one_joint
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 
 
@@ -51,17 +55,17 @@ class HardeningSpring(JointEffect):
 
     def column(self, motion: Motion, joint: int) -> Array:
         return self.shape["q_0"] * np.sinh(motion.q[:, joint] / self.shape["q_0"])
-
-
-def hidden(joint: int, true: TrueRobot, rng: np.random.Generator) -> HiddenEffect:
-    q_0 = log_uniform(rng, 0.4, 0.6)
-
-    def law(w: TrueRobot, m: Motion) -> Array:
-        stretched = np.exp(m.q[:, joint] / q_0)
-        return q_0 * (stretched - 1.0 / stretched) / 2.0
-
-    return one_joint("hardening_spring", joint, law, either_sign(rng), {"q_0": q_0})
 '''
+
+
+def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
+    q_0, side = log_uniform(rng, 0.4, 0.6), float(rng.choice([-1.0, 1.0]))
+
+    def law(w: World, m: TrueMotion) -> NDArray[np.float64]:
+        stretched = np.exp(m.q[:, j] / q_0)
+        return np.asarray(side * q_0 * (stretched - 1.0 / stretched) / 2.0)
+
+    return at_joint(NAME, j, law, side, q_0=q_0)
 
 
 @pytest.fixture
@@ -69,6 +73,7 @@ def new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The file in a folder of its own that counts as part of the folder of effects."""
     (tmp_path / f"{NAME}.py").write_text(FILE)
     monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(tmp_path)])
+    monkeypatch.setitem(MAKERS, NAME, hardening)  # type: ignore[arg-type]
     effect_types.cache_clear()
     yield
     effect_types.cache_clear()
@@ -80,11 +85,9 @@ def new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_one_file_keeps_the_contracts_and_is_listed() -> None:
     check_units_are_those_of_the_columns(NAME)
     check_columns_are_the_hidden_torque(NAME)
-    check_the_truth_is_what_a_finding_would_say(NAME)
-    check_the_hidden_world_shares_no_code(NAME)
+    check_every_form_is_met(NAME)
     _, row = registry.details("effects", NAME)
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")
-    assert NAME in makers()
 
 
 @pytest.mark.usefixtures("new_file")
@@ -96,10 +99,9 @@ def test_one_file_is_hidden_found_added_and_saved(two_link: Problem, tmp_path: P
     estimate = identify(two_link, data, "ols", effects=made.truth["model_effects"])
     first = diagnose(estimate, data, made.runs[3]).effects[0]
     assert (first.effect, first.joints) == (NAME, (2,))
-    true = made.hidden[0]
-    assert true.theta is not None
-    assert first.size == pytest.approx(true.theta[0] * true.size, rel=0.1)
-    assert first.shape["q_0"] == pytest.approx(true.details["shape"]["q_0"], rel=0.1)
+    (true,) = made.truth["effects"]
+    assert first.size == pytest.approx(true["size"], rel=0.1)
+    assert first.shape["q_0"] == pytest.approx(true["shape"]["q_0"], rel=0.1)
     add(estimate, f"{NAME}:2", data).save(tmp_path / "model.json")
     bigger = load_estimate(tmp_path / "model.json")
     assert bigger.model.effects[-1].shape["q_0"] == pytest.approx(first.shape["q_0"], rel=0.1)

@@ -1,17 +1,16 @@
 """What every effect keeps that can be hidden: its columns are the torque of the hidden world, signed.
 
-The hidden world states the torque of an effect a second time; this holds the two against each other.
+The worlds state the torque of an effect a second time, in code that shares nothing with the columns
+(``tests/simulation/test_worlds.py`` looks); this holds the two against each other. Forms that no world
+draws are stated here.
 """
 
 from __future__ import annotations
 
-import inspect
-import sys
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from types import CodeType
-from typing import Any
 
 import numpy as np
 from effect_contract import Array, wide_columns
@@ -19,25 +18,36 @@ from effect_contract import Array, wide_columns
 from sdp_vs_penalty.diagnosis.explanations import size_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion
-from sdp_vs_penalty.effects.hidden import HiddenEffect, TrueRobot
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiment import experiment
-from sdp_vs_penalty.simulation.hidden_runs import hidden_torque, make_hidden, true_robot
+from sdp_vs_penalty.simulation.hidden_runs import MAKERS, true_world
+from sdp_vs_penalty.simulation.worlds.friction import DryFriction
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
+from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
+from sdp_vs_penalty.simulation.worlds.world import World
 
 #: Of the torque: what sampling, and columns that are of first order in their parameter, may cost.
 ACCURACY = 0.02
-#: Draws a joint: together they meet every form and every sign of every effect.
-DRAWS = 6
+#: Draws a joint: together they meet every form and every sign that a world draws.
+DRAWS = 3
+#: Sizes over those at which worlds begin, where a half is too small for the time between two samples.
+SIZES = {"torque_filter": 5.0}
+#: Flanks yield a little in the worlds; a sharp form stands below.
+YIELDS = 0.25
+#: Seconds of the motion that are compared: bristles have settled, and the way back to rest is left out.
+BEGIN, END = 2.0, 20.5
 
 
 @cache
-def worlds() -> dict[str, tuple[Problem, TrueRobot]]:
-    """A seven-joint arm, and one with a prismatic joint between two revolute ones."""
+def worlds() -> dict[str, tuple[Problem, World, Array]]:
+    """A seven-joint arm, and one with a prismatic joint between two revolute ones; their true links."""
     urdf = Path(__file__).parent / "slide_arm.urdf"
     problems = {"panda": load_problem("panda"), "slide_arm": load_problem(urdf)}
-    return {k: (p, true_robot(p, experiment(p), seed=3)) for k, p in problems.items()}
+    setups = {k: experiment(p) for k, p in problems.items()}
+    return {k: (p, true_world(p, setups[k], seed=3), setups[k].links) for k, p in problems.items()}
 
 
 @dataclass(frozen=True)
@@ -46,154 +56,222 @@ class Case:
     (n, N, m) columns of the effects that it refines, where it counts time from elsewhere."""
 
     where: str
-    hidden: HiddenEffect
+    hidden: Hidden
     effect: Effect
     torque: Array
     columns: Array
     plain: Array
 
+    @property
+    def fitted(self) -> tuple[Array, float]:
+        """Parameters of least squares, and the share of the torque that they leave."""
+        wide = np.concatenate([self.columns, self.plain], axis=2).reshape(self.torque.size, -1)
+        theta, *_ = np.linalg.lstsq(wide, self.torque.ravel())
+        left = self.torque.ravel() - wide @ theta
+        share = float(np.linalg.norm(left) / np.linalg.norm(self.torque))
+        return theta[: self.columns.shape[2]], share
+
 
 @cache
 def hidden_cases(name: str) -> tuple[Case, ...]:
-    """What the hidden world draws, wherever it makes a torque: an axis along gravity has no backlash."""
+    """What worlds draw, wherever it makes a torque (an axis along gravity has no backlash), and the
+    other forms."""
     kind = effect_types()[name]
     cases = []
-    for which, (problem, world) in worlds().items():
-        trajectory = random_trajectory(problem.robot, 5, 22.0, frequency=2.0 * np.pi / 13.3)
-        for joint in [0] if kind.whole_robot else sorted({0, problem.robot.n // 2, problem.robot.n - 1}):
-            for draw in range(DRAWS):
-                rng = np.random.default_rng([draw, joint])
-                hidden = make_hidden(name, joint, world, rng).sized(0.5)
-                case = _case(f"{which} joint {joint + 1} draw {draw}", world, hidden, trajectory)
+    for which, (problem, world, links) in worlds().items():
+        robot, width = problem.robot, _width(name)
+        sharp = replace(world, dry=DryFriction("tanh", np.full(robot.n, width)))
+        trajectory = random_trajectory(robot, 5, 22.0, frequency=2.0 * np.pi / 13.3)
+        if name == "transmission_friction" and which == "slide_arm":
+            continue  # worlds hide it where neighbours turn
+        for joint in [0] if kind.whole_robot else sorted({0, robot.n // 2, robot.n - 1}):
+            drawn = [MAKERS[name](sharp, joint, np.random.default_rng([k, joint])) for k in range(DRAWS)]
+            drawn = [replace(one, size=one.size * SIZES.get(name, 0.5)) for one in drawn]
+            for one in [*drawn, *OTHER_FORMS.get(name, lambda w, j: [])(sharp, joint)]:
+                where = f"{which} joint {joint + 1} {one.shape}"
+                case = _case(where, robot, sharp, links, one, trajectory)
                 if np.abs(case.torque).max() > 1e-9:
                     cases.append(case)
     return tuple(cases)
 
 
-def _case(where: str, world: TrueRobot, hidden: HiddenEffect, trajectory: FourierTrajectory) -> Case:
+def _width(name: str) -> float:
+    """Over which dry friction turns: a sign is a sign, but a late one has a derivative."""
+    return 0.3 if name in ("torque_delay", "global_delay", "torque_filter") else 1e-8
+
+
+def _case(
+    where: str,
+    robot: Robot,
+    sharp: World,
+    links: Array,
+    hidden: Hidden,
+    trajectory: FourierTrajectory,
+) -> Case:
     kind = effect_types()[hidden.effect]
-    # A sign is a sign, but a delayed one has a derivative.
-    width = 1e-8 if hidden.late is None else 0.3
-    sharp = replace(world, dry_width=width)
-    # Derivatives in time are differences; a friction state is integrated here and exact in the columns.
-    rate = (1000.0 if hidden.torque else 100.0) if kind.has_memory else 25.0
-    motion, torque = hidden_torque(sharp, hidden, trajectory, 0.0, rate)
-    motion = replace(
-        motion,
-        torque=sharp.torque(motion) if kind.needs_torque else None,
-        current=CurrentModel(world.robot, world.links),
+    width = _width(kind.name)
+    # Derivatives in time are differences; friction states are integrated in the world, exact in columns.
+    fine, rate = (2000.0, 1000.0) if kind.has_memory or hidden.shift is not None else (100.0, 25.0)
+    t = np.arange(0.0, 22.0, 1.0 / fine)
+    true = TrueMotion(t, *trajectory.states(t))
+    rows, seen = slice(None, None, int(fine / rate)), slice(int(BEGIN * rate), int(END * rate))
+    torque = hidden.torque(sharp, true)[rows][seen]
+    motion = Motion(
+        true.t[rows],
+        true.q[rows],
+        true.dq[rows],
+        true.ddq[rows],
+        sharp.torque(true)[rows] if kind.needs_torque else None,
+        CurrentModel(robot, links),
         sign_width=width,
+        temperature=sharp.temperature(true.t[rows]),
     )
 
     def columns(kind: type[Effect], **shape: float) -> tuple[Effect, Array]:
         convention = {k: width for k, s in kind.shapes.items() if s.role == "estimated"}
-        effect = kind(world.robot, list(hidden.joints) or None, **convention, **shape)
-        return effect, wide_columns(effect, motion)
+        sized = {kind.sized_shape: hidden.size} if kind.sized_shape in kind.shapes else {}
+        effect = kind(robot, list(hidden.joints) or None, **convention, **{**sized, **shape})
+        return effect, wide_columns(effect, motion)[:, seen]
 
-    effect, own = columns(kind, **hidden.details.get("shape", {}))
+    effect, own = columns(kind, **hidden.shape)
     plain = [columns(effect_types()[r])[1] for r in kind.refines if kind.follows_clock]
     none = np.zeros((*own.shape[:2], 0))
     return Case(where, hidden, effect, torque.T, own, np.concatenate([none, *plain], axis=2))
 
 
 def check_columns_are_the_hidden_torque(name: str) -> None:
-    """In amount and sign: torque less columns times the true parameters is next to nothing."""
-    met = set()
+    """In amount and sign: torque less columns times parameters is next to nothing, and where one number
+    says how large the effect is, that of the parameters is the true one."""
+    kind, met = effect_types()[name], set()
     for case in hidden_cases(name):
-        assert case.hidden.theta is not None
-        error = case.torque - case.columns @ (case.hidden.size * np.array(case.hidden.theta))
-        left = [
-            e - p @ np.linalg.lstsq(p, e)[0] if p.any() else e
-            for e, p in zip(error, case.plain, strict=True)
-        ]
-        share = float(np.linalg.norm(left) / np.linalg.norm(case.torque))
-        assert share < ACCURACY, f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
+        theta, share = case.fitted
+        allowed = YIELDS if name == "backlash" and not case.hidden.details else ACCURACY
+        assert share < allowed, f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
         met |= {case.effect.robot.joints[j].kind for j in case.hidden.joints}
-    assert met == (set() if effect_types()[name].whole_robot else {"revolute", "prismatic"})
-
-
-def check_the_truth_is_what_a_finding_would_say(name: str) -> None:
-    """The true parameters are possible, and bounded by zero exactly where the hidden world never goes
-    below; the size that a scorer reads is that of a finding with them; every form is met."""
-    kind = effect_types()[name]
-    bounded, positive, forms = True, True, set()
-    for case in hidden_cases(name):
-        hidden, parameters = case.hidden, case.effect.parameters
-        assert hidden.effect == name
-        assert hidden.theta is not None
-        theta = hidden.size * np.array(hidden.theta)
-        demands = case.effect.constraints(np.arange(len(theta)))
-        assert all(c.margin(theta) >= 0.0 for c in demands), "the truth itself is not possible"
-        bounded &= all(p.lower == 0.0 for p in parameters)
-        # One channel is late, never early; all of them are early where the positions are late.
-        positive &= bool(np.all(theta >= 0.0)) and (hidden.late is None or not kind.whole_robot)
-        if kind.one_number:
+        if kind.one_number and case.hidden.number is not None and kind.sized_by == slice(None):
             size, _ = size_of(case.effect, theta, np.zeros((len(theta),) * 2))
-            np.testing.assert_allclose(abs(size), hidden.amplitude, rtol=1e-12)
-        forms.add(tuple(case.effect.shape[k] for k, s in kind.shapes.items() if s.choices))
-    assert bounded or not positive, f"{name}: what is hidden is never negative; declare lower = 0.0"
-    assert positive or not bounded, f"{name}: what is hidden is negative too; leave lower = 0.0 out"
-    choices = [len(s.choices) for s in kind.shapes.values() if s.choices]
-    assert len(forms) == int(np.prod(choices)), "the hidden world does not meet every form"
+            true = case.hidden.number * case.hidden.size
+            size = size if len(theta) == 1 else np.copysign(size, true)  # a wave has no sign
+            np.testing.assert_allclose(size, true, rtol=max(allowed, 3.0 * ACCURACY), err_msg=case.where)
+            if len(theta) == 1:
+                demands = case.effect.constraints(np.arange(len(theta)))
+                assert all(c.margin(theta) >= 0.0 for c in demands), "the truth itself is not possible"
+    assert met == (set() if kind.whole_robot else {"revolute", "prismatic"} - _not_met(name))
 
 
-def check_the_hidden_world_shares_no_code(name: str) -> None:
-    """No code of their folder is reached from both the class and ``hidden``, and ``hidden`` reads of a
-    motion only what a motion is: no smoothed sign, no model's torque."""
+def _not_met(name: str) -> set[str]:
+    return {"prismatic"} if name == "transmission_friction" else set()  # wrists turn
+
+
+def check_every_form_is_met(name: str) -> None:
+    """Of the shape constants that are choices."""
     kind = effect_types()[name]
-    hidden_side = reached(vars(sys.modules[kind.__module__])["hidden"])
-    shared = hidden_side & reached(kind)
-    assert not shared, f"{name}: {shared} is used by the columns and by the hidden world"
-    for _, world in worlds().values():
-        still = np.zeros((3, world.robot.n))
-        bare = BareMotion(np.arange(3.0), still, still + 0.1, still)
-        hidden = make_hidden(name, world.robot.n - 1, world, np.random.default_rng(0))
-        for change in (hidden.torque, hidden.encoder):
-            if change is not None:
-                change(world, bare, 1.0)
+    forms = {
+        tuple(case.effect.shape[k] for k, s in kind.shapes.items() if s.choices)
+        for case in hidden_cases(name)
+    }
+    choices = [len(s.choices) for s in kind.shapes.values() if s.choices]
+    assert len(forms) == int(np.prod(choices)), "the hidden worlds do not meet every form"
 
 
-class BareMotion(Motion):
-    """A motion that refuses what the library derives from it."""
-
-    def __getattribute__(self, word: str) -> Any:
-        derived = {a for a in vars(Motion) if not a.startswith("_")} - {f.name for f in fields(Motion)}
-        assert word not in derived, f"the hidden world reads Motion.{word}"
-        return super().__getattribute__(word)
-
-
-def reached(thing: object) -> set[object]:
-    """The classes and functions of the folder of effects that run when this one does."""
-    found: set[object] = set()
-    todo = [thing]
-    while todo:
-        here = todo.pop()
-        if here in found or here in (HiddenEffect, TrueRobot):
-            continue
-        found.add(here)
-        if inspect.isclass(here):
-            todo += [base for base in here.__bases__ if base.__module__.startswith(_FOLDER)]
-        home = vars(sys.modules[here.__module__])
-        used = [home.get(word) for code in code_of(here) for word in code.co_names]
-        todo += [
-            x
-            for x in used
-            if (inspect.isfunction(x) or inspect.isclass(x)) and x.__module__.startswith(_FOLDER)
+def _drifts(name: str, forms: Mapping[float, Callable[[TrueMotion, int], Array]]):  # type: ignore[no-untyped-def]
+    def made(w: World, j: int) -> list[Hidden]:
+        return [
+            at_joint(name, j, lambda w, m, law=law: law(m, j), None, form=form, T=60.0)  # type: ignore[misc]
+            for form, law in forms.items()
         ]
-    return found
+
+    return made
 
 
-_FOLDER = "sdp_vs_penalty.effects."
+def _transmission(w: World, j: int) -> list[Hidden]:
+    first, ratio = min(j, w.arm.n - 2), -2.0
+    if not w.arm.rotary[first : first + 2].all():
+        return []
+
+    def change(law: float) -> Callable[[World, TrueMotion, float], Array]:
+        def torque(w: World, m: TrueMotion, size: float) -> Array:
+            x = m.dq if law == 1.0 else m.ddq
+            force = size * (x[:, first] + ratio * x[:, first + 1])
+            out = np.zeros_like(m.q)
+            out[:, first], out[:, first + 1] = force, ratio * force
+            return out
+
+        return torque
+
+    ratios = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio}
+    both = (first, first + 1)
+    return [
+        Hidden("transmission_friction", both, change(law), 1.0, {**ratios, "law": law}, 0.5)
+        for law in (1.0, 5.0)
+    ]
 
 
-def code_of(thing: object) -> list[CodeType]:
-    """The code of a function, or of all methods of a class, with the functions inside."""
-    if inspect.isclass(thing):
-        return [code for value in vars(thing).values() for code in code_of(value)]
-    for wrapped in ("fget", "func", "__func__"):
-        thing = getattr(thing, wrapped, None) or thing
-    found, todo = [], [code] if isinstance(code := getattr(thing, "__code__", None), CodeType) else []
-    while todo:
-        found.append(todo.pop())
-        todo += [inner for inner in found[-1].co_consts if isinstance(inner, CodeType)]
-    return found
+def _both_ways(w: World, j: int) -> list[Hidden]:
+    """A low-pass there and back, of all but the links' torque: by its transfer function."""
+
+    def change(w: World, m: TrueMotion, size: float) -> Array:
+        tau = w.torque(m) - w.rigid(m)
+        wide = np.concatenate([np.repeat(tau[:1], 4000, 0), tau, np.repeat(tau[-1:], 4000, 0)])
+        s = 2.0 * np.pi * np.fft.rfftfreq(len(wide), float(m.t[1] - m.t[0]))[:, None]
+        passed = np.fft.irfft(np.fft.rfft(wide, axis=0) / (1.0 + (0.01 * s) ** 2), len(wide), axis=0)
+        return np.asarray(size / 0.01 * (passed[4000:-4000] - tau))
+
+    return [Hidden("torque_filter", (), change, None, {"T": 0.01, "phase": 2.0}, 0.01)]
+
+
+def _by_the_clock(w: World, j: int) -> list[Hidden]:
+    laws: dict[float, Callable[[TrueMotion], Array]] = {
+        1.0: lambda m: np.sign(m.dq[:, j]),
+        2.0: lambda m: m.dq[:, j],
+    }
+    return [
+        replace(
+            at_joint("warming_friction", j, lambda w, m, x=x: np.exp(-m.t / 60.0) * x(m)),  # type: ignore[misc]
+            shape={"law": law, "by": 2.0, "T": 60.0},
+        )
+        for law, x in laws.items()
+    ]
+
+
+def _sharp_flanks(w: World, j: int) -> list[Hidden]:
+    def change(w: World, m: TrueMotion, b: float) -> Array:
+        q = m.q.copy()
+        q[:, j] -= b * np.sign(w.rigid(m)[:, j])
+        return np.asarray(w.rigid(replace(m, q=q)) - w.rigid(m))
+
+    return [Hidden("backlash", (j,), change, 1.0, size=5e-4, details={"sharp": True})]
+
+
+def _classical(w: World, j: int) -> list[Hidden]:
+    def law(w: World, m: TrueMotion) -> Array:
+        return np.asarray(np.sign(m.dq[:, j]) * np.exp(-np.abs(m.dq[:, j]) / 0.1))
+
+    return [at_joint("stribeck_friction", j, law, 1.0, vs=0.1, delta=1.0)]
+
+
+def _two_waves(w: World, j: int) -> list[Hidden]:
+    def law(w: World, m: TrueMotion) -> Array:
+        q = m.q[:, j]
+        return np.asarray(np.sign(m.dq[:, j]) * (np.cos(2.0 * q + 1.0) + 0.5 * np.sin(4.0 * q)))
+
+    return [at_joint("position_dependent_friction", j, law, None, k=2.0, waves=2.0)]
+
+
+#: By effect what makes the forms that no world draws, of a world and a joint.
+OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
+    "drift_offset": _drifts("drift_offset", {1.0: lambda m, j: m.t / 100.0}),
+    "drift_friction": _drifts(
+        "drift_friction",
+        {
+            1.0: lambda m, j: m.t / 100.0 * np.sign(m.dq[:, j]),
+            3.0: lambda m, j: m.t / 100.0 * m.dq[:, j],
+        },
+    ),
+    "backlash": _sharp_flanks,
+    "transmission_friction": _transmission,
+    "torque_filter": _both_ways,
+    "warming_friction": _by_the_clock,
+    "stribeck_friction": _classical,
+    "position_dependent_friction": _two_waves,
+}

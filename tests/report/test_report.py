@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import tempfile
 import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.report import make_report
+from sdp_vs_penalty.report import report
 from sdp_vs_penalty.report.parameters import ellipsoid
 from sdp_vs_penalty.report.plots import correlation
 from sdp_vs_penalty.robot import inertia
@@ -46,6 +48,12 @@ SECTIONS = (
     "data",
     "provenance",
 )
+
+
+def make_report(*given: Any, **options: Any) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        report(*given, Path(folder) / "report.html", **options)
+        return (Path(folder) / "report.html").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -284,7 +292,7 @@ def test_measured_curves_are_drawn_with_band_and_data(
     more = {"band_hz": 9.0, "frozen": False, "remarks": ["Look here first."]}
     curves = [one.to_dict(), two.to_dict()]
     found = Diagnosis.from_dict({**floor, **empty, **rest, **more, "curves": curves})
-    html = make_report(models, data, diagnosis=found)
+    html = make_report(models, data, findings=found)
     assert "Joint 1 misses a torque over q1 from -1 to 1 rad" in html
     assert "No simple law fits its band" in html
     assert "Look here first." in html

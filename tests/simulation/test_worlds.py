@@ -22,8 +22,12 @@ from sdp_vs_penalty.simulation.worlds.servo import _held, _smooth, driven
 from sdp_vs_penalty.simulation.worlds.world import draw_world
 
 FOLDER = Path(worlds.__file__).parent
-#: Of the package, what a world may know: how measurements look, and where Pinocchio is.
-ALLOWED = {"sdp_vs_penalty.data.measurements", "sdp_vs_penalty.robot._pinocchio"}
+#: Of the package, what a world may know: how measurements look, where Pinocchio is, how errors are said.
+ALLOWED = {
+    "sdp_vs_penalty.data.measurements",
+    "sdp_vs_penalty.errors",
+    "sdp_vs_penalty.robot._pinocchio",
+}
 
 
 def test_the_worlds_share_nothing_with_the_library_that_they_judge() -> None:

@@ -56,7 +56,7 @@ def verb(
         _follow(source, follow, drive, seed, out, json_file)
         return
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.simulation.hide import RUN_FILES, refuse_foreign, simulate
+    from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, refuse_foreign, simulate
 
     if out is None:
         raise InputError("simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv")

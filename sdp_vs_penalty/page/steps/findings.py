@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -12,6 +11,7 @@ from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, tag, text_field
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import (
     change,
     physics,
@@ -19,9 +19,6 @@ from sdp_vs_penalty.page.wording import (
     where,
     with_unit,
 )
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
 
 
 def _draw(view: View) -> None:
@@ -65,8 +62,7 @@ def _draw(view: View) -> None:
 
 def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
     session, finding = view.session, found.effects[k]
-    assert session.robot is not None
-    units = session.robot["units"]
+    units = session.arm["units"]
     with tag("li", style="card finding-card" + (" done" if added else "")):
         with tag("div", style="head"):
             tag("h3", f"{plain_name(finding.effect)} · {where(finding.joints)}")
@@ -125,8 +121,7 @@ def _telling(view: View, effects: str, k: int) -> None:
 def _curves(view: View, found: Diagnosis) -> None:
     """What was measured without a name: curve, band, and a button to add it as a table."""
     session = view.session
-    assert session.robot is not None
-    units = session.robot["units"]
+    units = session.arm["units"]
     for k, (curve, text) in enumerate(zip(found.curves, session.curve_texts, strict=True)):
         with tag("div", style="card finding-card"):
             tag("h3", f"Missing torque without a name · joint {curve.joint}")

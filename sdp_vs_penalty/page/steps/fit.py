@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, no_model_of, repeatability_warning
 from sdp_vs_penalty.page.arm import draw_arm, torque_errors
@@ -18,17 +18,13 @@ from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed,
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.summary import Rung
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held, with_unit
 from sdp_vs_penalty.report.plots import SIGNALS
 
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
-
 
 def _draw(view: View) -> None:
-    session, model, robot = view.session, view.session.model, view.session.robot
-    assert model is not None
-    assert robot is not None
+    session, model, robot = view.session, view.session.current, view.session.arm
     comparison, units = model.comparison, robot["units"]
     view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
     if view.run not in model.runs:
@@ -238,8 +234,7 @@ _INSTANTS = "(e) => emit(((e && e.points) || []).map(p => p.customdata))"
 
 def _verdict(session: Session) -> Verdict | None:
     """By the noise floor where it is known; an error alone cannot say that nothing is missing."""
-    model = session.model
-    assert model is not None
+    model = session.current
     c = model.comparison
     floors = None if None in c["noise_floor"] else c["noise_floor"]
     level: Any = fit_level(c["relative_error_percent"], c["rmse"], floors, c["r2"])

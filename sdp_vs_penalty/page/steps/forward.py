@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +11,8 @@ from sdp_vs_penalty.page.charts import torque_chart
 from sdp_vs_penalty.page.controls import button, chart, choice, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.report.plots import Curves
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
 
 _DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
 _LEVELS: dict[str, Any] = {"good": "good", "usable": "usable", "do not use": "bad"}
@@ -50,8 +48,7 @@ def _draw(view: View) -> None:
 def _replay(view: View, made: dict[str, Any]) -> None:
     """A free run of one joint as curves, and of the arm in 3D."""
     session = view.session
-    model, shown, parts = session.model, {"run": 0, "drawn": -1}, dict[str, Any]()
-    assert model is not None
+    model, shown, parts = session.current, {"run": 0, "drawn": -1}, dict[str, Any]()
 
     def options() -> dict[str, Any]:
         read, j = session.arrays(made["file"], shown["run"]), view.joint or 0

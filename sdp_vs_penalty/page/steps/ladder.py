@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty.diagnosis.show import risen
 from sdp_vs_penalty.page.charts import ladder_chart
 from sdp_vs_penalty.page.controls import button, chart, details, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import change, figure
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
 
 
 def _draw(view: View) -> None:
-    session, robot = view.session, view.session.robot
-    assert robot is not None
-    ladder, units = session.ladder, robot["units"]
+    session = view.session
+    ladder, units = session.ladder, session.arm["units"]
     with tag("ol", style="rungs"):
         for model in ladder:
             with tag("li"):

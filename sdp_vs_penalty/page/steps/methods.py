@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from sdp_vs_penalty.page.controls import button, check, table, tag
 from sdp_vs_penalty.page.step import after_model
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
 
 
 def _draw(view: View) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty.page.controls import (
     button,
@@ -20,10 +20,8 @@ from sdp_vs_penalty.page.controls import (
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step
 from sdp_vs_penalty.page.uploads import SUFFIXES
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import plain_name
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
@@ -100,8 +98,7 @@ def _draw(view: View) -> None:
 def _bounds(view: View) -> None:
     """What is known of the links before anything is measured: seen, and changed one by one."""
     session = view.session
-    assert session.robot is not None
-    known = {name: (low, high, unit) for name, low, high, unit in session.robot["bounds"]}
+    known = {name: (low, high, unit) for name, low, high, unit in session.arm["bounds"]}
     words = session.options.get("bounds", "").split(",")
     own = {name: ends for name, equals, ends in (word.partition("=") for word in words) if equals}
     asked = {"name": next(iter(known)), "low": "", "high": ""}
@@ -129,7 +126,7 @@ def _bounds(view: View) -> None:
         button("Set the bound", put, "bound-set")
         said = "Both ends empty: as before. c is the centre of mass, I the inertia about it; * is yours."
         tag("p", said, "soft")
-        _bounds_table(session.robot["bounds"], own)
+        _bounds_table(session.arm["bounds"], own)
 
 
 def _bounds_table(known: Sequence[Sequence[str]], own: Mapping[str, str]) -> None:

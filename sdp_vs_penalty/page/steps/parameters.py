@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty.page.charts import friction_chart
 from sdp_vs_penalty.page.controls import button, chart, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import held
 from sdp_vs_penalty.report.parameters import HEADS, LINK_HEADS, cells
 
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
-
 
 def _draw(view: View) -> None:
-    model, robot = view.session.model, view.session.robot
-    assert model is not None
-    assert robot is not None
-    about = model.about
+    about, robot = view.session.current.about, view.session.arm
     for said in about["words"]:
         tag("p", said, "words")
     if about["links"]:
@@ -49,8 +44,7 @@ def _draw(view: View) -> None:
 
 
 def _verdict(session: Session) -> Verdict | None:
-    model = session.model
-    assert model is not None
+    model = session.current
     if model.violation["convex"] > 0.0:
         return Verdict("bad", f"The constraints are {held(model.violation)}: no robot is like this.")
     rows = model.about["rows"]

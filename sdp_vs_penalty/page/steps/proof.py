@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from sdp_vs_penalty.page.controls import button, drop, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.uploads import SUFFIXES
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held
 from sdp_vs_penalty.report.evidence import CERTIFICATE
 
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
-
 
 def _draw(view: View) -> None:
-    session, model = view.session, view.session.model
-    assert model is not None
+    session, model = view.session, view.session.current
     tag("p", CERTIFICATE, "soft")
     table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
     proved, told = session.answer("prove"), session.answers.get("verify")
@@ -43,8 +38,7 @@ def _draw(view: View) -> None:
 
 
 def _verdict(session: Session) -> Verdict | None:
-    model = session.model
-    assert model is not None
+    model = session.current
     if model.violation["convex"] > 0.0:
         return Verdict("bad", f"The constraints are {held(model.violation)}: no robot is like this.")
     said = f"Constraints: {held(model.violation)}; "

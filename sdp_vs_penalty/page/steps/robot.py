@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check.urdf import HEADS
@@ -11,9 +11,7 @@ from sdp_vs_penalty.page.controls import button, details, drop, table, tag, text
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import View
 
 
 def _depends(session: Session) -> Any:

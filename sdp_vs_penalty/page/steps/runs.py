@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.catalogue import DATASETS
@@ -11,10 +11,8 @@ from sdp_vs_penalty.page.controls import button, check, choice, details, draw_fo
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import RUN_SUFFIXES
+from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import plain_name
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
 
 _USES = (
     ("train", "identify from it"),
@@ -80,8 +78,7 @@ def _from_folder(view: View) -> None:
 
 
 def _simulated(view: View) -> None:
-    session, hiding, robot = view.session, view.hiding, view.session.robot
-    assert robot is not None
+    session, hiding, robot = view.session, view.hiding, view.session.arm
     if not 0 < hiding.joint <= robot["n"]:
         hiding.joint = int(robot["n"])
     names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
@@ -105,8 +102,7 @@ def _simulated(view: View) -> None:
 
 
 def _real(view: View) -> None:
-    robot = view.session.robot
-    assert robot is not None
+    robot = view.session.arm
     title = view.catalogue["real"].get(robot["source"])
     if title is not None:
         tag("p", title, "soft")

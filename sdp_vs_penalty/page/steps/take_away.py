@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.page.controls import button, details, tag, text_field
 from sdp_vs_penalty.page.step import after_model
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.page.view import View
 
 #: Files and what they are for.
 FILES = {

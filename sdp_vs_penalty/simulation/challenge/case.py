@@ -108,6 +108,7 @@ def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
     """What the diagnosis says, in how many seconds of the processor, and the truth beside it."""
     data = concatenate([x.run for x in sitting.logged[:-1]])
     learnt = concatenate([x.run for x in sitting.unloaded]) if kind.frozen else data
+    assert sitting.world.arm.urdf is not None
     problem = load_problem(sitting.world.arm.urdf)
     begin = time.process_time()
     estimate = identify(problem, learnt, "ols", effects=list(sitting.effects))

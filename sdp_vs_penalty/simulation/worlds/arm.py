@@ -21,10 +21,12 @@ NOISE_SHARE = 0.1
 @dataclass(frozen=True)
 class Arm:
     """lower, upper, speed (n,) : limits of the joints [rad or m, and per s]; coulomb, viscous, noise
-    (n,) : nominal sizes [N m or N]; rotary (n,) : whether a joint turns; model : Pinocchio's."""
+    (n,) : nominal sizes [N m or N]; rotary (n,) : whether a joint turns; model : Pinocchio's; last : its
+    joint that bears the last link; follows (L, n), shift (L,) : the positions of its joints are
+    follows q + shift, of those q that move by themselves."""
 
     name: str
-    urdf: Path
+    urdf: Path | None
     model: Any
     lower: Array
     upper: Array
@@ -32,19 +34,30 @@ class Arm:
     coulomb: Array
     viscous: Array
     rotary: NDArray[np.bool_]
+    noise: Array
+    last: int
+    follows: Array
+    shift: Array
 
     @property
     def n(self) -> int:
         return len(self.lower)
 
     @property
-    def noise(self) -> Array:
-        return NOISE_SHARE * self.coulomb
-
-    @property
     def unit_speed(self) -> Array:
         """(n,) what 1 rad/s of a turning joint corresponds to: on a prismatic one 0.5 m/s."""
         return np.where(self.rotary, 1.0, 0.5)
+
+    def inverse_dynamics(self, model: Any, q: Array, dq: Array, ddq: Array) -> Array:
+        """(N, n) of a model of Pinocchio's with these joints."""
+        B = self.follows
+        return inverse_dynamics(model, q @ B.T + self.shift, dq @ B.T, ddq @ B.T) @ B
+
+    def last_jacobian(self, model: Any, data: Any, q: Array) -> Array:
+        """(6, n) of the last link's joint at q (n,): linear, then angular velocity, in world axes."""
+        pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
+        J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
+        return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
 
 
 def load_arm(name: str) -> Arm:
@@ -54,7 +67,9 @@ def load_arm(name: str) -> Arm:
     rotary = np.array([joint.shortname().startswith("JointModelR") for joint in model.joints[1:]])
     limits = (model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit)
     lower, upper, speed, coulomb, viscous = map(np.array, (*limits, model.friction, model.damping))
-    return Arm(name, path, model, lower, upper, speed, coulomb, viscous, rotary)
+    sizes, n = (coulomb, viscous, rotary, NOISE_SHARE * coulomb), len(rotary)
+    ends = (lower, upper, speed)
+    return Arm(name, path, model, *ends, *sizes, model.njoints - 1, np.eye(n), np.zeros(n))
 
 
 def misplaced(model: Any, metres: float, degrees: float, rng: np.random.Generator) -> Any:

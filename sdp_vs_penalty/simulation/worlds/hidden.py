@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -94,12 +93,23 @@ def at_joint(
     return Hidden(effect, (joint,), on_joint(joint, law), number, shape)
 
 
+def plain(effect: str, law: Callable[[World, int, TrueMotion], Array], signed: bool = False) -> Maker:
+    """The maker of a torque of one joint without constants, law(world, joint, motion) (N,) times the
+    size; signed : either way round."""
+
+    def make(w: World, j: int, rng: np.random.Generator) -> Hidden:
+        side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
+        return at_joint(effect, j, lambda w, m: side * law(w, j, m), side)
+
+    return make
+
+
 def shifted(effect: str, joint: int, shift: Change, number: float | None) -> Hidden:
     """The link of a joint stands at q + shift, where q is what motor and encoder do."""
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
         moved = displaced(m, joint, shift(world, m, size))
-        return rigid(world, moved) - rigid(world, m)
+        return world.rigid(moved) - world.rigid(m)
 
     return Hidden(effect, (joint,), change, number, shift=shift)
 
@@ -116,11 +126,6 @@ def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     dq[:, joint] += rate
     ddq[:, joint] += acceleration
     return TrueMotion(m.t, q, dq, ddq)
-
-
-def rigid(world: World, m: TrueMotion) -> Array:
-    """(N, n) of the links."""
-    return inverse_dynamics(world.built, m.q, m.dq, m.ddq)
 
 
 def sign(world: World, joint: int, m: TrueMotion) -> Array:

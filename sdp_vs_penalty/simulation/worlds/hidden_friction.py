@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.simulation.worlds.conditions import log_uniform
 from sdp_vs_penalty.simulation.worlds.friction import bristles
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, rigid, sign
+from sdp_vs_penalty.simulation.worlds.hidden import Hidden, Maker, at_joint, on_joint, plain, sign
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
@@ -19,26 +20,6 @@ Generator = np.random.Generator
 
 def _unit(world: World, joint: int) -> float:
     return float(world.arm.unit_speed[joint])
-
-
-def _viscous(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("viscous_friction", j, lambda _, m: m.dq[:, j])
-
-
-def _coulomb(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("coulomb_friction", j, lambda w, m: sign(w, j, m))
-
-
-def _asymmetric(w: World, j: int, rng: Generator) -> Hidden:
-    side = float(rng.choice([-1.0, 1.0]))
-    return at_joint("asymmetric_viscous_friction", j, lambda _, m: side * np.abs(m.dq[:, j]), side)
-
-
-def _asymmetric_coulomb(w: World, j: int, rng: Generator) -> Hidden:
-    """The same paper, sec. 2: dry friction with a size for each direction."""
-    side = float(rng.choice([-1.0, 1.0]))
-    law = "asymmetric_coulomb_friction"
-    return at_joint(law, j, lambda w, m: side * np.abs(sign(w, j, m)), side)
 
 
 def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
@@ -54,11 +35,20 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _presliding(w: World, j: int, rng: Generator) -> Hidden:
+    return _dahl("presliding_hysteresis", w, j, log_uniform(rng, 0.001, 0.01))
+
+
+def stiction(w: World, j: int, rng: Generator) -> Hidden:
+    """The same over a travel that hardly shows."""
+    return _dahl("stiction", w, j, log_uniform(rng, 0.0005, 0.001))
+
+
+def _dahl(effect: str, w: World, j: int, travel: float) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
-    d = _unit(w, j) * log_uniform(rng, 0.001, 0.01)
+    d = _unit(w, j) * travel
     one = np.array([d])
     return at_joint(
-        "presliding_hysteresis",
+        effect,
         j,
         lambda w, m: bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0] - sign(w, j, m),
         d=d,
@@ -81,15 +71,11 @@ def _power(w: World, j: int, rng: Generator) -> Hidden:
     )
 
 
-def _load(w: World, j: int, rng: Generator) -> Hidden:
-    """Hamon, Gautier, Garrec, IROS 2010: rubs in proportion to the torque that the gear transmits."""
-    return at_joint("load_dependent_friction", j, lambda w, m: np.abs(rigid(w, m)[:, j]) * sign(w, j, m))
-
-
 def _coupling(w: World, j: int, rng: Generator) -> Hidden:
     """Janot et al., IEEE TCST 2014; between turning joints, as wrists are."""
-    n = w.arm.n
-    i = j - 1 if j > 0 else min(1, n - 1)
+    if w.arm.n < 2:
+        raise InputError("effect joint_coupling needs a robot with two joints or more", "leave it out")
+    i = j - 1 if j > 0 else 1
     form, side = int(rng.integers(1, 5)), float(rng.choice([-1.0, 1.0]))
     width = float(np.median(w.dry.width))
 
@@ -134,6 +120,8 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
     Dry friction only: of the viscous kind the joints' own friction absorbs all but a cross term, from
     which no ratio can be told."""
     pairs = [i for i in range(w.arm.n - 1) if w.arm.rotary[i : i + 2].all()]
+    if not pairs:
+        raise InputError("effect transmission_friction needs neighbours that turn", "leave it out")
     first = min(pairs, key=lambda i: abs(i - j))
     law = int(rng.choice([2, 3, 4]))
     ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
@@ -162,7 +150,7 @@ def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
     return at_joint(
         "load_dependent_hysteresis",
         j,
-        lambda w, m: np.abs(rigid(w, m)[:, j]) * bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0],
+        lambda w, m: np.abs(w.rigid(m)[:, j]) * bristles(m.t, m.dq[:, [j]], one, np.ones_like)[:, 0],
         d=d,
     )
 
@@ -196,15 +184,23 @@ def _position(w: World, j: int, rng: Generator) -> Hidden:
 
 
 FRICTION: Mapping[str, Maker] = {
-    "viscous_friction": _viscous,
-    "coulomb_friction": _coulomb,
-    "asymmetric_viscous_friction": _asymmetric,
-    "asymmetric_coulomb_friction": _asymmetric_coulomb,
+    "viscous_friction": plain("viscous_friction", lambda w, j, m: m.dq[:, j]),
+    "coulomb_friction": plain("coulomb_friction", sign),
+    # A size for each direction: Armstrong-Helouvry et al., Automatica 1994, sec. 2.
+    "asymmetric_viscous_friction": plain(
+        "asymmetric_viscous_friction", lambda w, j, m: np.abs(m.dq[:, j]), signed=True
+    ),
+    "asymmetric_coulomb_friction": plain(
+        "asymmetric_coulomb_friction", lambda w, j, m: np.abs(sign(w, j, m)), signed=True
+    ),
     "stribeck_friction": _stribeck,
     "presliding_hysteresis": _presliding,
     "sigmoid_friction": _sigmoid,
     "power_law_friction": _power,
-    "load_dependent_friction": _load,
+    # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS 2010.
+    "load_dependent_friction": plain(
+        "load_dependent_friction", lambda w, j, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m)
+    ),
     "joint_coupling": _coupling,
     "drift_friction": _warming,
     "warming_friction": _by_temperature,

@@ -9,34 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.arm import inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.arm import misplaced
 from sdp_vs_penalty.simulation.worlds.channel import first_order
 from sdp_vs_penalty.simulation.worlds.hidden import (
     Hidden,
     Maker,
     at_joint,
     displaced,
-    rigid,
+    plain,
     shifted,
 )
+from sdp_vs_penalty.simulation.worlds.hidden_friction import stiction
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
-
-
-def _side(rng: Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-def _spring(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("joint_spring", j, lambda _, m: m.q[:, j])
-
-
-def _offset(w: World, j: int, rng: Generator) -> Hidden:
-    side = _side(rng)
-    return at_joint("torque_offset", j, lambda _, m: np.full(len(m.t), side), side)
 
 
 def _drift(w: World, j: int, rng: Generator) -> Hidden:
@@ -51,15 +39,6 @@ def _ripple(w: World, j: int, rng: Generator) -> Hidden:
     turns = float(rng.integers(2, 41))
     k = turns if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
     return at_joint("torque_ripple", j, lambda _, m: np.cos(k * m.q[:, j] + phase), k=k)
-
-
-def _rotor(w: World, j: int, rng: Generator) -> Hidden:
-    return at_joint("rotor_inertia", j, lambda _, m: m.ddq[:, j])
-
-
-def _gain(w: World, j: int, rng: Generator) -> Hidden:
-    side = _side(rng)
-    return at_joint("torque_gain", j, lambda w, m: side * w.torque(m)[:, j], side)
 
 
 def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
@@ -96,7 +75,7 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
-    side = _side(rng)
+    side = float(rng.choice([-1.0, 1.0]))
     hidden = shifted("joint_zero_error", j, lambda _, m, a: np.full(len(m.t), a * side), side)
     return replace(hidden, size=1e-3)
 
@@ -107,7 +86,7 @@ def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
     def shift(w: World, m: TrueMotion, c: float) -> Array:
         lag = np.zeros(len(m.t))
         for _ in range(2):
-            lag = -c * rigid(w, displaced(m, j, lag))[:, j]
+            lag = -c * w.rigid(displaced(m, j, lag))[:, j]
         return lag
 
     return replace(shifted("joint_elasticity", j, shift, 1.0), size=1e-5)
@@ -120,13 +99,13 @@ def _backlash(w: World, j: int, rng: Generator) -> Hidden:
     impact itself does is left out."""
 
     def shift(w: World, m: TrueMotion, b: float) -> Array:
-        tau = rigid(w, m)[:, j]
+        tau = w.rigid(m)[:, j]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
     def change(w: World, m: TrueMotion, b: float) -> Array:
         q = m.q.copy()
         q[:, j] += shift(w, m, b)
-        return rigid(w, replace(m, q=q)) - rigid(w, m)
+        return w.rigid(replace(m, q=q)) - w.rigid(m)
 
     return Hidden("backlash", (j,), change, 1.0, size=1e-4, shift=shift)
 
@@ -138,7 +117,7 @@ def _tilt(w: World, j: int, rng: Generator) -> Hidden:
         tilted = pin.Model(w.built)
         across = size * np.array([np.cos(angle), np.sin(angle), 0.0])
         tilted.gravity.linear = w.built.gravity.linear + across
-        return inverse_dynamics(tilted, m.q, m.dq, m.ddq) - rigid(w, m)
+        return w.rigid(m, tilted) - w.rigid(m)
 
     return Hidden("base_tilt", (), change, 1.0, size=0.1)
 
@@ -148,13 +127,8 @@ def _wrench(w: World, j: int, rng: Generator) -> Hidden:
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
-        data, last = w.built.createData(), w.built.njoints - 1
-        out = np.zeros_like(m.q)
-        for k, q in enumerate(m.q):
-            pin.computeJointJacobians(w.built, data, q)
-            J = pin.getJointJacobian(w.built, data, last, pin.LOCAL_WORLD_ALIGNED)
-            out[k] = -size * (J.T @ force)
-        return out
+        data = w.built.createData()
+        return np.array([-size * (w.arm.last_jacobian(w.built, data, q).T @ force) for q in m.q])
 
     return Hidden("external_wrench", (), change, None)
 
@@ -167,21 +141,35 @@ def _payload(w: World, j: int, rng: Generator) -> Hidden:
     def change(w: World, m: TrueMotion, mass: float) -> Array:
         loaded = pin.Model(w.built)
         ball = pin.Inertia(mass, centre, 0.4 * mass * 0.05**2 * np.eye(3))
-        loaded.inertias[loaded.njoints - 1] = w.built.inertias[w.built.njoints - 1] + ball
-        return inverse_dynamics(loaded, m.q, m.dq, m.ddq) - rigid(w, m)
+        loaded.inertias[w.arm.last] = w.built.inertias[w.arm.last] + ball
+        return w.rigid(m, loaded) - w.rigid(m)
 
-    return Hidden("payload", (), change, 1.0, size=0.1)
+    return Hidden("payload", (), change, 1.0, size=0.1, details={"com": centre.tolist()})
+
+
+def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
+    """Joints beside where the kinematics have them, by some .1 mm and .2 mrad an axis at size 1."""
+    seed = int(rng.integers(2**32))
+
+    def change(w: World, m: TrueMotion, size: float) -> Array:
+        slip, turn = 1e-4 * size, np.rad2deg(2e-4 * size)
+        beside = misplaced(w.built, slip, turn, np.random.default_rng(seed))
+        return w.rigid(m, beside) - w.rigid(m)
+
+    return Hidden("kinematic_error", (), change, None)
 
 
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
+#: What the challenge meets as a nuisance.
+NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": stiction}
 MACHINE: Mapping[str, Maker] = {
-    "joint_spring": _spring,
-    "torque_offset": _offset,
+    "joint_spring": plain("joint_spring", lambda w, j, m: m.q[:, j]),
+    "torque_offset": plain("torque_offset", lambda w, j, m: np.ones(len(m.t)), signed=True),
     "drift_offset": _drift,
     "torque_ripple": _ripple,
-    "rotor_inertia": _rotor,
-    "torque_gain": _gain,
+    "rotor_inertia": plain("rotor_inertia", lambda w, j, m: m.ddq[:, j]),
+    "torque_gain": plain("torque_gain", lambda w, j, m: w.torque(m)[:, j], signed=True),
     "torque_delay": _delay,
     "global_delay": _global_delay,
     "torque_filter": _filter,

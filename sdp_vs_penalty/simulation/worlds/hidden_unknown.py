@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.runs import LEAD, start_of
@@ -133,10 +132,9 @@ def disturbance(w: World, j: int, rng: Generator) -> Hidden:
         if kind == "knock":
             out[inside, j] = size * np.exp(-3.0 * (m.t[inside] - begin) / length)
         if kind == "contact":
-            data, last = w.built.createData(), w.built.njoints - 1
+            data = w.built.createData()
             for k in inside:
-                pin.computeJointJacobians(w.built, data, m.q[k])
-                J = pin.getJointJacobian(w.built, data, last, pin.LOCAL_WORLD_ALIGNED)
+                J = w.arm.last_jacobian(w.built, data, m.q[k])
                 out[k] = size * np.sin(np.pi * (m.t[k] - begin) / length) * (J.T @ force)
         return out
 

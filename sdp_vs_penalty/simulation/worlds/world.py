@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.arm import Arm, inverse_dynamics, load_arm, misplaced
+from sdp_vs_penalty.simulation.worlds.arm import Arm, load_arm, misplaced
 from sdp_vs_penalty.simulation.worlds.conditions import Conditions
 from sdp_vs_penalty.simulation.worlds.friction import DryFriction
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
@@ -38,7 +38,11 @@ class World:
 
     def torque(self, m: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
-        return inverse_dynamics(self.built, m.q, m.dq, m.ddq) + self.rotor * m.ddq + self.friction(m)
+        return self.rigid(m) + self.rotor * m.ddq + self.friction(m)
+
+    def rigid(self, m: TrueMotion, model: Any = None) -> Array:
+        """(N, n) of the links, as built or of another model of Pinocchio's."""
+        return self.arm.inverse_dynamics(model or self.built, m.q, m.dq, m.ddq)
 
     def friction(self, m: TrueMotion) -> Array:
         """(N, n) dry, viscous, and what stays the same in both directions."""
