@@ -4,7 +4,7 @@ time, their robust Wald statistic, and the largest that random signs of the bloc
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -205,7 +205,7 @@ def _block_scores(fit: WhiteFit, library: Library) -> dict[int | None, Array]:
     """(B, C) scores z_b'r_b of the library's partialled columns, by joint (None: on several)."""
     sums, residual = fit.rows.products, fit.residual.reshape(fit.rows.n, -1)
 
-    def summed(columns: Array, residual: Array) -> Array:
+    def summed(columns: Iterable[Array], residual: Array) -> Array:
         return np.sum([sums(z, r) for z, r in zip(columns, residual, strict=True)], axis=0)
 
     model = summed(fit.Q.reshape(*residual.shape, -1), residual)
@@ -229,10 +229,10 @@ def _classical(columns: NDArray[np.intp], grams: Array, blocks: Array, signs: Ar
 def _seen(fit: WhiteFit, library: Library, joint: int | None, columns: NDArray[np.intp]) -> Array:
     """(n M, G k) what the model leaves of groups of columns (G', k), side by side; of those groups of
     which it leaves anything."""
-    n, M = fit.rows.n, len(fit.rows.block)
+    M = len(fit.rows.block)
     if joint is None:
-        Z = library.robot[:, :, columns.ravel()] / np.reshape(library.divisors, (-1, 1, 1))
-        Z = Z.reshape(n * M, -1)
+        parts = zip(library.robot, library.divisors, strict=True)
+        Z = np.concatenate([z[:, columns.ravel()] / divisor for z, divisor in parts])
         fresh = Z - fit.Q @ (fit.Q.T @ Z)
     else:
         Z = library.joints[joint][:, columns.ravel()] / library.divisors[joint]

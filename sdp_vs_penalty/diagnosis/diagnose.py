@@ -202,13 +202,14 @@ def _offered(found: Found, on: Callable[[Found], OnFolds | OnTest]) -> tuple[Fou
     while True:
         found = replace(found, state=believable(found.state))
         picks = found.state.picks
-        held_out = judge.errors(picks)
-        kept = [p for p, pays in zip(picks, held_out.pays, strict=True) if pays]
-        worse = held_out.ladder[-1] > _RAISED * held_out.before
-        raised = [j for j in moved(found.first, found.estimate) if worse[j]]
+        kept = [p for p, pays in zip(picks, judge.pays(picks), strict=True) if pays]
         if len(kept) < len(picks):
             found = replace(found, state=found.state.with_picks(kept))
-        elif not back.issuperset(raised):
+            continue
+        held_out = judge.errors(picks)
+        worse = held_out.ladder[-1] > _RAISED * held_out.before
+        raised = [j for j in moved(found.first, found.estimate) if worse[j]]
+        if not back.issuperset(raised):
             back |= frozenset(raised)
             found = reverted(found, raised)
             judge = on(found)

@@ -7,8 +7,8 @@ r, z what Q leaves of torque and candidate, the drop is (z'r)^2 / z'z.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -16,7 +16,14 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.extension import Added, Extension, PerLibrary, factored, products
+from sdp_vs_penalty.diagnosis.extension import (
+    Added,
+    Extension,
+    PerLibrary,
+    Source,
+    factored,
+    products,
+)
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
@@ -24,6 +31,8 @@ from sdp_vs_penalty.signals.autoregression import Pieces, innovations
 #: The model's parameters, as they were identified, count as this share of the rows against training
 #: folds: their columns are orthonormal, so that a direction which one fold alone determines has none.
 HELD = 0.003
+#: What a model leaves less of than this share of its norm is worked out twice, from all rows.
+_LITTLE = 0.03
 #: A candidate of whose energy less than this share survives the model's columns is invisible.
 ROUNDING = 1e-9
 
@@ -100,11 +109,12 @@ class Weighting:
 
     def apply(self, columns: Array, joint: int) -> Array:
         """White rows (M, ...) of one joint, filtered and divided."""
-        if not columns.any():
-            return columns
-        if self.colour[joint].any():
-            columns = innovations(columns, self.colour[joint], self.pieces[joint])
-        return columns / self.level[joint]
+        return self.filter_of(joint)(columns) / self.level[joint] if columns.any() else columns
+
+    def filter_of(self, joint: int) -> Callable[[Array], Array]:
+        """What a joint's white rows (M, ...) go through before they are divided."""
+        colour, pieces = self.colour[joint], self.pieces[joint]
+        return (lambda x: innovations(x, colour, pieces)) if colour.any() else lambda x: x
 
     def apply_all(self, columns: Array) -> Array:
         """(n M, ...) rows of all joints."""
@@ -121,8 +131,9 @@ class Weighting:
 class WhiteFit:
     """The model fitted to weighted white rows.
 
-    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves; more : what
-    it adds to the fit ``base``, behind the columns of that one.
+    Q (n M, r) : orthonormal basis of the model's columns; residual (n M,) : what it leaves; source :
+    where products with a library are known from; more : what it adds to the fit ``base``, behind the
+    columns of that one.
     """
 
     rows: RowLabels
@@ -130,6 +141,7 @@ class WhiteFit:
     residual: Array
     target: Array
     weighting: Weighting
+    source: Source | None = None
     base: WhiteFit | None = None
     more: Extension | None = None
     _added: dict[int, Added] = field(default_factory=dict, init=False)
@@ -138,22 +150,22 @@ class WhiteFit:
     _weighted: dict[int, tuple[Library, Library]] = field(default_factory=dict, init=False)
     _without: dict[bytes, list[WithoutFold]] = field(default_factory=dict, init=False)
 
-    @classmethod
-    def of(cls, rows: RowLabels, basis: Array, target: Array, weighting: Weighting) -> WhiteFit:
-        """Least squares on white columns (n M, r) of full rank, target white (n M,)."""
-        return Coloured.of(basis, target, weighting).fit(rows, weighting)
-
     def scaled(self, columns: Array) -> Array:
         """White columns (n M, k), weighted."""
         return self.weighting.apply_all(columns)
 
     def partialled(self, columns: Array) -> Array:
         """(n M, k) what the model leaves of weighted columns; of little twice, against rounding."""
-        left = columns - self.Q @ (self.Q.T @ columns)
-        little = np.linalg.norm(left, axis=0) < 0.03 * np.linalg.norm(columns, axis=0)
+        return self._parted(columns)[1]
+
+    def _parted(self, columns: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Products with the orthonormal columns, what these leave, and of which that is little."""
+        along = self.Q.T @ columns
+        left = columns - self.Q @ along
+        little = np.linalg.norm(left, axis=0) < _LITTLE * np.linalg.norm(columns, axis=0)
         if little.any():
             left[:, little] -= self.Q @ (self.Q.T @ left[:, little])
-        return left
+        return along, left, little
 
     def extended(self, *white: Array) -> WhiteFit:
         """The fit with more columns: groups (n M, k) of white ones, kept for other fits."""
@@ -161,17 +173,11 @@ class WhiteFit:
             return self
         added = self._beside(white)
         rest, least = np.hstack([a.rest for a in added]), np.concatenate([a.least for a in added])
-        kept = np.arange(len(least))
-        while True:
-            new, R = factored(rest[:, kept])
-            seen = np.abs(np.diagonal(R)) > least[kept]
-            if seen.all():
-                break
-            kept = np.delete(kept, np.argmin(seen))
+        new, R, kept = factored(rest, least)
         taken = new.T @ self.residual
         more = Extension(added, kept, np.asarray(np.linalg.inv(R)), taken)
         residual, Q = self.residual - new @ taken, np.hstack([self.Q, new])
-        return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self, more)
+        return WhiteFit(self.rows, Q, residual, self.target, self.weighting, self.source, self, more)
 
     def _beside(self, white: Sequence[Array]) -> tuple[Added, ...]:
         """Groups of white columns beside this fit, those that are new all at once."""
@@ -180,9 +186,10 @@ class WhiteFit:
             whole = np.hstack([self.scaled(w) for w in fresh])
             least = 1e-4 * np.sqrt(ROUNDING) * np.linalg.norm(whole, axis=0, keepdims=True)
             ends = np.cumsum([w.shape[1] for w in fresh])[:-1]
-            parts = (np.split(x, ends, axis=1) for x in (self.partialled(whole), least))
-            for w, rest, small in zip(fresh, *parts, strict=True):
-                self._added[id(w)] = Added(w, rest, small[0])
+            along, left, little = self._parted(whole)
+            each = (np.split(x, ends, axis=1) for x in (along, left, least, little[None]))
+            for w, own, rest, small, few in zip(fresh, *each, strict=True):
+                self._added[id(w)] = Added(w, None if few.any() else own, rest, small[0])
         return tuple(self._added[id(w)] for w in white)
 
     def overlaps(self, library: Library, joint: int | None) -> Array:
@@ -190,8 +197,10 @@ class WhiteFit:
 
         def made() -> Array:
             if self.base is None or self.more is None:
+                if self.source is not None:
+                    return self.source.model(library, joint)
                 return products(self.Q, library, joint)
-            both = self.base.overlaps(library, joint), self.more.overlaps(library, joint)
+            both = self.base.overlaps(library, joint), self.more.overlaps(self.base, library, joint)
             return np.concatenate(both, axis=-2)
 
         return self._overlaps.of(library, joint, made)
@@ -201,8 +210,11 @@ class WhiteFit:
 
         def made() -> Array:
             if self.base is None or self.more is None:
+                if self.source is not None:
+                    taken = self.Q.T @ self.target @ self.overlaps(library, joint)
+                    return np.asarray(self.source.torque(library, joint) - taken)
                 return products(self.residual[:, None], library, joint)[..., 0, :]
-            taken = self.more.taken @ self.more.overlaps(library, joint)
+            taken = self.more.taken @ self.more.overlaps(self.base, library, joint)
             return np.asarray(self.base.pulls(library, joint) - taken)
 
         return self._pulls.of(library, joint, made)
@@ -296,40 +308,6 @@ class WhiteFit:
         degrees, least = (x.reshape(-1, *(1,) * (chi2.ndim - 1)) for x in known)
         variance = np.maximum(chi2 / degrees, least)
         return np.asarray(np.sum(degrees * np.log(variance) + chi2 / variance, axis=0))
-
-
-@dataclass(frozen=True)
-class Coloured:
-    """The model's white columns (n, M, r) and the torque (n, M) behind the colour's filter, not yet
-    divided by the joints' levels; factors : triangular, of each joint's columns."""
-
-    columns: Array
-    target: Array
-    factors: tuple[Array, ...]
-
-    @classmethod
-    def of(cls, basis: Array, target: Array, weighting: Weighting) -> Coloured:
-        """From white columns (n M, r) of full rank and white torque (n M,)."""
-        n, (N, r) = len(weighting.level), basis.shape
-        only = replace(weighting, level=np.ones(n))
-        columns = only.apply_all(basis).reshape(n, N // n, r)
-        factors = tuple(np.asarray(np.linalg.qr(c, mode="r")) for c in columns)
-        return cls(columns, only.apply_all(target).reshape(n, -1), factors)
-
-    def fit(self, rows: RowLabels, weighting: Weighting) -> WhiteFit:
-        """Least squares with these levels; the orthonormal basis by the joints' triangular factors."""
-        level = weighting.level[:, None]
-        Y, target = self.columns / level[:, :, None], (self.target / level).ravel()
-        q = Y.reshape(len(target), Y.shape[2])
-        if q.shape[1]:
-            parts = [R / v for R, v in zip(self.factors, weighting.level, strict=True)]
-            R = np.linalg.qr(np.concatenate(parts), mode="r")
-            size = np.abs(np.diagonal(R))
-            if size.min() > 1e-8 * size.max():
-                q = scipy.linalg.solve_triangular(R, q.T, trans="T", check_finite=False).T
-            else:
-                q = np.linalg.qr(q)[0]
-        return WhiteFit(rows, q, target - q @ (q.T @ target), target, weighting)
 
 
 @dataclass(frozen=True)

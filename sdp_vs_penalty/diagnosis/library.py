@@ -17,6 +17,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.autoregression import Pieces, innovations
 from sdp_vs_penalty.signals.noise import Noise
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -39,7 +40,7 @@ class Group:
     def k(self) -> int:
         return self.columns.stop - self.columns.start
 
-    @property
+    @cached_property
     def signed(self) -> bool:
         return self.k == 1 and self.effect.parameters[0].lower == 0.0
 
@@ -59,34 +60,54 @@ class Batch:
 
 @dataclass(frozen=True)
 class Library:
-    """groups, and their filtered columns: ``joints[j]`` (M, C_j) for groups on one joint,
-    ``robot`` (n, M, C) for groups on several; batches : the groups, those alike together. Of a weighted
-    one level (n,) : what the columns of each joint are still to be divided by; undivided : the same
-    without."""
+    """groups, and their filtered columns: of each joint ``parts[j]`` (M, C_j + C), first those of the
+    ``own[j]`` = C_j columns of groups on it alone, then those of groups on several; batches : the
+    groups, those alike together. Of a weighted one level (n,) : what the columns of each joint are still
+    to be divided by, undivided : the same without; of a filtered one plain : without, bent : the joints
+    that are filtered."""
 
     groups: tuple[Group, ...]
-    joints: tuple[Array, ...]
-    robot: Array
+    parts: tuple[Array, ...]
+    own: tuple[int, ...]
     batches: tuple[Batch, ...]
     level: tuple[float, ...] = ()
     undivided: Library | None = None
+    plain: Library | None = None
+    bent: frozenset[int] = frozenset()
     _coloured: dict[bytes, Library] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @classmethod
+    def of(cls, groups: Sequence[Group], joints: Sequence[Array], robot: Array) -> Library:
+        """From the columns (M, C_j) of groups on one joint, and those (n, M, C) of groups on several."""
+        parts = tuple(np.hstack(pair) for pair in zip(joints, robot, strict=True))
+        return cls(tuple(groups), parts, tuple(Z.shape[1] for Z in joints), _batches(groups))
+
+    @cached_property
+    def joints(self) -> tuple[Array, ...]:
+        """(M, C_j) of the groups on one joint."""
+        return tuple(Z[:, :k] for Z, k in zip(self.parts, self.own, strict=True))
+
+    @cached_property
+    def robot(self) -> tuple[Array, ...]:
+        """n times (M, C), of the groups on several."""
+        return tuple(Z[:, k:] for Z, k in zip(self.parts, self.own, strict=True))
 
     @property
     def divisors(self) -> tuple[float, ...]:
         """(n,) what the columns of each joint are to be divided by."""
-        return self.level or (1.0,) * len(self.joints)
+        return self.level or (1.0,) * len(self.own)
 
     @property
     def size(self) -> int:
         """How many columns there are to choose from."""
-        return sum(m.shape[1] for m in self.joints) + self.robot.shape[2]
+        return sum(self.own) + self.robot[0].shape[1]
 
     def columns(self, group: Group) -> Array:
         """(n, M, k) of a group."""
         if group.joint is None:
-            return self.robot[:, :, group.columns] / np.reshape(self.divisors, (-1, 1, 1))
-        out = np.zeros((len(self.joints), len(self.joints[0]), group.k))
+            parts = zip(self.robot, self.divisors, strict=True)
+            return np.stack([Z[:, group.columns] / divisor for Z, divisor in parts])
+        out = np.zeros((len(self.parts), len(self.parts[0]), group.k))
         out[group.joint] = self.joints[group.joint][:, group.columns] / self.divisors[group.joint]
         return out
 
@@ -100,25 +121,32 @@ class Library:
                 gram * (share[:, None, None, None] if b.joint is None else share[b.joint])
                 for b, gram in each
             )
+        plain = () if self.plain is None else self.plain.grams
         out = []
-        for batch in self.batches:
-            count, columns = len(batch.groups), batch.columns.ravel()
-            if batch.joint is None:
-                out.append(np.stack([grams(Z[:, columns], count) for Z in self.robot]))
+        for place, batch in enumerate(self.batches):
+            j, count, columns = batch.joint, len(batch.groups), batch.columns.ravel()
+            if j is None:
+                found = [
+                    plain[place][k] if plain and k not in self.bent else grams(Z[:, columns], count)
+                    for k, Z in enumerate(self.robot)
+                ]
+                out.append(np.stack(found))
+            elif plain and j not in self.bent:
+                out.append(plain[place])
             else:
-                out.append(grams(self.joints[batch.joint][:, columns], count))
+                out.append(grams(self.joints[j][:, columns], count))
         return tuple(out)
 
     def only(self, keys: Set[Key]) -> Library:
         """The candidates with these keys."""
         groups: list[Group] = []
-        own: list[list[int]] = [[] for _ in range(len(self.joints) + 1)]
+        own: list[list[int]] = [[] for _ in range(len(self.own) + 1)]
         for g in (g for g in self.groups if g.key in keys):
             places = own[-1 if g.joint is None else g.joint]
             groups.append(replace(g, columns=slice(len(places), len(places) + g.k)))
             places += range(g.columns.start, g.columns.stop)
-        joints = tuple(Z[:, k] for Z, k in zip(self.joints, own, strict=False))
-        return Library(tuple(groups), joints, self.robot[:, :, own[-1]], _batches(groups))
+        joints = [Z[:, k] for Z, k in zip(self.joints, own, strict=False)]
+        return Library.of(groups, joints, np.stack([Z[:, own[-1]] for Z in self.robot]))
 
     def divided(self, level: Array) -> Library:
         """The same with the columns of each joint divided by its level (n,)."""
@@ -131,19 +159,16 @@ class Library:
             return self
         key = colour.tobytes()
         if key not in self._coloured:
-            joints, robot = list(self.joints), self.robot.copy()
+            parts = list(self.parts)
             for j in bent:
-                joints[j] = innovations(joints[j], colour[j], pieces[j])
-                robot[j] = innovations(robot[j], colour[j], pieces[j])
+                parts[j] = innovations(parts[j], colour[j], pieces[j])
             self._coloured.clear()
-            self._coloured[key] = replace(self, joints=tuple(joints), robot=robot)
+            self._coloured[key] = replace(self, parts=tuple(parts), plain=self, bent=frozenset(bent))
         return self._coloured[key]
 
     def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:
-        pieces = [rows.pieces(j) for j in range(rows.n)]
-        joints = tuple(noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.joints))
-        robot = np.stack([noise.whiten(m, j, pieces[j]) for j, m in enumerate(self.robot)])
-        return replace(self, joints=joints, robot=robot)
+        parts = (noise.whiten(Z, j, rows.pieces(j)) for j, Z in enumerate(self.parts))
+        return replace(self, parts=tuple(parts))
 
 
 @dataclass(frozen=True)
@@ -178,8 +203,6 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
             if not effect.several:
                 joints: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
                 taken |= {(effect.name, j) for j in joints}
-    start = min(float(s.motion.t[0]) for s in rows.segments)
-    warm = all(s.motion.temperature is not None for s in rows.segments)
     own: list[list[tuple[Key, Effect]]] = [[] for _ in range(n)]
     several: list[tuple[Key, Effect]] = []
     for name, kind in effect_types().items():
@@ -194,28 +217,38 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
             spread = several if joint is None or kind.spreads or kind.joins else own[joint]
             spread += [
                 (key, effect)
-                for effect in kind.candidates(robot, joint, start)
-                if (warm or not effect.needs_temperature)
-                and effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
+                for effect in _forms(rows, robot, kind, joint)
+                if effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
             ]
+    every = [effect for part in (*own, several) for _, effect in part]
+    blocks = iter(rows.blocks_of(every))
     groups: list[Group] = []
     matrices = []
-    for j in range(n):
-        columns = [rows.column(effect, j) for _, effect in own[j]]
-        matrices.append(np.hstack([np.zeros((len(rows.t), 0)), *columns]))
+    for place, part in enumerate((*own, several)):
+        sizes = [len(effect.parameters) for _, effect in part]
+        joint, joints = (place, range(place, place + 1)) if place < n else (None, range(n))
         first = 0
-        for key, effect in own[j]:
-            k = len(effect.parameters)
-            groups.append(Group(key, effect, j, slice(first, first + k)))
+        out = np.zeros((len(joints), len(rows.t), sum(sizes)))
+        for (key, effect), k in zip(part, sizes, strict=True):
+            groups.append(Group(key, effect, joint, slice(first, first + k)))
+            for block in next(blocks):
+                if block.joint in joints:
+                    out[block.joint - joints[0]][:, first + block.parameters] = block.columns
             first += k
-    robot_parts, first = [np.zeros((n, len(rows.t), 0))], 0
-    for key, effect in several:
-        k = len(effect.parameters)
-        groups.append(Group(key, effect, None, slice(first, first + k)))
-        first += k
-        robot_parts.append(spread_columns(rows, effect))
-    robot_columns = np.concatenate(robot_parts, axis=2)
-    return Library(tuple(groups), tuple(matrices), robot_columns, _batches(groups))
+        matrices.append(out)
+    return Library.of(groups, [m[0] for m in matrices[:-1]], matrices[-1])
+
+
+def _forms(rows: SegmentedRuns, robot: Robot, kind: type[Effect], joint: int | None) -> list[Effect]:
+    """An effect on one joint with all shape constants that a search begins with; kept."""
+    key = "forms", kind, joint, id(robot)
+    if key not in rows.derived:
+        start = min(float(s.motion.t[0]) for s in rows.segments)
+        warm = all(s.motion.temperature is not None for s in rows.segments)
+        forms = kind.candidates(robot, joint, start)
+        rows.derived[key] = robot, [e for e in forms if warm or not e.needs_temperature]
+    found: list[Effect] = rows.derived[key][1]
+    return found
 
 
 def turning(rows: SegmentedRuns, effect: Effect) -> float:
@@ -242,10 +275,10 @@ def _batches(groups: Sequence[Group]) -> tuple[Batch, ...]:
             joint,
             signed,
             np.array(p),
-            np.array([np.r_[groups[g].columns] for g in p]),
+            np.array([groups[g].columns.start for g in p])[:, None] + np.arange(k),
             groups[p[0]].effect.plausible,
         )
-        for (joint, _, signed, _), p in places.items()
+        for (joint, k, signed, _), p in places.items()
     )
 
 

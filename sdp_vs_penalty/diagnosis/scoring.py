@@ -246,11 +246,14 @@ def cross_validate(
     """
     gain, M = np.zeros(len(fit.target)), len(fit.rows.block)
     acts = np.any([np.any(Z.reshape(fit.rows.n, -1), axis=1) for Z in shapes], axis=0)
-    mine = np.repeat(acts, M)  # all other rows of these columns are zero
-    own, Q, target = [Z[mine] for Z in shapes], fit.Q[mine], fit.target[mine]
+    joints = np.flatnonzero(acts)  # all rows of these columns outside of theirs are zero
+    part = slice(M * int(joints[0]), M * int(joints[-1] + 1)) if len(joints) else slice(0)
+    mine = np.zeros(len(fit.target), bool)
+    mine[part] = True
+    own, Q, target = [Z[part] for Z in shapes], fit.Q[part], fit.target[part]
     whole = [(Z, Q.T @ Z, Z.T @ Z, Z.T @ target, np.sum(Z**2, axis=0)) for Z in own]
     for f in fit.without_folds(folds):
-        here, there = f.out[mine], mine[f.out]
+        here, there = f.out[part], mine[f.out]
         Q_out, target_out = f.Q[there], f.target[there]
         best, change = 0.0, np.zeros(len(f.error))
         for Z, overlap, square, right, raw in whole:

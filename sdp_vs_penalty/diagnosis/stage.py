@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.candidates import Candidates
-from sdp_vs_penalty.diagnosis.fit import Coloured, RowLabels, Weighting, WhiteFit, orthonormal
+from sdp_vs_penalty.diagnosis.coloured import Coloured, JointRows
+from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
 from sdp_vs_penalty.diagnosis.library import Candidacy, Key, Library, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -87,16 +88,27 @@ class Stage:
             self._fits[key] = self._coloured(weighting).fit(self.labels, weighting)
         return self._fits[key]
 
+    def levelled(self, weighting: Weighting, white: Sequence[Array]) -> WhiteFit:
+        """The fit with white columns (n M, k) more, or one on fewer rows that leaves joints the same."""
+        few = self._coloured(weighting).compressed(self.labels, white, weighting)
+        return self.fit(weighting).extended(*white) if few is None else few
+
     def _coloured(self, weighting: Weighting) -> Coloured:
-        """The model behind the colour's filter, that of the last colour kept."""
-        key = weighting.colour.tobytes()
-        if key not in self._colours:
-            self._colours.clear()
-            self._colours[key] = Coloured.of(*self._white_model, weighting)
-        return self._colours[key]
+        """The model behind the colour's filter; kept of each joint without one and with the last."""
+        columns, target = (x.reshape(self.rows.n, len(self.rows.t), -1) for x in self._white_model)
+        out = []
+        for j, colour in enumerate(weighting.colour):
+            key = j, colour.tobytes()
+            if key not in self._joints:
+                for old in [k for k in self._joints if k[0] == j and any(k[1])]:
+                    del self._joints[old]
+                filtered = JointRows.of(columns[j], target[j, :, 0], weighting.filter_of(j))
+                self._joints[key] = filtered
+            out.append(self._joints[key])
+        return Coloured(tuple(out))
 
     @cached_property
-    def _colours(self) -> dict[bytes, Coloured]:
+    def _joints(self) -> dict[tuple[int, bytes], JointRows]:
         return {}
 
     @cached_property

@@ -73,7 +73,7 @@ class SearchState:
     @cached_property
     def fit(self) -> WhiteFit:
         """The model with all picks."""
-        return _extended(self.base, self.picks)
+        return self.base.extended(*(pick.candidate.columns for pick in self.picks))
 
     @cached_property
     def residual(self) -> Array:
@@ -142,20 +142,17 @@ class SearchState:
         return SearchState.start(stage).with_picks(picks)
 
 
-def _extended(fit: WhiteFit, picks: Sequence[Pick]) -> WhiteFit:
-    return fit.extended(*(pick.candidate.columns for pick in picks))
-
-
 def _settled(stage: Stage, picks: tuple[Pick, ...], weighting: Weighting, least: Array) -> SearchState:
     """The joints' levels brought up to date with the picks; ``least`` (n,) : each one's smallest
     variance."""
+    columns = [pick.candidate.columns for pick in picks]
     for _ in range(2):
-        base = stage.fit(weighting)
-        fit = _extended(base, picks)
+        fit = stage.levelled(weighting, columns)
         level = np.sqrt(np.maximum(fit.joint_chi2 / fit.degrees, least))
         if np.allclose(level, weighting.level, rtol=_SETTLED, atol=0.0):
-            out = SearchState(stage, picks, base)
-            vars(out)["fit"] = fit  # known already
+            out = SearchState(stage, picks, stage.fit(weighting))
+            if fit.rows is stage.labels:
+                vars(out)["fit"] = fit  # known already
             return out
         weighting = replace(weighting, level=level)
     return SearchState(stage, picks, stage.fit(weighting))

@@ -11,9 +11,34 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion
 
-#: From a path (N,), the distance over which its state turns round, and the state at its start, to the
+
+@dataclass(frozen=True)
+class Legs:
+    """A path (N,) as legs in one direction each: corners (L + 1,) where it is at their ends, direction
+    (L,); of each step (N - 1,) its leg, one without motion being part of that before it, and how far
+    from the leg's beginning it ends."""
+
+    corners: Array
+    direction: Array
+    leg: NDArray[np.intp]
+    travel: Array
+
+    @classmethod
+    def of(cls, q: Array) -> Legs:
+        sign = np.sign(np.diff(q))
+        moving = np.flatnonzero(sign)
+        turns = moving[np.flatnonzero(np.diff(sign[moving])) + 1]
+        corners = q[np.array([0, *turns, len(q) - 1])]
+        begins = np.zeros(len(sign), np.intp)
+        begins[turns] = 1
+        leg = np.cumsum(begins)
+        direction = sign[np.r_[moving[:1], turns]] if len(moving) else np.zeros(1)
+        return cls(corners, direction, leg, q[1:] - corners[leg])
+
+
+#: From a path, the distance over which its state turns round, and the state at its start, to the
 #: state z (N,) along it.
-Law = Callable[[Array, float, float], Array]
+Law = Callable[[Array | Legs, float, float], Array]
 
 
 @dataclass(frozen=True)
@@ -29,14 +54,13 @@ class Bristles:
 
     def along(self, motion: Motion) -> Array:
         """(N, k) states along a motion, which begins in sliding (or at rest: in the middle)."""
-        paths = motion.q @ self.directions.T
-        first = motion.part(slice(0, 1))
-        starts = [first.sign_along(row)[0] for row in self.directions]
-        states = [
-            self.law(path, d, float(start))
-            for path, d, start in zip(paths.T, self.distances, starts, strict=True)
-        ]
-        return np.reshape(states, (len(states), len(motion.t))).T
+        states = np.empty((len(self.distances), len(motion.t)))
+        for z, row, d in zip(states, self.directions, self.distances, strict=True):
+            key = "legs", row.tobytes()
+            if key not in motion.kept:
+                motion.kept[key] = Legs.of(motion.q @ row)
+            z[:] = self.law(motion.kept[key], d, float(motion.sign_along(row)[0]))
+        return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:
         """(W, k) states after W joint displacements (W, n) along a straight line, from states (W, k)."""
@@ -65,44 +89,31 @@ class Remembering(Effect):
         return self.blocks_at(motion, self.bristles.along(motion))
 
 
-def dahl(q: Array, d: float, start: float = 0.0) -> Array:
+def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     """Dahl's friction state z (N,) in [-1, 1] along positions q (N,), z[0] = start.
 
     Exact for motion that is monotone between samples: while q runs in direction s,
     z = s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop a reversal, not a sample.
     """
-    corners, direction, leg = _legs(q)
-    decay = np.exp(np.abs(np.diff(q[corners])) / -d)
+    legs = q if isinstance(q, Legs) else Legs.of(q)
+    decay = np.exp(np.abs(np.diff(legs.corners)) / -d)
     z = [start]
-    for s, e in zip(direction.tolist(), decay.tolist(), strict=True):
+    for s, e in zip(legs.direction.tolist(), decay.tolist(), strict=True):
         z.append(s + (z[-1] - s) * e)
-    s, begin = direction[leg], np.array(z[:-1])[leg]
-    moved = s + (begin - s) * np.exp(np.abs(q[1:] - q[corners[leg]]) / -d)
-    return np.append(start, np.where(s == 0.0, start, moved))
+    s, begin = legs.direction, np.array(z[:-1])
+    moved = s[legs.leg] + (begin - s)[legs.leg] * np.exp(np.abs(legs.travel) / -d)
+    return np.append(start, moved if s.all() else np.where(s[legs.leg] == 0.0, start, moved))
 
 
-def stop(q: Array, d: float, start: float = 0.0) -> Array:
+def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     """Spring and slider in series, z (N,) in [-1, 1] along positions q (N,), z[0] = start.
 
     Exact for motion that is monotone between samples: from one reversal to the next the state is the
     straight line of its spring, cut off at +-1. One step of the loop a reversal, not a sample.
     """
-    corners, _, leg = _legs(q)
+    legs = q if isinstance(q, Legs) else Legs.of(q)
     z = [start]
-    for step in (np.diff(q[corners]) / d).tolist():
+    for step in (np.diff(legs.corners) / d).tolist():
         z.append(min(max(z[-1] + step, -1.0), 1.0))
-    moved = np.array(z[:-1])[leg] + (q[1:] - q[corners[leg]]) / d
+    moved = np.array(z[:-1])[legs.leg] + legs.travel / d
     return np.append(start, np.clip(moved, -1.0, 1.0))
-
-
-def _legs(q: Array) -> tuple[NDArray[np.intp], Array, NDArray[np.intp]]:
-    """A path q (N,) as legs in one direction each: corners (L + 1,) the samples between which they lie,
-    direction (L,), and the leg (N - 1,) of each step; one without motion is part of that before it."""
-    sign = np.sign(np.diff(q))
-    moving = np.flatnonzero(sign)
-    turns = moving[np.flatnonzero(np.diff(sign[moving])) + 1]
-    corners = np.array([0, *turns, len(q) - 1])
-    leg = np.zeros(len(sign), np.intp)
-    leg[turns] = 1
-    direction = sign[np.r_[moving[:1], turns]] if len(moving) else np.zeros(1)
-    return corners, direction, np.cumsum(leg)

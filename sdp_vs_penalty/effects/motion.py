@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -87,24 +88,33 @@ class Motion:
     def sign(self, joint: int, width: float | None = None) -> Array:
         """(N,) smooth sign of a joint's velocity, over the joint's width or the one given; the former is
         kept."""
-        own = self.width(joint) if width is None else width
-        known = self._signs.get(joint) if width is None else None
-        if known is None or known[0] != own:
-            sign = smooth_sign(self.dq[:, joint], own, self.ddq[:, joint], self.within)
-            sign.setflags(write=False)
-            known = own, sign
-            if width is None:
-                self._signs[joint] = known
-        return known[1]
-
-    @cached_property
-    def _signs(self) -> dict[int, tuple[float, Array]]:
-        return {}
+        if width is not None:
+            return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
+        width = self.width(joint)
+        return self._kept_sign(joint, width, lambda: (self.dq[:, joint], self.ddq[:, joint]))
 
     def sign_along(self, ratios: Array) -> Array:
-        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width."""
-        width = max(self.width(int(j)) for j in np.flatnonzero(ratios))
-        return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
+        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width; kept."""
+        turning = np.flatnonzero(ratios).tolist()
+        if len(turning) == 1 and ratios[turning[0]] == 1.0:
+            return self.sign(turning[0])
+        width = max(self.width(j) for j in turning)
+        return self._kept_sign(ratios.tobytes(), width, lambda: (self.dq @ ratios, self.ddq @ ratios))
+
+    def _kept_sign(self, key: Hashable, width: float, rates: Callable[[], tuple[Array, Array]]) -> Array:
+        """Of a velocity and its rate, worked out once for a width."""
+        known = self.kept.get(key)
+        if known is None or known[0] != width:
+            velocity, rate = rates()
+            known = self.kept[key] = width, smooth_sign(velocity, width, rate, self.within)
+            known[1].setflags(write=False)
+        sign: Array = known[1]
+        return sign
+
+    @cached_property
+    def kept(self) -> dict[Hashable, Any]:
+        """What effects have worked out of this motion and may ask for again."""
+        return {}
 
     def width(self, joint: int) -> float:
         """The velocity over which a joint's sign is smoothed [rad/s, m/s]."""

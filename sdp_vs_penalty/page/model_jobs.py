@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,8 @@ from sdp_vs_penalty.data.texts import time_windows
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.export import sdp
-from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.page.run_jobs import Answer, Progress, Request, runs_of
-from sdp_vs_penalty.page.summary import placed
+from sdp_vs_penalty.page.summary import placed, save_arrays
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.solvers.proof import verdict
 
@@ -41,10 +39,8 @@ def forward(request: Request, progress: Progress) -> Answer:
         arrays |= {f"t{k}": free.simulated.t, f"measured{k}": both[0], f"simulated{k}": both[1]}
         arms = [placed(estimate.robot, free.simulated.t, q) for q in both]
         arrays |= {f"tf{k}": arms[0][0], f"poses{k}": np.concatenate([a[1] for a in arms], axis=1)}
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)  # type: ignore[arg-type]
     file = Path(request["folder"]) / f"forward-{made.drive}.npz"
-    write_bytes(file, buffer.getvalue())
+    save_arrays(file, arrays)
     heads, rows = made.table()
     return {
         "file": str(file),

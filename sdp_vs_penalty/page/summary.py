@@ -113,6 +113,13 @@ def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
     return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
 
 
+def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
+    """As .npz, whole or not at all."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    write_bytes(file, buffer.getvalue())
+
+
 def _named(runs: Sequence[Measurements]) -> list[str]:
     """Their names; parts of one run by their seconds too."""
     names = [run.names[0] for run in runs]
@@ -154,9 +161,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         failures = [{**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])} for f in found]
     except InputError:  # too short to say: the errors stand on their own
         failures = []
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)  # type: ignore[arg-type]
-    write_bytes(out.with_suffix(".npz"), buffer.getvalue())
+    save_arrays(out.with_suffix(".npz"), arrays)
     estimate.save(out)
     certificate = estimate.certificate
     return Rung(

@@ -297,18 +297,7 @@ class Problem(Shown):
             out.append(
                 build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(len(rows_com)))
             )
-        for cone in self.cones:
-            if cone.link == link:
-                across = [a for a in range(3) if a != cone.axis]
-                coefficients = np.zeros((4, 3))
-                coefficients[0, 0] = cone.radius
-                coefficients[1 + cone.axis, 0] = cone.slope
-                coefficients[1 + across[0], 1] = coefficients[1 + across[1], 2] = 1.0
-                out.append(
-                    build.second_order(
-                        "centre of mass cone", name, indices[:4], coefficients, np.zeros(3)
-                    )
-                )
+        out += [cone.constraint(indices) for cone in self.cones if cone.link == link]
         if self._has_full_box(link):
             # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.
             square = com**2

@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from sdp_vs_penalty.constraints import constraint as build
 from sdp_vs_penalty.constraints.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.datasets import UR10E_DRIVE_GAINS, clean_stretch, converted
@@ -17,6 +16,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import DEFAULT_THICKNESS
 from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.problem.cone import CentreOfMassCone
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.real_data import measured_run, real_file
@@ -75,14 +75,7 @@ def shape_cones(task: Task) -> list[Constraint]:
         centre = np.array([mx, my, mz]) / m
         slope = 0.3
         radius = 1.2 * float(np.hypot(*centre[:2])) + 0.02 - slope * min(centre[2], 0.0)
-        coefficients = np.zeros((4, 3))
-        coefficients[0, 0], coefficients[3, 0] = radius, slope
-        coefficients[1, 1] = coefficients[2, 2] = 1.0
-        out.append(
-            build.second_order(
-                "centre of mass cone", f"link {k + 1}", indices[:4], coefficients, np.zeros(3)
-            )
-        )
+        out.append(CentreOfMassCone(k, 2, radius, slope).constraint(indices))
     return out
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, linalg
+from scipy import fft, linalg, sparse
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -30,33 +30,31 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         lags = range(1, ORDER + 1)
         return [np.concatenate([np.arange(0), *(p[ORDER - k : -k] for p in self)]) for k in lags]
 
+    def filter(self, ar: Array, count: int) -> sparse.csr_array:
+        """(count, count) what an autoregression does to a series: each predicted row less what its past
+        says of it, zero rows elsewhere; the last is kept."""
+        key = ar.tobytes(), count
+        if key not in self._filters:
+            rows, last = self.predicted, np.zeros(count + 1, np.intp)
+            last[rows + 1] = ORDER + 1
+            places = np.column_stack([*reversed(self.past), rows]).ravel()
+            weights = np.tile(np.append(-ar[::-1], 1.0), len(rows))
+            self._filters.clear()
+            self._filters[key] = sparse.csr_array(
+                (weights, places, np.cumsum(last)), shape=(count, count)
+            )
+        return self._filters[key]
+
     @cached_property
-    def unpredicted(self) -> NDArray[np.bool_] | None:
-        """(last row + 1,) all others; None where rows within a piece are not neighbours."""
-        if any(np.any(self.predicted - before != k) for k, before in enumerate(self.past, 1)):
-            return None
-        out = np.ones(max((p[-1] + 1 for p in self if len(p)), default=0), bool)
-        out[self.predicted] = False
-        return out
+    def _filters(self) -> dict[tuple[bytes, int], sparse.csr_array]:
+        return {}
 
 
 def innovations(values: Array, ar: Array, pieces: Sequence[NDArray[np.intp]]) -> Array:
     """values (M, ...) less what the autoregression predicts; zero on the first ORDER rows of a piece."""
     pieces = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
-    out, skipped = np.zeros_like(values), pieces.unpredicted
-    if skipped is None:
-        y = values[pieces.predicted]
-        for before, a in zip(pieces.past, ar, strict=True):
-            y -= a * values[before]
-        out[pieces.predicted] = y
-        return out
-    x, y = values[: len(skipped)], out[: len(skipped)]
-    y[:] = x
-    part = np.empty_like(x)
-    for lag, a in enumerate(ar, start=1):
-        y[lag:] -= np.multiply(x[:-lag], a, out=part[lag:])
-    y[skipped] = 0.0
-    return out
+    white = pieces.filter(ar, len(values)) @ values.reshape(len(values), -1)
+    return np.asarray(white).reshape(values.shape)
 
 
 def autoregression(x: Array, pieces: Sequence[NDArray[np.intp]]) -> tuple[Array, float, float]:

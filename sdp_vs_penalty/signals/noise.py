@@ -18,6 +18,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array
@@ -94,11 +95,16 @@ class Noise:
 
         The first ORDER rows of each piece have no past and become zero.
         """
-        if not values.any():
-            return np.zeros_like(values)
-        white = innovations(values, self.ar[joint], pieces)
-        scale = self.scale[:, joint]
-        return white / (scale if values.ndim == 1 else scale[:, None])
+        key = joint, id(pieces)
+        if key not in self._filters:
+            rows = pieces if isinstance(pieces, Pieces) else Pieces(pieces)
+            scale = sparse.diags_array(1.0 / self.scale[:, joint])
+            self._filters[key] = pieces, (scale @ rows.filter(self.ar[joint], len(self.scale))).tocsr()
+        return np.asarray(self._filters[key][1] @ values)
+
+    @cached_property
+    def _filters(self) -> dict[tuple[int, int], tuple[Sequence[NDArray[np.intp]], sparse.csr_array]]:
+        return {}
 
 
 def noise_floor(runs: SegmentedRuns) -> Array | None:

@@ -14,7 +14,7 @@ follow (a step in acceleration): there the states are wrong, not the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces
+from sdp_vs_penalty.signals.columns import Columns
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
@@ -43,7 +43,7 @@ from sdp_vs_penalty.signals.stillness import (
 _ROW_RATE, _DENSE_RATE = 2.0, 8.0
 #: Share of its usual speed below which a joint is slow: dry friction turns round there, and its laws
 #: hold only approximately.
-_SLOW = 0.2
+_SLOW_SPEED = 0.2
 #: Motion counts as too sharp where two state filters disagree by this many robust deviations.
 _SHARP, _CORNER = 12.0, 0.3
 
@@ -71,28 +71,14 @@ class Segment:
     q_dense: Array
 
 
-class _Widths(tuple[float, ...]):
-    """The velocities over which the joints' signs turn; asked : those that an effect has looked at."""
-
-    def __init__(self, _: Iterable[float]) -> None:
-        self.asked: dict[int, float] = {}
-
-    def __getitem__(self, joint: Any) -> Any:
-        self.asked[joint] = super().__getitem__(joint)
-        return self.asked[joint]
-
-    def same(self, joint: int, width: float) -> bool:
-        """Whether a joint's is this one; nobody has looked at it."""
-        return super().__getitem__(joint) == width
-
-
 @dataclass(frozen=True)
 class SegmentedRuns:
     """All segments of all runs, their rows stacked in order (M in all); rate : rows a second.
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
     gains (n,) : what the torque channels read over the true torque, where the model knows it;
-    derived : what follows from the motion alone, whatever is masked and whatever the model.
+    derived : what follows from the motion alone, whatever is masked and whatever the model; modelled :
+    from the model as well.
     """
 
     segments: tuple[Segment, ...]
@@ -103,6 +89,7 @@ class SegmentedRuns:
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
     derived: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
+    modelled: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def t(self) -> Array:
@@ -141,7 +128,8 @@ class SegmentedRuns:
         """(M, n) share of each row that comes from instants at which a joint was slow."""
         usual = np.sqrt(np.mean(np.concatenate([s.motion.dq for s in self.segments]) ** 2, axis=0))
         shares = [
-            abs(s.low_pass) @ (np.abs(s.motion.dq) <= _SLOW * usual).astype(float) for s in self.segments
+            abs(s.low_pass) @ (np.abs(s.motion.dq) <= _SLOW_SPEED * usual).astype(float)
+            for s in self.segments
         ]
         return np.concatenate(shares)
 
@@ -229,43 +217,28 @@ class SegmentedRuns:
     def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
-        return replace(self, segments=segments)
+        return replace(self, segments=segments, modelled={})
 
     def blocks(self, effect: Effect) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k)."""
-        blocks = self._true_blocks(effect)
-        if self.gains is None or effect.needs_torque:
-            return blocks
-        return [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
+        return self.blocks_of([effect])[0]
 
-    def _true_blocks(self, effect: Effect) -> list[Block]:
-        """The same of the true torque; what the motion alone decides is worked out once, for each set of
-        those widths of signs that it asks for."""
-        if (
-            effect.needs_torque
-            or effect.needs_links
-            or effect_types().get(effect.name) is not type(effect)
-        ):
-            return self._stack([(s.low_pass, effect.blocks(s.motion)) for s in self.segments])
-        key = effect.name, effect.joints, tuple(effect.shape.items()), id(effect.robot)
-        # The robot is kept as well: its number in the key stays its own.
-        known: list[tuple[dict[int, float], list[Block]]]
-        known = self.derived.setdefault(key, (effect.robot, []))[1]
-        motions, watched = self._watched
-        for asked, blocks in known:
-            if all(watched.same(j, width) for j, width in asked.items()):
-                return blocks
-        watched.asked.clear()
-        parts = [(s.low_pass, effect.blocks(m)) for s, m in zip(self.segments, motions, strict=True)]
-        known.append((dict(watched.asked), self._stack(parts)))
-        return known[-1][1]
+    def blocks_of(self, effects: Sequence[Effect]) -> list[list[Block]]:
+        """The same of many effects, quicker than one after the other."""
+        found = self._columns.of(effects)
+        if self.gains is None:
+            return found
+        return [
+            blocks
+            if effect.needs_torque
+            else [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
+            for effect, blocks in zip(effects, found, strict=True)
+        ]
 
     @cached_property
-    def _watched(self) -> tuple[list[Motion], _Widths]:
-        """The segments' motions, which note which widths of signs are asked for."""
-        first = self.segments[0].motion
-        widths = _Widths(first.width(j) for j in range(self.n))
-        return [replace(s.motion, sign_width=widths) for s in self.segments], widths
+    def _columns(self) -> Columns:
+        parts = [(s.low_pass, s.motion) for s in self.segments]
+        return Columns(parts, self.n, self.derived, self.modelled)
 
     def column(self, effect: Effect, joint: int) -> Array:
         """(M, k) columns of a joint's own torque only."""
@@ -273,18 +246,6 @@ class SegmentedRuns:
             if block.joint == joint:
                 return block.columns
         return np.zeros((len(self.t), len(effect.parameters)))
-
-    @staticmethod
-    def _stack(parts: Sequence[tuple[sparse.csr_array, list[Block]]]) -> list[Block]:
-        first = parts[0][1]
-        return [
-            Block(
-                block.joint,
-                block.parameters,
-                np.concatenate([low @ blocks[k].columns for low, blocks in parts]),
-            )
-            for k, block in enumerate(first)
-        ]
 
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:

@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.block_test import (
     wald,
     wald_exponent,
 )
+from sdp_vs_penalty.diagnosis.coloured import Coloured
 from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.diagnosis.fit import RowLabels, Weighting, WhiteFit, orthonormal
 from sdp_vs_penalty.diagnosis.library import Batch, Group, Library, grams
@@ -38,6 +39,10 @@ def problem(
     return rows, A, y, Weighting(np.ones(n), np.zeros((n, 4)), pieces)
 
 
+def fitted(rows: RowLabels, basis: Array, target: Array, weighting: Weighting) -> WhiteFit:
+    return Coloured.of(basis, target, weighting).fit(rows, weighting)
+
+
 def squared_residual(A: Array, y: Array) -> float:
     return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
@@ -45,7 +50,7 @@ def squared_residual(A: Array, y: Array) -> float:
 def test_partialled_chi2_is_the_drop_of_the_squared_residual() -> None:
     rng = np.random.default_rng(0)
     rows, A, y, weighting = problem(rng)
-    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+    fit = fitted(rows, orthonormal(A), y, weighting)
     for k in (1, 2, 4):
         Z = rng.normal(size=(len(y), k))
         C = fit.Q.T @ Z
@@ -60,7 +65,7 @@ def test_partialled_chi2_is_the_drop_of_the_squared_residual() -> None:
 def test_signs_and_absorbed_columns() -> None:
     rng = np.random.default_rng(1)
     rows, A, y, weighting = problem(rng)
-    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+    fit = fitted(rows, orthonormal(A), y, weighting)
     z = A @ rng.normal(size=(A.shape[1], 1))
     C = fit.Q.T @ z
     chi2, beta, absorbed = solve_group(
@@ -95,7 +100,7 @@ def test_cross_validation_is_refitting_without_each_fold(monkeypatch: pytest.Mon
     rows, A, y, weighting = problem(rng)
     z = rng.normal(size=(len(y), 1))
     y = y + 0.3 * z[:, 0]
-    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+    fit = fitted(rows, orthonormal(A), y, weighting)
     got = cross_validate(fit, [z], False, rows.fold)
     fold = np.tile(rows.fold, rows.n)
     gain = np.zeros(len(y))
@@ -114,7 +119,7 @@ def test_cross_validation_does_not_reward_noise() -> None:
     for seed in range(40):
         rng = np.random.default_rng(100 + seed)
         rows, A, y, weighting = problem(rng)
-        fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+        fit = fitted(rows, orthonormal(A), y, weighting)
         gains.append(cross_validate(fit, [rng.normal(size=(len(y), 2))], False, rows.fold).sum())
     assert np.mean(gains) < 0.0
 
@@ -126,7 +131,7 @@ def test_the_block_robust_test_keeps_its_level() -> None:
         rng = np.random.default_rng(1000 + seed)
         rows, A, _, weighting = problem(rng, M=480, blocks=48)
         level = rng.uniform(0.2, 1.5, rows.blocks)[np.tile(rows.block, rows.n)]
-        fit = WhiteFit.of(rows, orthonormal(A), level * rng.normal(size=len(level)), weighting)
+        fit = fitted(rows, orthonormal(A), level * rng.normal(size=len(level)), weighting)
         z = level[:, None] * rng.normal(size=(len(level), 1))
         exponent = wald_exponent(BlockSums.of(fit, fit.partialled(z), 1))[0]
         alarms += exponent > 2.0
@@ -137,7 +142,7 @@ def test_the_block_robust_test_sees_an_effect_in_few_blocks() -> None:
     rng = np.random.default_rng(5)
     rows, A, y, weighting = problem(rng, M=480, blocks=48)
     z = np.where(np.tile(rows.block, rows.n) % 6 == 0, 1.0, 0.0)[:, None]
-    fit = WhiteFit.of(rows, orthonormal(A), y + 1.0 * z[:, 0], weighting)
+    fit = fitted(rows, orthonormal(A), y + 1.0 * z[:, 0], weighting)
     assert wald_exponent(BlockSums.of(fit, fit.partialled(z), 1))[0] > 6.0
     two = np.column_stack([z, rng.normal(size=len(y))])
     assert wald_exponent(BlockSums.of(fit, fit.partialled(two), 2))[0] > 5.0
@@ -148,7 +153,7 @@ def test_random_signs_are_the_same_test_block_by_block(k: int) -> None:
     """The sums that make 200 draws cheap against flipping the scores of every draw."""
     rng = np.random.default_rng(11)
     rows, A, y, weighting = problem(rng, M=480, blocks=48)
-    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+    fit = fitted(rows, orthonormal(A), y, weighting)
     sums = BlockSums.of(fit, fit.partialled(rng.normal(size=(len(y), 5 * k))), k)
     signs = rng.choice([-1.0, 1.0], (20, rows.blocks))
     each = [wald(BlockSums(sums.scores * s[None, :, None], sums.grams)).max() for s in signs]
@@ -161,13 +166,13 @@ def test_what_cannot_be_added_hides_nothing(two_link: Problem) -> None:
     rng = np.random.default_rng(12)
     rows, A, y, weighting = problem(rng, M=480, blocks=24)
     stretch = np.where(np.arange(480) // 20 == 7, 10.0 * rng.normal(size=480), 0.0)
-    fit = WhiteFit.of(rows, orthonormal(A), y + np.r_[stretch, np.zeros(480)], weighting)
+    fit = fitted(rows, orthonormal(A), y + np.r_[stretch, np.zeros(480)], weighting)
     effects = parse_effects("coulomb_friction:1,maxwell_slip:1", two_link.robot)
     names = [e.name for e in effects]
     groups = [Group((e.name, 0), e, 0, slice(i, i + 1)) for i, e in enumerate(effects)]
     batch = Batch(0, True, np.arange(2), np.arange(2)[:, None])
     joints = (np.column_stack([rng.normal(size=480), stretch]), np.zeros((480, 0)))
-    library = Library(tuple(groups), joints, np.zeros((2, 480, 0)), (batch,))
+    library = Library(tuple(groups), joints, (2, 0), (batch,))
     plain, both = (
         flip_threshold(fit, library, {(name, 0) for name in names[:count]}, 0) for count in (1, 2)
     )
@@ -184,9 +189,9 @@ def test_evidence_prefers_fewer_columns_and_needs_more_than_chance() -> None:
 def test_the_likelihood_gain_is_chi2_near_the_noise_and_a_log_ratio_far_above() -> None:
     rng = np.random.default_rng(6)
     rows, A, y, weighting = problem(rng, n=1, M=2000)
-    quiet = WhiteFit.of(rows, orthonormal(A), 0.9 * y, weighting)
+    quiet = fitted(rows, orthonormal(A), 0.9 * y, weighting)
     assert quiet.likelihood_gain(quiet.joint_chi2 - 10.0) == pytest.approx(10.0, rel=1e-6)
-    loud = WhiteFit.of(rows, orthonormal(A), 30.0 * y, weighting)
+    loud = fitted(rows, orthonormal(A), 30.0 * y, weighting)
     expected = loud.degrees[0] * np.log(4.0)
     assert loud.likelihood_gain(loud.joint_chi2 / 4.0) == pytest.approx(expected, rel=1e-6)
 
@@ -283,7 +288,7 @@ def test_a_group_of_columns_does_not_depend_on_their_units() -> None:
 def test_the_block_robust_test_does_not_depend_on_units() -> None:
     rng = np.random.default_rng(5)
     rows, A, y, weighting = problem(rng)
-    fit = WhiteFit.of(rows, orthonormal(A), y, weighting)
+    fit = fitted(rows, orthonormal(A), y, weighting)
     Z = fit.partialled(rng.normal(size=(len(y), 2)))
     expected = wald(BlockSums.of(fit, Z, 2))
     for unit in (1e-6, 1e6):

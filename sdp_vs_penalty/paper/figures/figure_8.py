@@ -35,7 +35,7 @@ def draw(study: Study) -> Any:
     estimates = {
         "p_real": (study.experiment.links, {"color": BLACK, "linestyle": "-"}, "o"),
         "p_hat (published)": (published_links(problem, "p_hat"), {"color": RED, "linestyle": "--"}, "s"),
-        "lmi-sdp": (_ours(study), {"color": BLUE, "linestyle": "-."}, "^"),
+        "lmi-sdp": (study.links("lmi-sdp", study.simulated), {"color": BLUE, "linestyle": "-."}, "^"),
         "SDP over convex pieces": (_pieces(study), {"color": GREEN, "linestyle": ":"}, "D"),
     }
     for link, (axis, plane) in enumerate(zip(axes[0, 1:], ((0, 1), (0, 2)), strict=True)):
@@ -53,12 +53,6 @@ def draw(study: Study) -> Any:
         "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)",
     )
     return figure
-
-
-def _ours(study: Study) -> Array:
-    data = study.simulated
-    theta = study.result("lmi-sdp", data).theta
-    return theta[data.model.rigid_indices].reshape(-1, 10)
 
 
 def _pieces(study: Study) -> Array:

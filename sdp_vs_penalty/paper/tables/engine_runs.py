@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.paper.tables.study import Data, Study
+from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Rows, filtered_torque
 from sdp_vs_penalty.simulation.engines import engine_types
@@ -48,7 +48,7 @@ class EngineResult:
 @lru_cache(maxsize=4)
 def sinusoidal_runs(study: Study) -> tuple[EngineResult, ...]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
-    links = _links(study, study.simulated)
+    links = study.links(METHOD, study.simulated)
     motion = Sinusoids.over_range(study.problem.robot)
     return tuple(
         _result(study, name, "simulated", links, motion, DURATION[study.budget], 1e-3)
@@ -62,7 +62,7 @@ def measured_runs(study: Study) -> tuple[EngineResult, ...]:
     data = study.measured
     if data is None:
         return ()
-    links, rows = _links(study, data), measured_rows(study)
+    links, rows = study.links(METHOD, data), measured_rows(study)
     t = rows.motion.t - rows.motion.t[0]
     motion = PlayedMotion(t, rows.motion.q)
     out = []
@@ -98,11 +98,6 @@ def friction_torque(study: Study) -> Array:
     theta = study.result(METHOD, data).theta.copy()
     theta[data.model.rigid_indices] = 0.0
     return np.column_stack([c.columns @ theta[c.indices] for c in measured_rows(study).columns])
-
-
-def _links(study: Study, data: Data) -> Array:
-    theta = study.result(METHOD, data).theta
-    return theta[data.model.rigid_indices].reshape(-1, 10)
 
 
 def _result(

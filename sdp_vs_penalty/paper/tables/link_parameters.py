@@ -48,9 +48,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
     ours = [("true_simulated", study.experiment.links)]
     for data in study.whole:
         for method_name, method in METHODS.items():
-            theta = study.result(method, data).theta
-            links = theta[data.model.rigid_indices].reshape(-1, 10)
-            ours.append((f"{method_name}_{data.label}", links))
+            ours.append((f"{method_name}_{data.label}", study.links(method, data)))
     for label, links in ours:
         values = by_name(links)
         columns.append(Column(label))

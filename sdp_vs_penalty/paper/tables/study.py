@@ -237,6 +237,10 @@ class Study:
         """theta of a method's estimate."""
         return self.result(method, data).theta
 
+    def links(self, method: str, data: Data) -> Array:
+        """(n, 10) links of a method's estimate."""
+        return self.fitted(method, data)[data.model.rigid_indices].reshape(-1, 10)
+
     def estimator(self, method: str) -> Estimator:
         """The method with the settings of this budget."""
         kind = estimator_types()[method]

@@ -68,11 +68,9 @@ def wrench_study(study: Study) -> WrenchStudy:
     count = RETRIEVALS[study.budget]
     study.progress("relaxed retrievals")
     estimates = {"published p_hat": published_links(problem, "p_hat")}
-    data = study.simulated
     for name, method in METHODS.items():
         if name != "ols":
-            theta = study.result(method, data).theta
-            estimates[name] = theta[data.model.rigid_indices].reshape(-1, 10)
+            estimates[name] = study.links(method, study.simulated)
     return WrenchStudy(
         t,
         *states,
