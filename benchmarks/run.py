@@ -1,10 +1,12 @@
 """Every figure of speed and memory, by one command.
 
-    python benchmarks/run.py [--data DATA] [--figaroh PYTHON] [--only PART ...] [--again] [--out results]
+    python benchmarks/run.py [--data DATA] [--figaroh PYTHON] [--mujoco PYTHON]
+                             [--only PART ...] [--again] [--out results]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
-SDP_VS_PENALTY_DATA). PYTHON is the interpreter of an environment with figaroh==1.0.2; without it that
-comparison says so, as the parts say that use the compiled core where it is not installed. Each part runs
+SDP_VS_PENALTY_DATA). PYTHON is the interpreter of an environment with figaroh==1.0.2, and of one with
+mujoco[sysid]==4.0.0; without it that comparison says so, as the parts say that use the compiled core
+where it is not installed. Each part runs
 in a process of its own on one thread and leaves its figures in build/benchmarks; a part that is there is
 not measured again unless --again is given, so that a run that was stopped goes on. Figures are ratios
 within one part. Writes benchmarks.csv, benchmarks.md and benchmarks.png of all parts that are there.
@@ -34,6 +36,7 @@ PARTS = {
     "core": "the compiled core against Python",
     "flat": "solve time and memory against the length of a run",
     "process": "identify as a process against FIGAROH's",
+    "mujoco": "identification beside MuJoCo's toolbox: time, errors, consistency",
     "chain": "a chain of 60 links",
     "bootstrap": "1000 certified draws",
     "samples": "exponent in samples",
@@ -47,6 +50,7 @@ PARTS = {
 def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
     """Rows of pairs, series of growth, or lines of the memory table."""
     import growth
+    import mujoco_pair
     import pairs
 
     from sdp_vs_penalty import load_measurements, load_problem
@@ -64,6 +68,8 @@ def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
         rows = pairs.flat_in_samples(problem, run)
     elif part == "process":
         rows = pairs.whole_process(problem, run, given.figaroh)
+    elif part == "mujoco":
+        rows = mujoco_pair.beside_mujoco(problem, run, given.mujoco)
     elif part == "chain":
         rows = growth.chain()
     elif part == "bootstrap":
@@ -86,6 +92,7 @@ def main() -> None:
     )
     parser.add_argument("--data", type=Path, default=os.environ.get("SDP_VS_PENALTY_DATA"))
     parser.add_argument("--figaroh", help="interpreter of an environment with figaroh")
+    parser.add_argument("--mujoco", help="interpreter of an environment with mujoco[sysid]")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=", ".join(PARTS))  # fmt: skip
     parser.add_argument("--again", action="store_true", help="measure parts that are there, too")
@@ -101,7 +108,8 @@ def main() -> None:
         return
     STATE.mkdir(parents=True, exist_ok=True)
     words = ["--data", str(given.data), "--rows", *map(str, given.rows)]
-    words += ["--figaroh", given.figaroh] if given.figaroh else []
+    for name in ("figaroh", "mujoco"):
+        words += [f"--{name}", getattr(given, name)] if getattr(given, name) else []
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
     for number, part in enumerate(given.only, 1):
         kept = STATE / f"{part}.json"

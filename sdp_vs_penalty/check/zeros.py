@@ -91,7 +91,9 @@ def _filled(x: Array, travel: Array) -> NDArray[np.bool_]:
         stays = b - a >= alone and float(travel[a:b].mean()) > moved
         bad[a:b] = _jumps(x, int(a), int(b), usual) or (stays and a > 0 and b < len(x))
     near = other[np.abs(x[other]) <= _LEVELS * lattice_step(x[other])]
-    by_chance = sum(_jumps(x, k, k + 1, usual) for k in near.tolist()) / (2 * _LEVELS)
+    near = near[(near > 0) & (near < len(x) - 1)]
+    far = near[0.5 * (changes[near - 1] + changes[near]) > _JUMP * usual]  # few can jump at all
+    by_chance = sum(_jumps(x, k, k + 1, usual) for k in far.tolist()) / (2 * _LEVELS)
     return bad if bad.sum() > _TIMES * by_chance else np.zeros(len(x), bool)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -25,6 +25,8 @@ _LARGEST = 240
 _POINTS, _PAIR_POINTS = 81, 25
 #: Waves of a function of a phase, and how often a motion must go through the phase to show it.
 _WAVES, _TURNS = 12, 2.0
+#: How much is kept of each of what is worked out again and again.
+_KEPT = 128
 
 
 @dataclass(frozen=True)
@@ -107,14 +109,19 @@ class Basis:
         """(N, size) at given values of the variables."""
         return _products([axis.columns(x) for axis, x in zip(self.axes, values, strict=True)])
 
-    def of_motion(self, motion: Motion, joint: int) -> Array:
+    def of_motion(self, motion: Motion) -> Array:
         """(N, size) along a motion."""
         return self.at(*(a.variable.along(motion) for a in self.axes))
 
     @property
     def penalties(self) -> tuple[Array, ...]:
         """(size, size) roughness along each variable, each of unit trace."""
-        return _penalties(tuple(replace(a, variable=_kind(a), low=0.0, high=1.0) for a in self.axes))
+        return _penalties(self.kind)
+
+    @property
+    def kind(self) -> tuple[Axis, ...]:
+        """The same for all bases that are as rough as each other."""
+        return tuple(replace(a, variable=_kind(a), low=0.0, high=1.0) for a in self.axes)
 
     @property
     def grid(self) -> tuple[Array, ...]:
@@ -180,18 +187,22 @@ class Variables:
         self.rows, self.robot, self.known = rows, robot, known
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
         self.warm = all(s.motion.temperature is not None for s in rows.segments)
-        self._rows: dict[Variable, Array] = {}
-        self._axes: dict[Axis, Array] = {}
-        self._waves: dict[tuple[int, float], Array] = {}
 
-    def on_rows(self, v: Variable) -> Array:
+        kept = lru_cache(_KEPT)
+        self.on_rows, self.basis = kept(self._on_rows_of), kept(self._basis_of)
+        self._splines, self._wave = kept(self._splines_of), kept(self._wave_of)
+        self.exact = lru_cache(_KEPT // 4)(self._exact_of)
+        self.supported = kept(self._supported_of)
+
+    def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
+        """(M, ...) of what is worked out along the motion."""
+        return np.concatenate([s.low_pass @ dense(s.motion) for s in self.rows.segments])
+
+    def _on_rows_of(self, v: Variable) -> Array:
         """(M,) low-passed; of a phase, that of the low-passed position."""
         if v.word == "phase":
             return np.mod(v.order * self.on_rows(Variable("q", v.joint)), 2.0 * np.pi)
-        if v not in self._rows:
-            parts = [s.low_pass @ v.along(s.motion) for s in self.rows.segments]
-            self._rows[v] = np.concatenate(parts)
-        return self._rows[v]
+        return self._filtered(v.along)
 
     def turned(self, v: Variable, turns: float = _TURNS) -> bool:
         """Whether the motion goes through a phase often enough to show that something repeats in it."""
@@ -205,7 +216,7 @@ class Variables:
         phases = [Variable("phase", j, order=float(f"{k:.6g}")) for k in orders]
         return [*pairs_of(j, self.robot, self.warm), *((v,) for v in phases if self.turned(v))]
 
-    def basis(self, of: Sequence[Variable]) -> Basis | None:
+    def _basis_of(self, of: tuple[Variable, ...]) -> Basis | None:
         """None where a variable stands still."""
         axes = []
         pair = len([v for v in of if v.word != "sign(dq)"]) > 1
@@ -227,38 +238,32 @@ class Variables:
         """(M, size) of the filtered variables: nearly the filtered splines."""
         return _products([self._splines(a) for a in basis.axes])
 
-    def _splines(self, axis: Axis) -> Array:
-        """(M, count) of one variable on the rows; kept. A phase jumps, its waves do not: these are
+    def _splines_of(self, axis: Axis) -> Array:
+        """(M, count) of one variable on the rows. A phase jumps, its waves do not: these are
         low-passed."""
-        if axis.is_phase:
-            v = axis.variable
-            pairs = [self._wave(v.joint, k * v.order) for k in range(1, _WAVES + 1)]
-            return np.stack(pairs, axis=2).reshape(len(self.keep), -1)
-        if axis not in self._axes:
-            self._axes[axis] = axis.columns(self.on_rows(axis.variable))
-        return self._axes[axis]
+        if not axis.is_phase:
+            return axis.columns(self.on_rows(axis.variable))
+        v = axis.variable
+        pairs = [self._wave(v.joint, k * v.order) for k in range(1, _WAVES + 1)]
+        return np.stack(pairs, axis=2).reshape(len(self.keep), -1)
 
-    def _wave(self, joint: int, order: float) -> Array:
-        """(M, 2) low-passed cosine and sine of a wave; kept, as phases share them."""
-        if (joint, order) not in self._waves:
-            parts = []
-            for s in self.rows.segments:
-                angle = order * s.motion.q[:, joint]
-                parts.append(s.low_pass @ np.column_stack([np.cos(angle), np.sin(angle)]))
-            self._waves[joint, order] = np.concatenate(parts)
-        return self._waves[joint, order]
+    def _wave_of(self, joint: int, order: float) -> Array:
+        """(M, 2) low-passed cosine and sine of a wave, which phases share."""
+        return self._filtered(
+            lambda m: np.stack([f(order * m.q[:, joint]) for f in (np.cos, np.sin)], axis=1)
+        )
 
-    def exact(self, basis: Basis, joint: int) -> Array:
+    def _exact_of(self, basis: Basis) -> Array:
         """(M, size) filtered splines."""
-        parts = [s.low_pass @ basis.of_motion(s.motion, joint) for s in self.rows.segments]
-        return np.concatenate(parts)
+        return self._filtered(basis.of_motion)
 
-    def supported(self, basis: Basis) -> Array:
+    def _supported_of(self, basis: Basis) -> Array:
         """(P, variables) the points of the basis's grid within a step of which the motion has been."""
-        near = np.ones((len(self.keep), 1), bool)
+        near = [np.ones((int(self.keep.sum()), 1))]
         for axis, points in zip(basis.axes, basis.grid, strict=True):
             step = (points[-1] - points[0]) / (len(points) - 1)
             reach = 0.2 if axis.is_sign else 1.001 * step
-            own = np.abs(self.on_rows(axis.variable)[:, None] - points) <= reach
-            near = (near[:, :, None] & own[:, None, :]).reshape(len(near), -1)
-        return np.asarray(basis.points[near[self.keep].any(axis=0)])
+            own = np.abs(self.on_rows(axis.variable)[self.keep, None] - points) <= reach
+            near.append(own.astype(float))
+        met = near[-2].T @ near[-1]  # of a pair both at once
+        return np.asarray(basis.points[met.ravel() > 0.0])

@@ -22,11 +22,10 @@ import numpy as np
 from scipy import special
 
 from sdp_vs_penalty.diagnosis.candidates import Candidate
-from sdp_vs_penalty.diagnosis.curves.bases import Variables
-from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, band, effect_of
+from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
+from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look, Screened, band, effect_of
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, Recognised, law_of, recognised
 from sdp_vs_penalty.diagnosis.curves.held_out import CurveErrors, Judge
-from sdp_vs_penalty.diagnosis.curves.smooth import agreement, block_scores
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
 from sdp_vs_penalty.diagnosis.ladder import FALSE_CLAIM, MIN_GAIN, MIN_SHARE, TOLD_APART
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
@@ -38,22 +37,31 @@ from sdp_vs_penalty.signals.noise import RESIDUAL
 #: How many curves of a joint are looked at closely, how many of these are tried on data left out, draws
 #: of signs, and curves a joint at most.
 _CLOSE, _TRIED, _SIGNS, _MOST = 8, 3, 400, 3
+#: A curve's share of the error is foreseen before levels are brought up to date with it, which changes
+#: the share by less than what lies between that from which it counts and this one. What leaves so many
+#: times as much as another one, and so much more, is not looked at beside it.
+_LIKELY, _WORSE, _APART = 0.25, 4.0, 0.2
 #: Laws of each curve by which its variables are chosen.
 _LAWS = 3
 
 
 @dataclass(frozen=True)
 class FoundCurve:
-    """A curve as an effect, what it was fitted to, half its band where measurements lie (P,), its law,
-    and what it does to the error on data left out; whole : whether the effect is the law's."""
+    """A curve as an effect, what it was fitted to, and what it does to the error on data left out; law :
+    that it is; whole : whether the effect is the law's; seed : of its band's draws."""
 
     fitted: Fitted
     effect: MeasuredCurve
     look: Look
-    half: Array
-    law: LawFit | None
     held_out: CurveErrors
+    seed: int
+    law: LawFit | None = None
     whole: bool = False
+
+    @cached_property
+    def half(self) -> Array:
+        """(P,) half the width of its band, where measurements lie."""
+        return band(self.look, self.fitted, self.seed)
 
     @property
     def freedom(self) -> float:
@@ -73,10 +81,18 @@ class _Close:
         return recognised(self.fitted, self.look, _LAWS, exact=False)
 
     @property
-    def farther(self) -> LawFit | None:
+    def farther(self) -> Recognised | None:
         """The law that gains most on data left out, where that is more than it does itself."""
         best = max(self.laws, key=lambda r: r.gain, default=None)
-        return best.fit if best and best.gain > self.fitted.gain else None
+        return best if best and best.gain > self.fitted.gain else None
+
+    def foreseen(self, judge: Judge) -> float:
+        """Share of the joint's error beyond noise that it, or that law, takes on data left out, with the
+        levels as they are."""
+        f, law = self.fitted, self.farther
+        share = judge.foreseen(f.factors, f.smooth.P, f.columns @ f.projector)
+        other = 0.0 if law is None else judge.foreseen(law.factors, law.P, law.columns)
+        return max(share, other)
 
     def gains(self, least: float) -> bool:
         """Whether it gains more on data left out, or a law of it does."""
@@ -96,52 +112,41 @@ def _convincing(
     look: Look, joint: int, taken: Sequence[Fitted], seed: int, shown: Set[tuple[str, ...]]
 ) -> list[_Close]:
     """The curves of a joint (from 0) that pass, the likely ones first."""
-    looked, candidates, agreements = _screened(look, joint, taken)
+    looked, candidates = _screened(look, joint, taken)
     if not candidates:
         return []
-    threshold, stand = _flipped(agreements, seed)
-    order = [k for k, c in enumerate(candidates) if stand[k] > threshold or c.basis.of in shown]
-    order.sort(key=lambda k: -candidates[k].smooth.evidence)
-    fine = (look.fitted(candidates[k].basis, joint, fine=True) for k in _closest(order, candidates))
+    threshold, stand = _flipped([c.agreeing for c in candidates], seed)
+    passed = zip(candidates, stand > threshold, strict=True)
+    likely = [c for c, agrees in passed if agrees or c.basis.of in shown]
+    likely.sort(key=lambda c: -c.evidence)
+    closest = [c for n in (1, 2) for c in [c for c in likely if len(c.basis.axes) == n][: _CLOSE // 2]]
     least = _least_gain(look.fit, joint)
+    fine = (look.fitted(c.basis, joint, c.weight) for c in closest)
     shown_to_be = (f for f in fine if _significant(look, f, looked))
     close = [c for f in shown_to_be if (c := _Close(f, look)).gains(least)]
     return sorted(close, key=lambda c: c.cost)
 
 
-def _closest(order: Sequence[int], candidates: Sequence[Fitted]) -> list[int]:
-    """The best, the best of each number of variables among them."""
-    single = [k for k in order if len(candidates[k].basis.axes) == 1]
-    pairs = [k for k in order if len(candidates[k].basis.axes) == 2]
-    return [*single[: _CLOSE // 2], *pairs[: _CLOSE // 2]]
-
-
-def _screened(look: Look, joint: int, taken: Sequence[Fitted]) -> tuple[int, list[Fitted], list[Array]]:
-    """How many curves were looked at, those with evidence, and how their blocks agree."""
-    looked, candidates, agreements = 0, [], []
-    own = {t.basis.of for t in taken}
+def _screened(look: Look, joint: int, taken: Sequence[Fitted]) -> tuple[int, list[Screened]]:
+    """How many curves were looked at, and those with evidence."""
+    own, kinds = {t.basis.of for t in taken}, dict[object, list[Basis]]()
     for of in look.variables.of(joint):
         basis = look.variables.basis(of)
-        if basis is None or basis.of in own:
-            continue
-        looked += 1
-        found = look.fitted(basis, joint, fine=False)
-        if found.smooth.evidence > 0.0:
-            scores = block_scores(look.fit, found.Z, found.C, joint, look.overlap)
-            candidates.append(found)
-            agreements.append(agreement(scores, found.factors.D + found.smooth.P))
-    return looked, candidates, agreements
+        if basis is not None and basis.of not in own:
+            kinds.setdefault(basis.kind, []).append(basis)
+    found = [c for bases in kinds.values() for c in look.screened(bases, joint)]
+    return sum(map(len, kinds.values())), found
 
 
-def _flipped(agreements: Sequence[Array], seed: int) -> tuple[float, Array]:
+def _flipped(agreeing: Sequence[Array], seed: int) -> tuple[float, Array]:
     """The threshold of agreement, and the agreement of each candidate, each over the 99th percentile of
     its own when signs are random: one of many splines has a shorter tail than one of a few."""
-    B = len(agreements[0])
+    B = len(agreeing[0])
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_SIGNS, B))
-    drawn = np.array([np.sum((signs @ G) * signs, axis=1) for G in agreements])
+    drawn = np.array([np.sum((signs @ G) * signs, axis=1) for G in agreeing])
     own = np.maximum(np.quantile(drawn, 0.99, axis=1), 1e-300)
     largest = np.max(drawn / own[:, None], axis=0)
-    return float(np.quantile(largest, 0.99)), np.array([G.sum() for G in agreements]) / own
+    return float(np.quantile(largest, 0.99)), np.array([G.sum() for G in agreeing]) / own
 
 
 def _significant(look: Look, found: Fitted, tests: int) -> bool:
@@ -195,8 +200,10 @@ def search_curves(
     while len(found) < _MOST:
         look = Look(state, variables)
         close = _convincing(look, joint, [f.fitted for f in found], seed + len(found), shown)
-        tried = []
-        for best in close[:_TRIED]:
+        foreseen = [(c, c.foreseen(judge)) for c in close[:_TRIED]]
+        most, tried = max((share for _, share in foreseen), default=0.0), []
+        least = max(_LIKELY, 1.0 - _WORSE * (1.0 - most) - _APART)
+        for best in (c for c, share in foreseen if share >= least):
             later = with_curve(state, effect_of(look, best.fitted), best.fitted.gain)
             bare = replace(later, picks=later.picks[:-1])
             after, curve = _settled(Look(bare, variables, settled=True), best, judge, seed)
@@ -239,24 +246,24 @@ def _settled(look: Look, close: _Close, judge: Judge, seed: int) -> tuple[Judge,
     """A curve once what it explains no longer counts as error, with splines as fine as there is evidence
     for, and the law that it is."""
     joint = close.fitted.joint
-    fitted = look.fitted(close.fitted.basis, joint, fine=True)
+    fitted = look.fitted(close.fitted.basis, joint, close.fitted.smooth.weight)
     while (finer := fitted.basis.finer) is not None:
-        again = look.fitted(finer, joint, fine=True)
+        again = look.fitted(finer, joint, fitted.smooth.weight)
         if again.smooth.evidence < fitted.smooth.evidence + TOLD_APART:
             break
         fitted = again
     effect = effect_of(look, fitted)
     after, held_out = judge.tried(fitted, effect, look)
+    curve = FoundCurve(fitted, effect, look, held_out, seed)
     if not held_out.lowers:
-        law = close.farther
-        if law is None or not judge.tried(fitted, effect_of(look, fitted, law.at), look, law)[1].lowers:
-            return after, FoundCurve(fitted, effect, look, np.zeros(0), None, held_out)
-    half, points = band(look, fitted, seed), look.variables.supported(fitted.basis)
-    law = law_of(recognised(fitted, look), fitted, points, half)
+        far = None if close.farther is None else close.farther.fit
+        if far is None or not judge.tried(fitted, effect_of(look, fitted, far.at), look, far)[1].lowers:
+            return after, curve
+    law = law_of(recognised(fitted, look), fitted, look, lambda: curve.half)
     if law is None:
-        return after, FoundCurve(fitted, effect, look, half, None, held_out)
+        return after, curve
     told = effect_of(look, fitted, law.at)
     by_law, errors = judge.tried(fitted, told, look, law)
     if held_out.lowers and after.surely_below(by_law, joint):  # there is more to it than the law
-        return after, FoundCurve(fitted, effect, look, half, law, held_out)
-    return by_law, FoundCurve(fitted, told, look, half, law, errors, whole=True)
+        return after, replace(curve, law=law)
+    return by_law, replace(curve, effect=told, held_out=errors, law=law, whole=True)

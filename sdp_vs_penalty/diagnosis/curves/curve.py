@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -45,20 +45,11 @@ class Curve:
     filled_torque: Array = field(default_factory=lambda: np.zeros(0))
 
     def to_dict(self) -> dict[str, Any]:
-        filled = {"filled_x": self.filled_x.tolist(), "filled_torque": self.filled_torque.tolist()}
-        return {
-            "joint": self.joint,
-            "of": list(self.of),
-            "x": self.x.tolist(),
-            "torque": self.torque.tolist(),
-            "lower": self.lower.tolist(),
-            "upper": self.upper.tolist(),
-            "explained_share": self.explained_share,
-            "formula": self.formula,
-            "held_out_rmse_before": self.held_out_rmse_before,
-            "held_out_rmse_after": self.held_out_rmse_after,
-            **(filled if len(self.filled_torque) else {}),
-        }
+        out = {f.name: getattr(self, f.name) for f in fields(self)}
+        if not len(self.filled_torque):
+            del out["filled_x"], out["filled_torque"]
+        out = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}
+        return out | {"of": list(self.of)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Curve:
@@ -73,20 +64,11 @@ class Curve:
             raise ValueError("a curve has a value and a band for each x")
         if len(filled) and filled.shape != law.shape + pair:
             raise ValueError("what a law fills has a value for each x")
-        return cls(
-            int(data["joint"]),
-            of,
-            x,
-            torque,
-            lower,
-            upper,
-            float(data["explained_share"]),
-            None if data["formula"] is None else str(data["formula"]),
-            float(data["held_out_rmse_before"]),
-            float(data["held_out_rmse_after"]),
-            filled,
-            law,
-        )
+        formula = None if data["formula"] is None else str(data["formula"])
+        names = "explained_share", "held_out_rmse_before", "held_out_rmse_after"
+        share, before, after = (float(data[name]) for name in names)
+        joint, band = int(data["joint"]), (lower, upper)
+        return cls(joint, of, x, torque, *band, share, formula, before, after, filled, law)
 
     @property
     def points(self) -> Array:

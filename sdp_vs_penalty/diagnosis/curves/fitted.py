@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from sdp_vs_penalty.diagnosis.curves import smooth as splines
 from sdp_vs_penalty.diagnosis.curves.bases import Basis, Variables
@@ -15,28 +17,53 @@ from sdp_vs_penalty.diagnosis.curves.smooth import Factors, Smooth
 from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.autoregression import ORDER
 
 #: Draws of the bootstrap, and the level of the band.
 _DRAWS, _LEVEL = 300, 0.95
+#: Numbers of the columns that are screened at once.
+_AT_ONCE = 400_000
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A curve of one joint: its basis, white columns Z (M, k) with C = Q'Z, factors, fit, and where fine
-    its gain on data left out."""
+    """A curve of one joint: its basis, its columns (M, k), not white, and its fit."""
 
-    joint: int
     basis: Basis
-    Z: Array
-    C: Array
-    factors: Factors
+    columns: Array
     smooth: Smooth
-    gain: float
+
+    @property
+    def factors(self) -> Factors:
+        return self.smooth.factors
+
+    @property
+    def joint(self) -> int:
+        return self.factors.joint
+
+    @cached_property
+    def gain(self) -> float:
+        """On data left out."""
+        return splines.held_out_gain(self.factors, self.smooth.P)
+
+    @cached_property
+    def projector(self) -> Array:
+        """(k, k) onto what the model's own columns cannot make."""
+        return splines.identifiable(self.factors, self.smooth.P)
 
     @property
     def coefficients(self) -> Array:
         """(k,) of what the model's own columns cannot make."""
-        return np.asarray(splines.identifiable(self.factors, self.smooth.P) @ self.smooth.c)
+        return np.asarray(self.projector @ self.smooth.c)
+
+
+class Screened(NamedTuple):
+    """A rough curve: its evidence, the weight of its roughness, and how its blocks agree (B, B)."""
+
+    basis: Basis
+    evidence: float
+    weight: float
+    agreeing: Array
 
 
 class Look:
@@ -47,6 +74,7 @@ class Look:
         self.settled = settled
         self.state, self.variables, self.fit = state, variables, state.fit
         self.noise, self.rows = state.stage.noise, state.stage.rows
+        self._filter = cache(self._filter_of)
 
     @cached_property
     def overlap(self) -> Array:
@@ -54,28 +82,52 @@ class Look:
         return self.fit.rows.block_sums(self.fit.Q * self.fit.residual[:, None])
 
     def white(self, columns: Array, joint: int) -> Array:
-        """(M, k) columns of one joint, white and weighted like the rows."""
-        gain = 1.0 if self.rows.gains is None else self.rows.gains[joint]
-        pieces = self.rows.pieces(joint)
-        return self.fit.weighting.apply(self.noise.whiten(gain * columns, joint, pieces), joint)
+        """Columns (M, k) of one joint, white and weighted like the rows."""
+        return np.asarray(self._filter(joint) @ columns)
 
-    def fitted(self, basis: Basis, joint: int, fine: bool) -> Fitted:
-        """A curve on exact columns where ``fine``, with its gain."""
-        columns = self.variables.exact(basis, joint) if fine else self.variables.coarse(basis)
-        Z = self.white(columns, joint)
-        factors, C = Factors.of(self.fit, Z, joint)
-        gain = {} if self.settled else {"gain": partial(self.fit.joint_gains, joint)}
-        found = splines.smooth(factors, basis.penalties, fine, **gain)
-        left_out = splines.held_out_gain(self.fit, Z, C, factors, found.P, joint) if fine else 0.0
-        return Fitted(joint, basis, Z, C, factors, found, left_out)
+    def _filter_of(self, joint: int) -> sparse.csr_array:
+        """(M, M) what makes columns white: two autoregressions, one behind the other, read off combs."""
+        M, teeth = len(self.rows.t), 2 * ORDER + 1
+        row, column = np.arange(M)[:, None], np.arange(M)[:, None] - np.arange(teeth)
+        comb = self.noise.whiten(1.0 * (row % teeth == np.arange(teeth)), joint, self.rows.pieces(joint))
+        comb = self.fit.weighting.apply(comb, joint)[row, column % teeth]
+        at = np.nonzero((column >= 0) & (comb != 0.0))
+        return sparse.csr_array((comb[at], (at[0], column[at])), shape=(M, M))
+
+    def _gain(self, joint: int) -> splines.Gain:
+        return None if self.settled else partial(self.fit.joint_gains, joint)
+
+    def _torque(self, columns: Array, joint: int) -> Array:
+        return columns if self.rows.gains is None else self.rows.gains[joint] * columns
+
+    def screened(self, bases: Sequence[Basis], joint: int) -> Iterator[Screened]:
+        """Rough curves over bases of one kind for which there is evidence; few at once."""
+        step = max(1, _AT_ONCE // (len(self.rows.t) * bases[0].size))
+        for some in (bases[k : k + step] for k in range(0, len(bases), step)):
+            every = [self.variables.coarse(b) for b in some]
+            columns = np.hstack(every) if len(every) > 1 else every[0]
+            white = self.white(self._torque(columns, joint), joint)
+            factors = Factors.several(self.fit, white, joint, len(some))
+            fits = splines.smooth_all(factors, some[0].penalties, self._gain(joint))
+            for basis, f in zip(some, fits, strict=True):
+                if f.evidence > 0.0:
+                    yield Screened(basis, f.evidence, f.weight, splines.agreement(f, self.overlap))
+
+    def fitted(self, basis: Basis, joint: int, near: float) -> Fitted:
+        """A curve on exact columns; near : the weight of the roughness of one like it."""
+        columns = self._torque(self.variables.exact(basis), joint)
+        factors = Factors.of(self.fit, self.white(columns, joint), joint)
+        found = splines.smooth(factors, basis.penalties, self._gain(joint), near)
+        return Fitted(basis, columns, found)
 
     def law(self, columns: Callable[[Array, Array], Array], constants: Array, f: Fitted) -> Array:
-        """(M, m) white columns of a law of a curve's variables: columns(points (N, v), constants)."""
+        """(M, ...) of a law of a curve's variables on the rows: columns(points (N, v), constants)."""
         parts = []
         for s in self.rows.segments:
             points = np.column_stack([a.variable.along(s.motion) for a in f.basis.axes])
-            parts.append(s.low_pass @ columns(points, constants))
-        return self.white(np.concatenate(parts), f.joint)
+            dense = columns(points, constants)
+            parts.append((s.low_pass @ dense.reshape(len(dense), -1)).reshape(-1, *dense.shape[1:]))
+        return self._torque(np.concatenate(parts), f.joint)
 
 
 def effect_of(look: Look, found: Fitted, law: Callable[[Array], Array] | None = None) -> MeasuredCurve:
@@ -100,10 +152,9 @@ def unmeasured(basis: Basis, points: Array) -> Array:
 
 def band(look: Look, found: Fitted, seed: int) -> Array:
     """(P,) half width, where measurements lie, of the band that holds _LEVEL of whole curves."""
-    projector = splines.identifiable(found.factors, found.smooth.P)
-    errors = splines.draws(look.fit, found.Z, found.C, found.smooth, found.joint, seed, _DRAWS)
+    errors = splines.draws(found.smooth, seed, _DRAWS)
     grid = found.basis.at(*look.variables.supported(found.basis).T)
-    errors = errors @ projector.T @ grid.T
+    errors = errors @ found.projector.T @ grid.T
     deviation = np.maximum(errors.std(axis=0), 1e-300)
     largest = np.max(np.abs(errors) / deviation, axis=1)
     return np.asarray(np.quantile(largest, _LEVEL) * deviation)

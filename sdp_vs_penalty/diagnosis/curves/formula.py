@@ -11,16 +11,17 @@ about as much as any.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any
 
 import numpy as np
-from scipy import optimize
 
 from sdp_vs_penalty.diagnosis.curves.bases import Basis
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.laws import Law, dictionary
-from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gain, identifiable
+from sdp_vs_penalty.diagnosis.curves.smooth import Factors, held_out_gain
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.show import plain_unit
@@ -28,6 +29,8 @@ from sdp_vs_penalty.show import plain_unit
 #: How many laws are fitted on the rows themselves, and their constants where a law explains there such a
 #: share of what the best does.
 _EXACT, _LIKELY = 8, 0.8
+#: Steps to the best constants.
+_STEPS = 7
 #: Share of the points of a curve at which a law lies in its band: where few measurements lie, the
 #: smoothing shows. The band is at least so wide, as a share of the curve from peak to peak: a strong
 #: torque shows also that its model is not perfect. So much of the curve's gain a law may lose, and of
@@ -59,95 +62,114 @@ class LawFit:
 
 @dataclass(frozen=True)
 class Recognised:
-    """A law as it fits the rows, its gain on data left out, and its coefficients (k,) in the splines."""
+    """A law as it fits the rows, with the columns (M, m) of its amplitudes, their factors and prior, and
+    its coefficients (k,) in the splines."""
 
     fit: LawFit
-    gain: float
+    columns: Array
+    factors: Factors
+    P: Array
     coefficients: Array
+
+    @cached_property
+    def gain(self) -> float:
+        """On data left out, with its constants, its amplitudes from the others."""
+        return held_out_gain(self.factors, self.P)
 
 
 def recognised(f: Fitted, look: Look, most: int = _EXACT, exact: bool = True) -> list[Recognised]:
     """Of the ``most`` likely laws those that gain about what a curve gains; exact : with constants that
     were fitted on the rows too."""
-    every, count = f.basis.points, f.factors.count
     scan = _scan(f.basis)
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        c = scan.inverse @ law.columns(every, constants)
-        return c.T @ f.factors.D @ c, c.T @ f.factors.s
+        return _normal(scan.coefficients(law, constants), f.factors)
 
     def on_rows(law: Law, constants: Array) -> tuple[Array, Array]:
-        factors, _ = Factors.of(look.fit, look.law(law.columns, constants, f), f.joint)
-        return factors.D, factors.s
+        columns = look.law(law.columns, constants, f)
+        white, each = look.white(columns.reshape(len(columns), -1), f.joint), columns.shape[1]
+        found = Factors.several(look.fit, white, f.joint, each)
+        return np.array([x.D for x in found]), np.array([x.s for x in found])
 
-    rough = sorted(scan.fitted(f.factors), key=lambda r: r.cost(count))[:most]
-    rough = [_refined(r, in_splines) for r in rough]
-    on_row = [_solved(r.law, on_rows, r.constants) for r in rough]
-    enough = _LIKELY * max((r.chi2 for r in on_row), default=0.0)
+    def at(law: Law, constants: Array) -> Recognised:
+        columns, factors, P = of_amplitudes(law, constants, f, look)
+        a, chi2 = _amplitudes(factors.D[None], factors.s[None])
+        return Recognised(LawFit(law, a[0], constants, float(chi2[0])), columns, factors, P, a[0])
+
+    rough = sorted(scan.fitted(f.factors), key=lambda r: r.cost(f.factors.count))[:most]
+    on_row = [at(r.law, _refined(r, in_splines).constants) for r in rough]
+    enough = _LIKELY * max((r.fit.chi2 for r in on_row), default=0.0)
     found = []
-    for fit in (r for r in on_row if r.chi2 >= enough):
-        fit = _refined(fit, on_rows) if exact else fit
-        if (gain := _gains(fit, f, look)) >= (1.0 - _LOST) * max(f.gain, 0.0):
-            coefficients = scan.inverse @ fit.law.columns(every, fit.constants) @ fit.amplitudes
-            found.append(Recognised(fit, gain, coefficients))
+    for r in (r for r in on_row if r.fit.chi2 >= enough):
+        if exact and len(r.fit.constants):
+            r = at(r.fit.law, _refined(r.fit, on_rows).constants)
+        if r.gain >= (1.0 - _LOST) * max(f.gain, 0.0):
+            own = scan.coefficients(r.fit.law, r.fit.constants[:, None])[0]
+            found.append(replace(r, coefficients=r.fit.amplitudes @ own))
     return found
 
 
 @dataclass(frozen=True)
 class _Scan:
-    """The dictionary at all of its starts, in the splines of a basis: inverse (k, P) makes coefficients
-    of values on its grid; of each law coefficients (S, k, m), one set for each start."""
+    """The dictionary at all of its starts, in the splines of a basis: inverses make coefficients of
+    values on its grid, axis by axis; of each law coefficients (S, m, k), one set for each start."""
 
-    inverse: Array
-    laws: tuple[tuple[Law, Array], ...]
+    grid: Sequence[Array]
+    inverses: Sequence[Any]
+    laws: list[tuple[Law, Array]] = field(default_factory=list)
+
+    def coefficients(self, law: Law, constants: Array) -> Array:
+        """(S, m, k) with S sets of constants (c, S)."""
+        values = law.on_grid(self.grid, constants)
+        for inverse in self.inverses:  # each axis goes behind the sets and the terms
+            values = np.tensordot(values, inverse, axes=(0, 1))
+        return values.reshape(*values.shape[:2], -1)
 
     def fitted(self, factors: Factors) -> list[LawFit]:
         """Each law at the start that explains most."""
         out = []
         for law, c in self.laws:
-            gram = c.transpose(0, 2, 1) @ (factors.D @ c)
-            pull = factors.s @ c
-            scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
-            gram = gram / (scale[:, :, None] * scale[:, None, :])
-            a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ (pull / scale)[:, :, None])[:, :, 0]
-            chi2 = np.sum(a / scale * pull, axis=1)
+            a, chi2 = _amplitudes(*_normal(c, factors))
             best = int(np.argmax(chi2))
-            constants = np.array(law.starts[best], float)
-            out.append(LawFit(law, a[best] / scale[best], constants, float(chi2[best])))
+            out.append(LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best])))
         return out
 
 
 @lru_cache(maxsize=64)
 def _scan(basis: Basis) -> _Scan:
-    points, laws = basis.points, []
-    inverse = np.ones((1, 1))
-    for axis, values in zip(basis.axes, basis.grid, strict=True):  # of a product, the products
-        inverse = np.kron(inverse, np.linalg.pinv(axis.columns(values), rcond=1e-10))
+    # Of a pair every second point is enough: splines along each are few.
+    grid = [x[:: 1 if len(basis.axes) == 1 or len(x) == 2 else 2] for x in basis.grid]
+    pairs = zip(basis.axes, grid, strict=True)
+    out = _Scan(grid, [np.linalg.pinv(axis.columns(x), rcond=1e-10) for axis, x in pairs])
     for law in dictionary(basis.axes):
         starts = np.array(law.starts, float)
-        with np.errstate(over="ignore", invalid="ignore"):
-            columns = law.columns(points, starts.T)
-            c = np.moveaxis(np.tensordot(inverse, columns, axes=1), 1, 0)
+        c = out.coefficients(law, starts.T)
         held = np.isfinite(c).all(axis=(1, 2))
         if held.any():
-            kept = replace(law, starts=[tuple(s) for s in starts[held]])
-            laws.append((kept, c[held]))
-    return _Scan(inverse, tuple(laws))
+            out.laws.append((replace(law, starts=[tuple(s) for s in starts[held]]), c[held]))
+    return out
 
 
-def law_of(laws: Sequence[Recognised], f: Fitted, points: Array, half: Array) -> LawFit | None:
-    """The simplest law, or None where none of the dictionary lies within the band.
+def _normal(c: Array, f: Factors) -> tuple[Array, Array]:
+    """Matrices (S, m, m) and right sides (S, m) of the normal equations of amplitudes of coefficients
+    (S, m, k)."""
+    weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
+    return weighed @ c.transpose(0, 2, 1), c @ f.s
 
-    points (P, v), half (P,) : where the band is and how wide.
-    """
-    at = f.basis.at(*points.T) @ identifiable(f.factors, f.smooth.P)
-    torque = at @ f.smooth.c
-    wide = np.maximum(half, _NEAR * np.ptp(torque))
-    passed = [
-        r.fit
-        for r in laws
-        if r.gain > f.gain or np.mean(np.abs(at @ r.coefficients - torque) <= wide) >= _INSIDE
-    ]
+
+def law_of(
+    laws: Sequence[Recognised], f: Fitted, look: Look, half: Callable[[], Array]
+) -> LawFit | None:
+    """The simplest law, or None where none of the dictionary lies within the band; half : makes half of
+    its width (P,), where measurements lie."""
+    passed = [r.fit for r in laws if r.gain > f.gain]
+    if len(passed) < len(laws):
+        at = f.basis.at(*look.variables.supported(f.basis).T) @ f.projector
+        torque = at @ f.smooth.c
+        wide = np.maximum(half(), _NEAR * np.ptp(torque))
+        apart = (np.abs(at @ r.coefficients - torque) <= wide for r in laws)
+        pairs = zip(laws, apart, strict=True)
+        passed = [r.fit for r, near in pairs if r.gain > f.gain or np.mean(near) >= _INSIDE]
     if not passed:
         return None
     most = max(fit.chi2 for fit in passed)
@@ -155,17 +177,11 @@ def law_of(laws: Sequence[Recognised], f: Fitted, points: Array, half: Array) ->
     return min(alike, key=lambda fit: (fit.size, -fit.chi2))
 
 
-def of_amplitudes(law: LawFit, f: Fitted, look: Look) -> tuple[Array, Array, Factors, Array]:
-    """White columns Z of a law's amplitudes, C = Q'Z, their factors and their prior."""
-    Z = look.law(law.law.columns, law.constants, f)
-    factors, C = Factors.of(look.fit, Z, f.joint)
-    (P,) = factors.priors((), np.zeros((1, 0)))
-    return Z, C, factors, P
-
-
-def _gains(law: LawFit, f: Fitted, look: Look) -> float:
-    """What a law with its constants gains on data left out, its amplitudes from the others."""
-    return held_out_gain(look.fit, *of_amplitudes(law, f, look), f.joint)
+def of_amplitudes(law: Law, constants: Array, f: Fitted, look: Look) -> tuple[Array, Factors, Array]:
+    """Columns (M, m) of a law's amplitudes, their factors and their prior."""
+    columns = look.law(law.columns, constants, f)
+    factors = Factors.of(look.fit, look.white(columns, f.joint), f.joint)
+    return columns, factors, factors.priors((), np.zeros((1, 0)))[0]
 
 
 def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
@@ -177,45 +193,54 @@ def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
     return f"{text} {unit}" + (f" ({said})" if said else "")
 
 
-Normal = Callable[[Law, Array], tuple[Array, Array]]
-
-
-def _solved(law: Law, normal: Normal, constants: Array) -> LawFit:
-    """The amplitudes that explain most with these constants, none beyond the ends of the law's own
-    starts; normal : matrix and right side of the normal equations of its amplitudes."""
-    low, high = law.ends
-    nothing = LawFit(law, np.zeros(0), constants, 0.0)
-    if np.any(constants < low) or np.any(constants > high):
-        return nothing
-    with np.errstate(over="ignore", invalid="ignore"):
-        gram, pull = normal(law, constants)
-    if not np.all(np.isfinite(gram)):
-        return nothing
-    if len(pull) == 1:  # what a dictionary is mostly made of
-        a = pull / gram[0] if gram[0, 0] > 1e-300 else 0.0 * pull
+def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
+    """(S, m) those that explain most, and (S,) how much, of normal equations (S, m, m) and (S, m)."""
+    known = np.asarray(np.isfinite(gram).all(axis=(1, 2)))
+    gram, pull = np.where(known[:, None, None], gram, 0.0), np.where(known[:, None], pull, 0.0)
+    scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
+    gram, pull = gram / (scale[:, :, None] * scale[:, None, :]), pull / scale
+    if pull.shape[1] == 1:  # what a dictionary is mostly made of
+        a = pull * (gram[:, 0] > 0.5)
+    elif pull.shape[1] == 2:  # sums and differences of both do not overlap
+        turn = np.sqrt(0.5) * np.array([[1.0, 1.0], [1.0, -1.0]])
+        seen = 1.0 + gram[:, 0, 1:] * np.array([1.0, -1.0])
+        a = np.where(seen > 1e-9, pull @ turn, 0.0) / np.maximum(seen, 1e-9) @ turn
     else:
-        scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-        a = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale, rcond=1e-9)[0] / scale
-    return LawFit(law, a, constants, float(a @ pull))
+        a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None])[:, :, 0]
+    return a / scale, np.sum(a * pull, axis=1)
 
 
-def _refined(start: LawFit, normal: Normal) -> LawFit:
-    """The constants near these that explain most."""
-    law, constants = start.law, start.constants
-    if not len(constants):
+@lru_cache
+def _around(size: int) -> tuple[Array, Array]:
+    """Offsets (S, size) to three places each way, and what makes a parabola of values there: (1 + size +
+    size^2, S) its value, slopes and bends at the centre."""
+    x = np.array(list(product((-1.0, 0.0, 1.0), repeat=size)))
+    bends = 0.5 * (x[:, :, None] * x[:, None, :]).reshape(len(x), -1)
+    return x, np.linalg.pinv(np.hstack([np.ones((len(x), 1)), x, bends]))
+
+
+def _refined(start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]) -> LawFit:
+    """The constants near these that explain most, none beyond the ends of the law's own starts: where
+    parabolas through their surroundings, ever smaller ones, are highest. normal : equations of the
+    amplitudes at sets of constants (c, S)."""
+    law, best, centre = start.law, start, start.constants
+    size, (low, high) = len(centre), law.ends
+    if not size:
         return start
-    low, high = law.ends
-    step = np.minimum(0.1 * np.abs(constants) + 1e-3, 0.3 * (high - low))
-    step *= np.where(constants + step > high, -1.0, 1.0)
-    found = optimize.minimize(
-        lambda s: -_solved(law, normal, s).chi2,
-        constants,
-        method="Nelder-Mead",
-        options={
-            "initial_simplex": np.vstack([constants, constants + np.diag(step)]),
-            "maxiter": 60 * len(step),
-            "fatol": 1e-4 * max(start.chi2, 1e-300),
-            "xatol": 1e-4 * float(np.max(np.abs(constants))),
-        },
-    )
-    return max((start, _solved(law, normal, found.x)), key=lambda r: r.chi2)
+    offsets, parabola = _around(size)
+    step = np.minimum(0.1 * np.abs(centre) + 1e-3, 0.3 * (high - low))
+    for _ in range(_STEPS):
+        sets = np.clip(centre + step * offsets, low, high)
+        a, chi2 = _amplitudes(*normal(law, sets.T))
+        k = int(np.argmax(chi2))
+        if chi2[k] > best.chi2:
+            best = LawFit(law, a[k], sets[k], float(chi2[k]))
+        if np.ptp(chi2) <= 1e-6 * best.chi2:
+            break
+        values = parabola @ chi2
+        bends, move = values[1 + size :].reshape(size, size), offsets[k]
+        if np.all(np.linalg.eigvalsh(bends) < 0.0):
+            move = np.clip(np.linalg.solve(bends, -values[1 : 1 + size]), -2.0, 2.0)
+        centre = np.clip(centre + step * move, low, high)
+        step = np.where(np.abs(move) <= 1.0, 0.3, 1.0) * step
+    return best

@@ -11,7 +11,7 @@ from scipy import special
 
 from sdp_vs_penalty.diagnosis.curves.fitted import Fitted, Look
 from sdp_vs_penalty.diagnosis.curves.formula import LawFit, of_amplitudes
-from sdp_vs_penalty.diagnosis.curves.smooth import fold_coefficients, identifiable
+from sdp_vs_penalty.diagnosis.curves.smooth import Factors, fold_coefficients
 from sdp_vs_penalty.diagnosis.library import spread_columns
 from sdp_vs_penalty.diagnosis.stage import model_columns, stretches, white_rows
 from sdp_vs_penalty.diagnosis.state import SearchState
@@ -48,6 +48,17 @@ class CurveErrors:
 
 
 @dataclass(frozen=True)
+class _Added:
+    """A curve of a joint: its torque (M, F) on the rows by the values that each fold has from the
+    others, (M,) by those of all, and there (M',) on the test run."""
+
+    joint: int
+    folds: Array
+    every: Array
+    there: Array
+
+
+@dataclass(frozen=True)
 class Judge:
     """Curves that are added one after the other to the model and what was named.
 
@@ -59,9 +70,9 @@ class Judge:
     Folds decide; a test run is what is reported, and may only refuse.
 
     fold, cell (M,) : of the rows, a cell being a fold of one motion;
-    raw (n, M, p), white (n M, p) : columns of the model and of what was named; grams (F, p, p), pulls
-    (F, p) : of each fold's white rows, among them and with the target; curves : per fold those (n, M, c)
-    of the curves; there, curves_there : on the test run; all_curves : as they are there from all folds.
+    raw (n, M, p), white (n, M, p), target (n, M) : columns of the model and of what was named; grams
+    (F, p, p), pulls (F, p) : of each fold's white rows, among them and with the target; there : raw ones
+    on the test run.
     """
 
     state: SearchState
@@ -73,24 +84,20 @@ class Judge:
     target: Array
     grams: Array
     pulls: Array
-    curves: tuple[Array, ...]
-    all_curves: Array
     there: Array
-    curves_there: Array
+    curves: tuple[_Added, ...] = ()
 
     @classmethod
     def of(cls, state: SearchState, test: TestRun | None) -> Judge:
-        n, M = state.stage.rows.n, len(state.stage.rows.t)
-        none = np.zeros((n, M, 0))
         fold, cell = stretches(state.stage.rows, _FOLDS)
-        there = np.zeros((n, 0 if test is None else len(test[0].t), 0))
+        _, fold = np.unique(fold, return_inverse=True)
         blank = np.zeros(0)
-        curves = (none,) * len(np.unique(fold))
-        bare = cls(state, test, fold, cell, none, blank, blank, blank, blank, curves, none, there, there)
-        return bare.beside(state)
+        return cls(state, test, fold, cell, *(blank,) * 6).beside(state)
 
     def beside(self, state: SearchState) -> Judge:
         """The same curves beside what another state has named."""
+        if state is self.state and len(self.raw):
+            return self
         stage, weighting = state.stage, state.base.weighting
         effects = [e for e in state.effects if not isinstance(e, MeasuredCurve)]
 
@@ -102,9 +109,10 @@ class Judge:
         there = self.there
         if self.test is not None:
             there = columns(model_columns(*self.test, stage.frozen), self.test[0])
-        white, target = weighting.apply_all(white), weighting.apply_all(target)
-        every = np.tile(self.fold, stage.rows.n)
-        parts = [(white[mine], target[mine]) for f in np.unique(self.fold) for mine in [every == f]]
+        white = weighting.apply_all(white).reshape(raw.shape)
+        target = weighting.apply_all(target).reshape(raw.shape[:2])
+        folds = [self.fold == f for f in range(self.fold.max() + 1)]
+        parts = [(white[:, f].reshape(-1, raw.shape[2]), target[:, f].ravel()) for f in folds]
         return replace(
             self,
             state=state,
@@ -116,39 +124,38 @@ class Judge:
             there=there,
         )
 
+    def foreseen(self, f: Factors, P: Array, torque: Array) -> float:
+        """Share of a joint's error beyond noise that columns with these factors and the penalty P take;
+        torque (M, k) : of their coefficients."""
+        folds = torque @ fold_coefficients(f, P, self.fold).T
+        after = replace(self, curves=(*self.curves, _Added(f.joint, folds, folds[:, 0], folds[:0, 0])))
+        out = CurveErrors(self.error(f.joint), after.error(f.joint), False)
+        return out.share(known_floor(self.state.stage.noise, f.joint))
+
     def tried(
         self, found: Fitted, effect: MeasuredCurve, look: Look, law: LawFit | None = None
     ) -> tuple[Judge, CurveErrors]:
         """With one more curve, or what its law makes of it, and what that does to the error of its
         joint."""
-        rows, f = self.state.stage.rows, found
+        rows, f, j = self.state.stage.rows, found, found.joint
         if law is None:
-            design = f.Z, f.C, f.factors, f.smooth.P
+            design = f.factors, f.smooth.P
             # What the model's columns make comes out at random in a fold, and as large as rounding
             # lets it.
-            grid = f.basis.at(*look.variables.supported(f.basis).T)
-            grid = grid @ identifiable(f.factors, f.smooth.P)
+            grid = f.basis.at(*look.variables.supported(f.basis).T) @ f.projector
         else:
-            design = of_amplitudes(law, f, look)
+            design = of_amplitudes(law.law, law.constants, f, look)[1:]
             grid = law.law.columns(f.basis.points, law.constants)
-        parts = fold_coefficients(look.fit, *design, f.joint, self.fold)
-        tables = [effect.valued(grid @ c) for c in parts]
-
-        def joined(old: Array, rows: SegmentedRuns, new: MeasuredCurve) -> Array:
-            return np.concatenate([old, spread_columns(rows, new)], axis=2)
-
-        after = replace(
-            self,
-            curves=tuple(joined(c, rows, t) for c, t in zip(self.curves, tables, strict=True)),
-            all_curves=joined(self.all_curves, rows, effect),
-        )
-        lowers = _falls(self._squares(f.joint), after._squares(f.joint))
-        out = CurveErrors(self.error(f.joint), after.error(f.joint), lowers)
-        if out.share(known_floor(self.state.stage.noise, f.joint)) < _MOST:
+        tables = [effect.valued(grid @ c) for c in fold_coefficients(*design, self.fold)]
+        folds, every = (np.hstack([rows.column(e, j) for e in x]) for x in (tables, [effect]))
+        there = np.zeros(0) if self.test is None else self.test[0].column(effect, j)[:, 0]
+        after = replace(self, curves=(*self.curves, _Added(j, folds, every[:, 0], there)))
+        lowers = _falls(self._squares(j), after._squares(j))
+        out = CurveErrors(self.error(j), after.error(j), lowers)
+        if out.share(known_floor(self.state.stage.noise, j)) < _MOST:
             out = replace(out, lowers=False)
         if self.test is not None:
-            after = replace(after, curves_there=joined(self.curves_there, self.test[0], effect))
-            before, rest = self._there(f.joint), after._there(f.joint)
+            before, rest = self._there(j), after._there(j)
             out = CurveErrors(before, rest, out.lowers and rest < before)
         return after, out
 
@@ -172,39 +179,42 @@ class Judge:
         return {}
 
     def _left_out(self, joint: int) -> Array:
-        stage, left = self.state.stage, np.zeros(len(self.fold))
-        for k, (f, curves) in enumerate(zip(np.unique(self.fold), self.curves, strict=True)):
-            out = self.fold == f
-            columns = np.concatenate([self.raw[joint], curves[joint]], axis=1)[out]
-            left[out] = stage.residual[out, joint] - columns @ self._parameters(curves, k)
-        return np.asarray(
-            np.bincount(self.cell, np.where(stage.rows.keep[:, joint], left, 0.0) ** 2), float
-        )
+        stage, p = self.state.stage, self.raw.shape[2]
+        left = stage.residual[:, joint].copy()
+        for k in range(len(self.grams)):
+            out, theta = self.fold == k, self._parameters(k)
+            left[out] -= self.raw[joint, out] @ theta[:p]
+            for c, size in zip(self.curves, theta[p:], strict=True):
+                left[out] -= size * c.folds[out, k] * (c.joint == joint)
+        squares = np.where(stage.rows.keep[:, joint], left, 0.0) ** 2
+        return np.asarray(np.bincount(self.cell, squares), float)
 
     def _there(self, joint: int) -> float:
         """Root mean square error on the test run."""
         assert self.test is not None
-        rows = self.test[0]
-        theta = self._parameters(self.all_curves)
-        columns = np.concatenate([self.there[joint], self.curves_there[joint]], axis=1)
-        left = (rows.residual[:, joint] - columns @ theta)[rows.keep[:, joint]]
+        rows, theta = self.test[0], self._parameters()
+        own = [c.there * (c.joint == joint) for c in self.curves]
+        left = rows.residual[:, joint] - np.column_stack([self.there[joint], *own]) @ theta
+        left = left[rows.keep[:, joint]]
         return float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
 
-    def _parameters(self, curves: Array, but: int | None = None) -> Array:
-        """(p + c,) from all rows ``but`` those of one fold (its place), with the prior that is worth one
-        of them."""
-        stage, folds, p = self.state.stage, np.unique(self.fold), self.white.shape[1]
-        others = [k for k in range(len(folds)) if k != but]
-        train = np.isin(self.fold, folds[others])
-        gram = np.zeros((p + curves.shape[2],) * 2)
+    def _parameters(self, but: int | None = None) -> Array:
+        """(p + c,) from all rows ``but`` those of one fold, with the prior that is worth one of them."""
+        stage, weighting, p = self.state.stage, self.state.base.weighting, self.raw.shape[2]
+        others = [k for k in range(len(self.grams)) if k != but]
+        train = self.fold != but if but is not None else np.ones(len(self.fold), bool)
+        gram = np.zeros((p + len(self.curves),) * 2)
         pull = np.zeros(len(gram))
         gram[:p, :p], pull[:p] = self.grams[others].sum(axis=0), self.pulls[others].sum(axis=0)
-        if curves.shape[2]:
-            white, _ = white_rows(stage.rows, stage.noise, curves, stage.residual)
-            own = self.state.base.weighting.apply_all(white)
-            own = own * np.tile(train, stage.rows.n)[:, None]
-            gram[:p, p:], gram[p:, p:], pull[p:] = self.white.T @ own, own.T @ own, own.T @ self.target
-            gram[p:, :p] = gram[:p, p:].T
+        known: list[tuple[int, Array]] = []
+        for at, c in enumerate(self.curves, p):
+            torque = c.every if but is None else c.folds[:, but]
+            white = stage.noise.whiten(torque, c.joint, stage.rows.pieces(c.joint))
+            white = weighting.apply(white, c.joint) * train
+            known.append((c.joint, white))
+            gram[:p, at], pull[at] = self.white[c.joint].T @ white, self.target[c.joint] @ white
+            gram[p : at + 1, at] = [white @ other * (c.joint == j) for j, other in known]
+            gram[at, :at] = gram[:at, at]
         norms = np.sqrt(np.diagonal(gram))
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
         gram = gram / unit[:, None] / unit + np.eye(len(unit)) / max(train.sum(), 1)

@@ -20,7 +20,7 @@ class Law:
     """terms(variables, constants) -> its m columns, by broadcasting; starts : constants that a fit
     begins with, and within whose ends it stays; text(amplitudes, constants) -> how it reads."""
 
-    terms: Callable[[Array, Array], Sequence[Array]]
+    terms: Callable[[Sequence[Array] | Array, Array], Sequence[Array]]
     text: Callable[[Array, Array], str]
     starts: Sequence[tuple[float, ...]] = ((),)
 
@@ -32,9 +32,17 @@ class Law:
 
     def columns(self, points: Array, constants: Array) -> Array:
         """(P, m) at points (P, v) with constants (c,); (P, S, m) with S sets of them (c, S)."""
-        x = points.T if constants.ndim == 1 else points.T[:, :, None]
-        shape = (*points.shape[:1], *constants.shape[1:])
-        return np.stack([np.broadcast_to(g, shape) for g in self.terms(x, constants)], axis=-1)
+        return self._stacked(points.T if constants.ndim == 1 else points.T[:, :, None], constants)
+
+    def on_grid(self, grid: Sequence[Array], constants: Array) -> Array:
+        """(P_1, ..., S, m) at the points of a grid, with S sets of constants (c, S)."""
+        return self._stacked([x[..., None] for x in np.ix_(*grid)], constants)
+
+    def _stacked(self, x: Sequence[Array] | Array, constants: Array) -> Array:
+        with np.errstate(over="ignore", invalid="ignore"):
+            terms = self.terms(x, constants)
+        shape = np.broadcast_shapes(*(v.shape for v in x), constants.shape[1:])
+        return np.stack([np.broadcast_to(g, shape) for g in terms], axis=-1)
 
 
 def dictionary(axes: Sequence[Axis]) -> list[Law]:
@@ -140,7 +148,7 @@ def _of_phase(axis: Axis) -> list[Law]:
     k, q = axis.variable.order, f"q{axis.variable.joint + 1}"
 
     def wave(*orders: int) -> Law:
-        def terms(p: Array, _: Array) -> list[Array]:
+        def terms(p: Sequence[Array] | Array, _: Array) -> list[Array]:
             return [g(k * p[0]) for g in (np.sin, np.cos) for k in orders]
 
         def text(a: Array, _: Array) -> str:
@@ -195,9 +203,10 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
 def _travelling(first: Axis, second: Axis, x: str, y: str) -> Law:
     """A wave of both positions."""
 
-    def terms(p: Array, b: Array) -> list[Array]:
-        phase = p[0] * b[0] + p[1] * b[1]
-        return [np.sin(phase), np.cos(phase)]
+    def terms(p: Sequence[Array] | Array, b: Array) -> list[Array]:
+        one, two = p[0] * b[0], p[1] * b[1]  # on a grid each is of one variable
+        a, c, u, v = np.sin(one), np.cos(one), np.sin(two), np.cos(two)
+        return [a * v + c * u, c * v - a * u]
 
     def text(a: Array, b: Array) -> str:
         sign = "-" if b[1] < 0.0 else "+"

@@ -176,7 +176,7 @@ def _explains(state: SearchState, joint: int) -> bool:
 
 def _told(found: FoundCurve) -> Curve:
     """A curve as it is told."""
-    f, law = found.fitted, found.law
+    f, law, half = found.fitted, found.law, found.half
     points = found.look.variables.supported(f.basis)
     torque, filled, beyond = f.basis.at(*points.T) @ f.coefficients, points[:0], np.zeros(0)
     if law is not None and found.whole:
@@ -189,8 +189,8 @@ def _told(found: FoundCurve) -> Curve:
         f.basis.of,
         points[:, 0] if single else points,
         torque,
-        torque - found.half,
-        torque + found.half,
+        torque - half,
+        torque + half,
         found.held_out.share(known_floor(found.look.noise, f.joint)),
         None if law is None else written(law, f, units),
         found.held_out.before,

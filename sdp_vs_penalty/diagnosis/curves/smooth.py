@@ -37,25 +37,44 @@ _CUT = 0.75
 _AT_ONCE = 2_000_000
 #: Share of a direction's energy below which the model's columns make it.
 ABSORBED = 0.02
+#: Share that the data have in a direction, beside the prior, below which draws leave it alone.
+_SAID = 1e-5
 
 
 @dataclass(frozen=True)
 class Factors:
-    """D (k, k), s (k,), raw = Z'Z (k, k); count : rows of the joint."""
+    """White weighted columns Z (M, k) of a joint beside a fit: C = Q'Z (r, k), D (k, k), s (k,),
+    raw = Z'Z (k, k); count : rows of the joint."""
 
+    fit: WhiteFit
+    joint: int
+    Z: Array
+    C: Array
     D: Array
     s: Array
     raw: Array
     count: float
 
     @classmethod
-    def of(cls, fit: WhiteFit, Z: Array, joint: int) -> tuple[Factors, Array]:
-        """From white weighted columns (M, k) of one joint; also C = Q'Z (r, k)."""
-        M = len(fit.rows.block)
+    def of(cls, fit: WhiteFit, Z: Array, joint: int) -> Factors:
+        return cls.several(fit, Z, joint, 1)[0]
+
+    @classmethod
+    def several(cls, fit: WhiteFit, Z: Array, joint: int, count: int) -> list[Factors]:
+        """Of ``count`` sets of columns side by side."""
+        M, size, rows = len(Z), Z.shape[1] // count, float(fit.rows.count[joint])
         mine = slice(joint * M, (joint + 1) * M)
-        C = fit.Q[mine].T @ Z
-        raw = Z.T @ Z
-        return cls(raw - C.T @ C, Z.T @ fit.residual[mine], raw, float(fit.rows.count[joint])), C
+        every, pulls, out = fit.Q[mine].T @ Z, Z.T @ fit.residual[mine], []
+        for own in (slice(at * size, (at + 1) * size) for at in range(count)):
+            z, C = Z[:, own], every[:, own]
+            raw = z.T @ z
+            out.append(cls(fit, joint, z, C, raw - C.T @ C, pulls[own], raw, rows))
+        return out
+
+    def of_joint(self, values: Array) -> Array:
+        """(M, ...) of values (n M, ...) those of the joint's rows."""
+        M = len(self.Z)
+        return values[self.joint * M : (self.joint + 1) * M]
 
     def priors(self, penalties: Sequence[Array], weights: Array) -> Array:
         """(W, k, k) P for each of W sets of weights, one a penalty of unit trace."""
@@ -67,97 +86,128 @@ class Factors:
 
 @dataclass(frozen=True)
 class Smooth:
-    """c (k,) : coefficients; P, D (k, k) : the penalty, and what the data say; evidence : 2 log BF;
-    chi2 : drop of the squared residual."""
+    """A penalised fit: P (k, k) the penalty; evidence : 2 log BF; weights : of the roughness."""
 
-    c: Array
+    factors: Factors
     P: Array
     evidence: float
-    chi2: float
-    D: Array
+    weights: Array
+
+    @cached_property
+    def c(self) -> Array:
+        """(k,) coefficients."""
+        f = self.factors
+        return np.asarray(scipy.linalg.solve(f.D + self.P, f.s, assume_a="pos", check_finite=False))
+
+    @cached_property
+    def chi2(self) -> float:
+        """Drop of the squared residual."""
+        return float(2.0 * self.c @ self.factors.s - self.c @ self.factors.D @ self.c)
 
     @cached_property
     def edf(self) -> float:
         """Effective degrees of freedom."""
-        return float(np.trace(np.linalg.solve(self.D + self.P, self.D)))
+        return float(np.trace(np.linalg.solve(self.factors.D + self.P, self.factors.D)))
+
+    @property
+    def weight(self) -> float:
+        """Of a pair's two weights the mean."""
+        return float(np.exp(np.mean(np.log(self.weights)))) if len(self.weights) else 1.0
 
 
-def smooth(
-    f: Factors,
-    penalties: Sequence[Array],
-    fine: bool = False,
-    gain: Callable[[Array], Array] = lambda x: x,
-) -> Smooth:
-    """The penalised fit with the most evidence; gain : of twice the log likelihood by drops (W,) of the
-    squared residual, which are the gain where its variance is known."""
-    if fine and len(penalties) > 1:
-        weights = np.array(list(product(_FINE_PAIR, repeat=len(penalties))))
-    else:
-        weights = (_FINE if fine else _COARSE)[:, None]
-        penalties = [np.sum(penalties, axis=0)] if penalties else []
-    P = f.priors(penalties, weights if penalties else np.zeros((1, 0)))
-    k = len(f.s)
+#: Of twice the log likelihood by drops (W,) of the squared residual; None where its variance is known.
+Gain = Callable[[Array], Array] | None
+
+
+def smooth(f: Factors, penalties: Sequence[Array], gain: Gain, near: float) -> Smooth:
+    """The penalised fit with the most evidence, of a pair's two weights uphill from ``near``."""
+    if len(penalties) < 2:
+        return smooth_all([f], penalties, gain, _FINE)[0]
+    seen: dict[tuple[int, ...], float] = {}
+    at: tuple[int, ...] = (int(np.argmin(np.abs(np.log(_FINE_PAIR / near)))),) * 2
+    while True:
+        around = product(*(range(max(i - 1, 0), min(i + 2, len(_FINE_PAIR))) for i in at))
+        fresh = [place for place in around if place not in seen]
+        if fresh:
+            values = _evidence([f], [f.priors(penalties, _FINE_PAIR[np.array(fresh)])], gain)
+            seen.update(zip(fresh, values[0].tolist(), strict=True))
+        highest = max(seen, key=lambda place: seen[place])
+        if highest == at:
+            weights = _FINE_PAIR[list(at)]
+            return Smooth(f, f.priors(penalties, weights[None])[0], seen[at], weights)
+        at = highest
+
+
+def smooth_all(
+    every: Sequence[Factors], penalties: Sequence[Array], gain: Gain, among: Array = _COARSE
+) -> list[Smooth]:
+    """The same of each of several, with one weight for all of the roughness."""
+    weights = among[:, None] if penalties else np.zeros((1, 0))
+    penalties = [np.sum(penalties, axis=0)] if penalties else []
+    P = [f.priors(penalties, weights) for f in every]
+    values = _evidence(every, P, gain)
+    best = np.argmax(values, axis=1).tolist()
+    found = zip(every, P, values, best, strict=True)
+    return [Smooth(f, own[k], float(value[k]), weights[k]) for f, own, value, k in found]
+
+
+def _evidence(every: Sequence[Factors], P: Sequence[Array], gain: Gain) -> Array:
+    """(F, W) of fits with each of the penalties P (W, k, k)."""
+    F, W, k = len(every), len(P[0]), len(every[0].s)
     # Bordered by s, the factor's last row is L^-1 s; the corner only has to be large enough.
-    bordered = np.full((len(P), k + 1, k + 1), 1e300)
-    bordered[:, :k, :k], bordered[:, k, :k], bordered[:, :k, k] = f.D + P, f.s, f.s
-    after, before = (np.linalg.cholesky(X) for X in (bordered, P))
-    half, after = after[:, k, :k], after[:, :k, :k]
-    size = [2.0 * np.sum(np.log(np.diagonal(L, axis1=1, axis2=2)), axis=1) for L in (after, before)]
-    values = gain(np.sum(half**2, axis=1)) - size[0] + size[1]
-    best = int(np.argmax(values))
-    P, value = P[best], float(values[best])
-    c = scipy.linalg.solve_triangular(after[best], half[best], trans="T", lower=True, check_finite=False)
-    return Smooth(c, P, value, float(2.0 * c @ f.s - c @ f.D @ c), f.D)
+    bordered, prior = np.empty((F, W, k + 1, k + 1)), np.array(P)
+    bordered[..., :k, :k] = np.array([f.D for f in every])[:, None] + prior
+    bordered[..., k, :k], bordered[..., k] = np.array([f.s for f in every])[:, None], 1e300
+    after, before = np.linalg.cholesky(bordered), np.linalg.cholesky(prior)
+    grown = np.einsum("fwkk->fwk", after)[..., :k] / np.einsum("fwkk->fwk", before)
+    drops = np.sum(after[..., k, :k] ** 2, axis=2)
+    gains = drops if gain is None else gain(drops.ravel()).reshape(F, W)
+    return np.asarray(gains - 2.0 * np.sum(np.log(grown), axis=2))
 
 
-def block_scores(fit: WhiteFit, Z: Array, C: Array, joint: int, overlap: Array) -> Array:
-    """(B, k) s of each block; overlap (B, r) : block sums of Q r."""
-    M = len(fit.rows.block)
-    mine = fit.residual[joint * M : (joint + 1) * M]
-    return np.asarray(fit.rows.sums(Z * mine[:, None]) - overlap @ C)
-
-
-def agreement(scores: Array, A: Array) -> Array:
+def agreement(found: Smooth, overlap: Array) -> Array:
     """(B, B) G with T(e) = e' G e, what the blocks explain together when their scores change sign by
     e, without what each explains alone. No block counts for more than the upper quartile of them: a
-    few stretches that are most of an error agree by chance in a large share of all draws."""
-    G = scores @ np.linalg.solve(A, scores.T)
+    few stretches that are most of an error agree by chance in a large share of all draws.
+
+    overlap (B, r) : block sums of Q r.
+    """
+    f = found.factors
+    scores = f.fit.rows.products(f.Z, f.of_joint(f.fit.residual)) - overlap @ f.C
+    G = scores @ np.linalg.solve(f.D + found.P, scores.T)
     own = np.maximum(np.diagonal(G), 1e-300)
-    cut = np.sqrt(np.minimum(np.quantile(own, _CUT) / own, 1.0))
+    # np.quantile takes longer than all the rest.
+    most = np.interp(_CUT * (len(own) - 1), np.arange(len(own)), np.sort(own))
+    cut = np.sqrt(np.minimum(most / own, 1.0))
     out = G * np.outer(cut, cut)
     np.fill_diagonal(out, 0.0)
     return np.asarray(out)
 
 
-def held_out_gain(fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int) -> float:
+def held_out_gain(f: Factors, P: Array) -> float:
     """Gain in squared white residual of all folds, each from fits on the others."""
-    gain, folds = 0.0, fit.without_folds(fit.rows.fold)
-    for part, (c, Z_out, overlap) in zip(folds, _without(fit, folds, Z, C, f, P, joint), strict=True):
-        change = np.negative(part.Q @ (part.inverse @ (overlap @ c))).reshape(fit.rows.n, -1)
-        change[joint] += Z_out @ c
-        gain += float(np.sum(part.error**2) - np.sum((part.error - change.ravel()) ** 2))
+    gain, folds = 0.0, f.fit.without_folds(f.fit.rows.fold)
+    for part, (c, Z_out, overlap) in zip(folds, _without(f, P, folds), strict=True):
+        change = np.negative(part.Q @ (part.inverse @ (overlap @ c))).reshape(f.fit.rows.n, -1)
+        change[f.joint] += Z_out @ c
+        gain += float((2.0 * part.error - change.ravel()) @ change.ravel())
     return gain
 
 
-def fold_coefficients(
-    fit: WhiteFit, Z: Array, C: Array, f: Factors, P: Array, joint: int, folds: NDArray[np.intp]
-) -> list[Array]:
-    """Per fold of ``folds`` (M,) the coefficients (k,) from the other folds."""
-    return [c for c, _, _ in _without(fit, fit.without_folds(folds), Z, C, f, P, joint)]
+def fold_coefficients(f: Factors, P: Array, folds: NDArray[np.intp]) -> Array:
+    """(F, k) for each fold of ``folds`` (M,) from the other folds."""
+    return np.array([c for c, _, _ in _without(f, P, f.fit.without_folds(folds))])
 
 
-def _without(
-    fit: WhiteFit, folds: Sequence[WithoutFold], Z: Array, C: Array, f: Factors, P: Array, joint: int
-) -> Iterator[tuple[Array, Array, Array]]:
+def _without(f: Factors, P: Array, folds: Sequence[WithoutFold]) -> Iterator[tuple[Array, Array, Array]]:
     """Of each fold the coefficients (k,) from the others, its rows of Z, and the other rows' Q'Z."""
-    n, M = fit.rows.n, len(fit.rows.block)
-    target = fit.target[joint * M : (joint + 1) * M]
-    pull_all = Z.T @ target
+    n, target = f.fit.rows.n, f.of_joint(f.fit.target)
+    pull_all = f.Z.T @ target
     for part in folds:
-        held = part.out[:M]
-        Z_out = Z[held]
-        own = part.Q.reshape(n, len(Z_out), part.Q.shape[1])[joint]  # of a frozen model: no columns
-        overlap = C - own.T @ Z_out
+        held = part.out[: len(f.Z)]
+        Z_out = f.Z[held]
+        own = part.Q.reshape(n, len(Z_out), part.Q.shape[1])[f.joint]  # of a frozen model: no columns
+        overlap = f.C - own.T @ Z_out
         gram = f.raw - Z_out.T @ Z_out - overlap.T @ part.inverse @ overlap
         pull = pull_all - Z_out.T @ target[held] - overlap.T @ part.theta
         yield np.linalg.solve(gram + P, pull), Z_out, overlap
@@ -172,42 +222,41 @@ def identifiable(f: Factors, P: Array) -> Array:
     return np.asarray(kept @ kept.T @ metric)
 
 
-def draws(fit: WhiteFit, Z: Array, C: Array, found: Smooth, joint: int, seed: int, count: int) -> Array:
+def draws(found: Smooth, seed: int, count: int) -> Array:
     """(count, k) errors of the coefficients.
 
     Two parts: blocks drawn with replacement (what the noise does, whatever its colour), and what
     smoothing may have cost, a normal with the covariance that the prior leaves beyond the noise's,
-    (D + P)^-1 - (D + P)^-1 D (D + P)^-1 (Nychka, JASA 1988).
+    (D + P)^-1 - (D + P)^-1 D (D + P)^-1 (Nychka, JASA 1988). In a draw of blocks directions of which
+    the data say next to nothing stay where the prior has them.
     """
-    M = len(fit.rows.block)
-    partialled = np.negative(fit.Q @ C)
-    partialled[joint * M : (joint + 1) * M] += Z
+    f, P = found.factors, found.P
+    fit, rng = f.fit, np.random.default_rng(seed)
+    partialled = np.negative(fit.Q @ f.C)
+    f.of_joint(partialled)[:] += f.Z
     left = fit.residual - partialled @ found.c
+    A = f.D + P
+    values, V = scipy.linalg.eigh(f.D, A, check_finite=False)
+    V = V[:, values > _SAID]
+    partialled, centre = partialled @ V, V.T @ (P @ found.c)
     u = fit.rows.block_sums(partialled * left[:, None])
     grams = _block_grams(fit, partialled)
-    rng = np.random.default_rng(seed)
-    B, k = u.shape
-    centre = found.P @ found.c
-    D = grams.sum(axis=0)
-    A = D + found.P
-    bias = np.linalg.solve(A, found.P) @ np.linalg.inv(A)
+    (B, k), rest = u.shape, V.T @ P @ V
+    bias = np.linalg.solve(A, P) @ np.linalg.inv(A)
     values, vectors = np.linalg.eigh(0.5 * (bias + bias.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = rng.integers(B, size=(count, B))
     weights = np.array([np.bincount(d, minlength=B) for d in drawn], float)
-    out = rng.normal(size=(count, k)) @ root.T
+    out = rng.normal(size=(count, len(root))) @ root.T
     for part in np.array_split(np.arange(count), max(1, count * k * k // _AT_ONCE)):
-        totals = (weights[part] @ grams.reshape(B, -1)).reshape(-1, k, k) + found.P
-        out[part] += np.linalg.solve(totals, (weights[part] @ u - centre)[:, :, None])[:, :, 0]
+        totals = (weights[part] @ grams.reshape(B, -1)).reshape(-1, k, k) + rest
+        own = np.linalg.solve(totals, (weights[part] @ u - centre)[:, :, None])[:, :, 0]
+        out[part] += own @ V.T
     return out
 
 
 def _block_grams(fit: WhiteFit, columns: Array) -> Array:
     """(B, k, k)."""
-    rows = fit.rows
-    shaped = columns.reshape(rows.n, len(rows.block), -1)
-    out = []
-    for b in range(rows.blocks):
-        part = shaped[:, rows.block == b].reshape(-1, shaped.shape[2])
-        out.append(part.T @ part)
-    return np.array(out)
+    shaped = columns.reshape(fit.rows.n, len(fit.rows.block), -1)
+    parts = (shaped[:, fit.rows.block == b] for b in range(fit.rows.blocks))
+    return np.array([np.einsum("nmk,nml->kl", x, x, optimize=True) for x in parts])
