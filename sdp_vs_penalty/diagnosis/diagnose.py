@@ -26,6 +26,7 @@ from sdp_vs_penalty.diagnosis.ladder import MIN_GAIN, refines
 from sdp_vs_penalty.diagnosis.library import turning
 from sdp_vs_penalty.diagnosis.own_shapes import moved
 from sdp_vs_penalty.diagnosis.parsimony import (
+    INVISIBLE,
     believable,
     bent,
     correlated,
@@ -50,10 +51,7 @@ from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import segmented
-from sdp_vs_penalty.signals.stillness import STILL
 
-#: An effect of which the model absorbs more than this share cannot be seen.
-INVISIBLE = 0.999
 #: How many times farther than Coulomb friction turns a law of velocity has to reach to be none of it.
 _BEYOND = 2.0
 #: By so much other constants of the model may raise a joint's held-out error before they are taken back.
@@ -240,9 +238,7 @@ def _finding(found: Found, k: int, held_out: HeldOut, errors: Array) -> Finding:
     alike = [*others, *(p.candidate for p in sharing)]
     rivals = tuple(dict.fromkeys(_rival_name(h, r) for r in alike))
     uncertain, small = not abs(size) > 5.0 * std, not pick.gain > 2.0 * MIN_GAIN
-    paths = np.concatenate([s.motion.q for s in state.stage.rows.segments])
-    stands = float(np.mean(state.stage.rows.still > STILL))
-    looks_like = h.effect.looks_like(size, float(np.ptp(paths[:, h.effect.joints[0]])), stands)
+    looks_like = h.effect.looks_like(size, state.stage.rows.seen(h.effect.joints[0]))
     if h.effect.shape.get(h.effect.beyond_turning, np.inf) < _BEYOND * turning(
         state.stage.rows, h.effect
     ):

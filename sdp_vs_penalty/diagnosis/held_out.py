@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.ladder import climbed
+from sdp_vs_penalty.diagnosis.ladder import climbed, reshaped
 from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.refit import model_beside, weighting_of
 from sdp_vs_penalty.diagnosis.rows import with_estimate
@@ -172,21 +172,20 @@ class OnFolds(_Judge):
         keep, guessed = stage.rows.keep, self._guessed
         count, evident = keep.sum(axis=0), (keep & (kinds_of(stage.rows, guessed) < 2)).sum(axis=0)
         moving = rmse(squares(range(len(picks)))[1], evident)
-        pays, minor = _told(picks, squares, guessed)
-        # Shapes that all rows have chosen flatter: the search without a fold has to find it as well.
-        falls = 0.5 * np.log(total[:-1] / total[1:])
-        worth = [np.max(fall[_acts(pick)]) for pick, fall in zip(picks, falls, strict=True)]
-        minor = tuple(m or (guessed and w <= MINOR) for m, w in zip(minor, worth, strict=True))
+        told = _told(picks, squares, guessed)
         before = rmse(self._before, count)
-        return HeldOut(before, rmse(total, count), "folds", pays, minor, moving)
+        return HeldOut(before, rmse(total, count), "folds", *told, moving)
 
     def _splits(self, effects: Sequence[Effect]) -> list[Split]:
-        """By fold, in the columns of its own picks as well."""
-        stage, now = self.found.state.stage, self.found.estimate
-        out = []
+        """By fold, in the columns of its own picks as well; shape constants that all rows have chosen
+        would flatter the picks: they are those of the rows outside of the fold."""
+        state, now, out = self.found.state, self.found.estimate, list[Split]()
         for train, own in self._searched:
+            there = reshaped(state.on(_stage_on(state.stage, train, frozenset())))
+            shaped = {id(a): b for a, b in zip(state.effects, there.effects, strict=True)}
             every = {id(e): e for e in (*effects, *(p.candidate.effect for p in own))}
-            out.append(left_out(now, stage, list(every.values()), train))
+            chosen = [shaped.get(key, e) for key, e in every.items()]
+            out.append(left_out(now, state.stage, list(every.values()), train, chosen))
         return out
 
     @cached_property

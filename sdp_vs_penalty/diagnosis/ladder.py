@@ -21,7 +21,7 @@ from scipy import special
 from sdp_vs_penalty.diagnosis.block_test import BlockSums, wald_exponent
 from sdp_vs_penalty.diagnosis.candidates import Candidate
 from sdp_vs_penalty.diagnosis.fit import WhiteFit
-from sdp_vs_penalty.diagnosis.library import Key
+from sdp_vs_penalty.diagnosis.library import Key, spread_columns
 from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.robot.arrays import Array
@@ -34,8 +34,8 @@ MIN_SHARE = 0.004
 #: Evidence (twice a log Bayes factor, per unit of residual variance) by which a rival must fall
 #: short to be told apart: odds of 150 to 1.
 TOLD_APART = 10.0
-#: Share of the larger one's size below which the torque of two causes of the whole robot cancels.
-_CANCELLED = 0.5
+#: Below this correlation of their torques one cause of the whole robot undoes another.
+_OPPOSED = -0.5
 #: How many candidates a step tries to add, how many steps there are.
 _TRIES = 3
 #: How many are refined to see what the best of them would leave.
@@ -168,7 +168,12 @@ def _mostly(state: SearchState, first: Candidate) -> list[Candidate]:
     name = first.effect.mostly
     found = [h for j in range(state.fit.rows.n) if name for h in state.contenders(only=(name, j))]
     best = max(found, key=lambda h: h.chi2, default=None)
-    return [] if best is None or best.chi2 < 0.5 * first.chi2 else [best]
+    return [] if best is None or not _says_most(best, first) else [best]
+
+
+def _says_most(own: Candidate, whole: Candidate) -> bool:
+    """Whether an effect on one joint is what a cause of the whole robot mostly is."""
+    return own.key[0] == whole.effect.mostly and own.chi2 > 0.5 * whole.chi2
 
 
 def _joint_by_joint(state: SearchState, contenders: Sequence[Candidate]) -> Sequence[Candidate]:
@@ -210,16 +215,20 @@ def accepted(state: SearchState, candidate: Candidate, lucky: bool = True) -> Pi
 
 
 def _cancels(state: SearchState, candidate: Candidate) -> bool:
-    """Whether a cause of the whole robot mostly undoes another one that was picked: a torque that is
-    filtered by 8 ms and yet 7 ms early is neither, only what the two leave of each other."""
-    whole = candidate.key[1] is None
+    """Whether a cause of the whole robot undoes one that was picked: a torque that is filtered by
+    8 ms and yet 7 ms early is neither, only what the two leave of each other."""
+    whole, rows = candidate.key[1] is None, state.stage.rows
     for k in (k for k, p in enumerate(state.picks) if whole and p.candidate.key[1] is None):
-        fit = state.without(k).fit
-        pair = [fit.scaled(h.columns) for h in (state.picks[k].candidate, candidate)]
-        beta = np.linalg.lstsq(fit.partialled(np.hstack(pair)), fit.residual, rcond=None)[0]
-        one, other = pair[0] @ beta[: pair[0].shape[1]], pair[1] @ beta[pair[0].shape[1] :]
-        sizes = (np.linalg.norm(x) for x in (one, other))
-        if np.linalg.norm(one + other) < _CANCELLED * max(sizes):
+        pair, fit = (state.picks[k].candidate, candidate), state.without(k).fit
+        columns = fit.partialled(np.hstack([fit.scaled(h.columns) for h in pair]))
+        beta = np.linalg.lstsq(columns, fit.residual, rcond=None)[0]
+        parts = np.split(beta, [len(pair[0].beta)])
+        # As torques, of which slow ones count most: white, only what is sharp in them would.
+        one, other = (
+            spread_columns(rows, h.effect) @ b / rows.torque.std(axis=0)[:, None]
+            for h, b in zip(pair, parts, strict=True)
+        )
+        if np.vdot(one, other) < _OPPOSED * np.linalg.norm(one) * np.linalg.norm(other):
             return True
     return False
 
@@ -300,8 +309,9 @@ def _again(others: SearchState, old: Candidate) -> tuple[Candidate, tuple[Candid
     same = next((h for h in contenders if h.key == old.key), None)
     if same is not None:
         own = same if same.chi2 > own.chi2 else replace(own, evidence=same.evidence)
-    best = contenders[0] if contenders else own
-    if best.key != own.key and best.evidence > own.evidence + TOLD_APART:
+    best = next(iter(_mostly(others, contenders[0])), contenders[0]) if contenders else own
+    better = best.key != own.key and best.evidence > own.evidence + TOLD_APART
+    if better and not _says_most(own, best) and not _cancels(others, best):
         own = best
     rivals = rivals_of(others, own, contenders)
     plain = _plain_form(own, rivals)

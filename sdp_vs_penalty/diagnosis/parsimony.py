@@ -22,6 +22,8 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.signals.stillness import SLOW
 
+#: An effect of which the model absorbs more than this share cannot be seen.
+INVISIBLE = 0.999
 #: Of a pick's energy, the share that its correlation with another must take for its size to be theirs
 #: together: standard deviations are then sqrt(1 / (1 - 0.8)) = 2.2 times as large as alone.
 CORRELATED = 0.8
@@ -128,10 +130,10 @@ def _one_for(state: SearchState, a: int, b: int) -> SearchState | None:
 
 def believable(state: SearchState) -> SearchState:
     """The search without picks that are a part of something larger, the smallest first: of a law of the
-    same friction, or of error on their joints that has no name."""
+    same friction, the model's own as well, or of error on their joints that has no name."""
     for pick in sorted(state.picks, key=lambda p: p.gain):
         k = next(m for m, p in enumerate(state.picks) if p is pick)
-        if _part_of_a_law(state, k) or _drowned(state, k):
+        if _part_of_a_law(state, k) or _drowned(state, k) or _plain_again(state, k):
             state = state.with_picks(state.without(k).picks)
     return state
 
@@ -191,6 +193,15 @@ def _part_of_a_law(state: SearchState, k: int) -> bool:
         return False
     one, other = (p.candidate.effect for p in (pick, larger))
     return not {one.name, *one.refines}.isdisjoint({other.name, *other.refines})
+
+
+def _plain_again(state: SearchState, k: int) -> bool:
+    """Whether pick k is a finer form of a law of which the model's own law makes nearly all: a power of
+    0.998 beside viscous friction, large and opposite."""
+    columns = state.base.scaled(state.picks[k].candidate.columns)
+    left = np.sum(state.base.partialled(columns) ** 2)
+    finer = bool(state.picks[k].candidate.effect.refines)
+    return bool(finer and left < (1.0 - INVISIBLE) * np.sum(columns**2))
 
 
 def _drowned(state: SearchState, k: int) -> bool:

@@ -22,8 +22,6 @@ Mask = NDArray[np.bool_]
 
 #: Events are rare: what fills more than this share of a joint's rows is something else.
 MOST_EVENTS = 0.15
-#: Share of a row from a slow joint from which its friction, much larger than the noise, shows there.
-_SLIGHTLY = 1e-4
 #: Hz: below, lines are the motion's own harmonics.
 _SLOWEST_HUM = 0.8
 #: In units of the row rate: above, what the low-pass folds has no flat surroundings.
@@ -96,7 +94,7 @@ def _of_reversals(mask: Mask, energy: Array, rows: SegmentedRuns) -> Mask:
     turns round a little elsewhere each time."""
     out = np.zeros_like(mask)
     for j in range(rows.n):
-        slowly, marked = energy[:, j] * (rows.slow[:, j] > _SLIGHTLY), np.flatnonzero(mask[:, j])
+        slowly, marked = energy[:, j] * (rows.slow[:, j] > SLOW), np.flatnonzero(mask[:, j])
         for piece in np.split(marked, np.flatnonzero(np.diff(marked) != 1) + 1):
             out[piece, j] = slowly[piece].sum() > 0.5 * energy[piece, j].sum()
     return out

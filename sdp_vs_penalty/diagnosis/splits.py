@@ -57,11 +57,16 @@ class Cells:
 
 
 def left_out(
-    estimate: Estimate, stage: Stage, effects: Sequence[Effect], train: NDArray[np.bool_]
+    estimate: Estimate,
+    stage: Stage,
+    effects: Sequence[Effect],
+    train: NDArray[np.bool_],
+    shaped: Sequence[Effect] = (),
 ) -> Split:
-    """The stage's rows to fit to, and all others to judge on."""
+    """The stage's rows to fit to, and all others to judge on; shaped : the effects with the constants
+    that the rows to fit to show, if others than their own."""
     rows = stage.rows
-    columns = [stage.columns, *(spread_columns(rows, effect) for effect in effects)]
+    columns = [stage.columns, *(spread_columns(rows, effect) for effect in shaped or effects)]
     own = () if stage.frozen else estimate.model.effects
     parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
     torque = stage.residual.copy()

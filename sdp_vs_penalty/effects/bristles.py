@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Seen
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,12 @@ class Remembering(Effect):
 
     def blocks(self, motion: Motion) -> list[Block]:
         return self.blocks_at(motion, self.bristles.along(motion))
+
+    def looks_like(self, size: float, seen: Seen) -> str:
+        hidden = max(self.bristles.distances, default=np.inf) < 2.0 * seen.resolution
+        if self.at_rest == "turns" and hidden:
+            return "it turns round within what the positions tell apart: any sharp friction looks so"
+        return super().looks_like(size, seen)
 
 
 def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:

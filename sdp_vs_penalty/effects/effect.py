@@ -56,6 +56,16 @@ class Block:
 PARAMETER_RANGE = 1e4
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What runs show of a joint: how far it went and how fine its positions are [rad, m]; stands : share
+    of the rows in which joints stand still."""
+
+    travel: float = np.inf
+    resolution: float = 0.0
+    stands: float = 0.0
+
+
 class Effect(ABC):
     """One effect on the joints it is given (from 0), with its shape constants fixed.
 
@@ -259,10 +269,10 @@ class Effect(ABC):
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
-    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
-        """What a model may lack that passes for this effect of this size on a joint that went so far
-        [rad, m], if there is such a thing; stands : share of the time that joints stand still."""
-        slow = self.shape.get("k", np.inf) * travel < 2.0 * np.pi
+    def looks_like(self, size: float, seen: Seen) -> str:
+        """What a model may lack that passes for this effect of this size in what was seen of its joint,
+        if there is such a thing."""
+        slow = self.shape.get("k", np.inf) * seen.travel < 2.0 * np.pi
         return (
             "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
         )

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter, Seen
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -41,7 +41,7 @@ class GlobalDelay(Effect):
         rate = motion.late_torque_rate(self.shape["T"])
         return [Block(j, np.array([0]), -rate[:, [j]]) for j in range(self.robot.n)]
 
-    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
+    def looks_like(self, size: float, seen: Seen) -> str:
         return EARLY if size < 0.0 else ""
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter, Seen
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -59,8 +59,8 @@ class TorqueFilter(Effect):
         change = (passed - torque) / T
         return [Block(j, np.array([0]), change[:, [j]]) for j in range(self.robot.n)]
 
-    def looks_like(self, size: float, travel: float = np.inf, stands: float = 0.0) -> str:
-        if self.needs_links and stands > _STANDS:
+    def looks_like(self, size: float, seen: Seen) -> str:
+        if self.needs_links and seen.stands > _STANDS:
             return "joints stand still at reversals, where friction turns round as slowly by itself"
         return ""
 

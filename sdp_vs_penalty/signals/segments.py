@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.columns import Columns
@@ -36,6 +36,7 @@ from sdp_vs_penalty.signals.stillness import (
     Standstill,
     friction_laws,
     lawless,
+    resolution,
     turned_at_rest,
 )
 
@@ -138,6 +139,12 @@ class SegmentedRuns:
         """(M, n) what the links leave of the torque."""
         links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
         return self.torque - np.concatenate(links) if links else self.torque
+
+    def seen(self, joint: int) -> Seen:
+        """What all runs show of a joint."""
+        paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
+        fine = (resolution(s.standstill.stretch.q[:, joint]) for s in self.segments)
+        return Seen(float(np.ptp(paths)), float(max(fine)), float(np.mean(self.still > STILL)))
 
     @cached_property
     def holds(self) -> NDArray[np.bool_]:

@@ -68,8 +68,7 @@ def still(q: Array) -> NDArray[np.bool_]:
     N, out = len(q), np.zeros(q.shape, bool)
     if N < 16:
         return out
-    # Of fourth differences motion is no part, and white noise has 70 times its variance in them.
-    alike = _ALIKE * np.median(np.abs(np.diff(q, 4, axis=0)), axis=0) / (0.6745 * np.sqrt(70.0))
+    alike = resolution(q)
     half = 1
     while half < _LONGEST * N:
         width = 2 * half + 1
@@ -81,6 +80,14 @@ def still(q: Array) -> NDArray[np.bool_]:
             out |= maximum_filter1d((quiet & (away > _TURNS * alike)).view(np.int8), width, axis=0) > 0
         half = max(half + 1, int(_FINER * half))
     return out
+
+
+def resolution(q: Array) -> Array:
+    """(n,) how far positions (N, n), sampled uniformly, have to lie apart to differ for certain."""
+    # Of fourth differences motion is no part, and white noise has 70 times its variance in them.
+    return np.asarray(
+        _ALIKE * np.median(np.abs(np.diff(q, 4, axis=0)), axis=0) / (0.6745 * np.sqrt(70.0))
+    )
 
 
 def friction_laws(motion: Motion, joint: int) -> Array:

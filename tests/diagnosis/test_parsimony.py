@@ -82,12 +82,32 @@ def test_what_stands_beside_a_pick(taken: set[frozenset[int]]) -> None:
     assert not any(parsimony._drowned(state, k) for k in range(3))
 
 
-def test_what_others_or_nothing_may_leave_is_not_offered(taken: set[frozenset[int]]) -> None:
+def test_what_others_or_nothing_may_leave_is_not_offered(
+    taken: set[frozenset[int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parsimony, "_plain_again", lambda state, k: False)
     picks = (0, 100.0), (0, 0.9 * parsimony.PART * 100.0), (1, 1e6)
     for share, same, kept in ((0.0, "effect 0", [0, 2]), (0.0, "", [0, 1, 2]), (1.1, "", [2])):
         state = state_of(*picks, left=share * parsimony.UNNAMED * 100.0)
         state.picks[1].candidate.effect.refines = (same,)
         assert parsimony.believable(state).picks == tuple(state.picks[k] for k in kept)
+
+
+def test_a_finer_form_of_which_the_models_own_law_makes_nearly_all_is_none() -> None:
+    dq = np.linspace(-1.0, 1.0, 101)[:, None]
+    Q = dq / np.linalg.norm(dq)
+    base = SimpleNamespace(scaled=lambda x: x, partialled=lambda x: x - Q @ (Q.T @ x))
+
+    def plain_again(alpha: float, *refines: str) -> bool:
+        candidate = SimpleNamespace(
+            columns=np.sign(dq) * abs(dq) ** alpha, effect=SimpleNamespace(refines=refines)
+        )
+        state: Any = SimpleNamespace(base=base, picks=[SimpleNamespace(candidate=candidate)])
+        return parsimony._plain_again(state, 0)
+
+    assert plain_again(0.99, "viscous_friction")
+    assert not plain_again(1.5, "viscous_friction")
+    assert not plain_again(0.99)  # what refines no law may show however much of it the model takes
 
 
 def test_a_finer_law_is_held_to_more_beside_the_law_that_it_refines() -> None:

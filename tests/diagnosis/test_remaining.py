@@ -6,8 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from sdp_vs_penalty.diagnosis.ladder import _cancels
+from sdp_vs_penalty.diagnosis import ladder
 from sdp_vs_penalty.diagnosis.remaining import _odd_ones, _repeating
 from sdp_vs_penalty.signals.repetition import Repeat
 
@@ -58,19 +59,46 @@ def test_periods_that_differ_where_friction_turns_round_hold_no_event() -> None:
         assert _odd_ones(state).any() == found
 
 
-def test_cancelling_causes_of_the_whole_robot_are_neither() -> None:
+def test_opposed_causes_of_the_whole_robot_are_neither(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     rate, third = rng.normal(size=(2, 60, 1))
     curved = rate + 0.3 * rng.normal(size=(60, 1))
+    monkeypatch.setattr(ladder, "spread_columns", lambda rows, effect: effect[None])
+
+    def candidate(name: str, joint: int | None, columns: Any) -> Any:
+        return SimpleNamespace(key=(name, joint), columns=columns, effect=columns, beta=np.ones(1))
 
     def beside(pick: Any, left: Any) -> Any:
         fit = SimpleNamespace(scaled=lambda x: x, partialled=lambda x: x, residual=left[:, 0])
-        one = SimpleNamespace(candidate=SimpleNamespace(key=("torque_filter", None), columns=pick))
-        return SimpleNamespace(picks=(one,), without=lambda k: SimpleNamespace(fit=fit))
+        one = SimpleNamespace(candidate=candidate("torque_filter", None, pick))
+        rows = SimpleNamespace(torque=left)
+        found = SimpleNamespace(stage=SimpleNamespace(rows=rows), picks=(one,))
+        found.without = lambda k: SimpleNamespace(fit=fit)
+        return found
 
-    early = SimpleNamespace(key=("global_delay", None), columns=curved)
-    assert _cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)  # type: ignore[arg-type]
-    assert not _cancels(beside(rate, 8.0 * rate + 7.0 * curved), early)  # type: ignore[arg-type]
-    assert not _cancels(beside(third, 8.0 * third - 7.0 * curved), early)  # type: ignore[arg-type]
-    early.key = ("torque_delay", 2)
-    assert not _cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)  # type: ignore[arg-type]
+    early = candidate("global_delay", None, curved)
+    assert ladder._cancels(beside(rate, 8.0 * rate - 7.0 * curved), early)
+    assert not ladder._cancels(beside(rate, 8.0 * rate + 7.0 * curved), early)
+    assert not ladder._cancels(beside(third, 8.0 * third - 7.0 * curved), early)
+    late = candidate("torque_delay", 2, curved)
+    assert not ladder._cancels(beside(rate, 8.0 * rate - 7.0 * curved), late)
+
+
+def test_a_zero_that_is_off_is_named_before_errors_of_every_joint() -> None:
+    def candidate(name: str, chi2: float, mostly: str = "") -> Any:
+        return SimpleNamespace(
+            key=(name, None), chi2=chi2, effect=SimpleNamespace(name=name, mostly=mostly)
+        )
+
+    whole = candidate("kinematic_error", 100.0, "joint_zero_error")
+    zeros = {0: 20.0, 1: 60.0, 2: 55.0}
+
+    def contenders(only: Any) -> list[Any]:
+        return [candidate(only[0], zeros[only[1]])]
+
+    state: Any = SimpleNamespace(contenders=contenders, fit=SimpleNamespace(rows=SimpleNamespace(n=3)))
+    assert [h.chi2 for h in ladder._mostly(state, whole)] == [60.0]
+    zeros[1] = zeros[2] = 40.0
+    assert ladder._mostly(state, whole) == []
+    assert ladder._mostly(state, candidate("base_tilt", 10.0)) == []
+    assert not ladder._says_most(candidate("base_tilt", 90.0), whole)

@@ -14,7 +14,7 @@ from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.bristles import Bristles, Law, dahl, stop
 from sdp_vs_penalty.effects.curve_variable import Variable
 from sdp_vs_penalty.effects.drift_offset import DriftOffset
-from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion, follows_alone
+from sdp_vs_penalty.effects.effect import CurrentModel, Effect, Motion, Seen, follows_alone
 from sdp_vs_penalty.effects.measured_curve import corners
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.shape import Shape
@@ -305,14 +305,30 @@ def test_what_follows_the_position_alone_does_so() -> None:
 
 def test_torques_that_come_early_may_be_friction() -> None:
     (effect,) = parse_effects("global_delay", robots()["arm"])
-    assert "sticks" in effect.looks_like(-0.003)
-    assert effect.looks_like(0.003) == ""
+    assert "sticks" in effect.looks_like(-0.003, Seen())
+    assert effect.looks_like(0.003, Seen()) == ""
 
 
 def test_a_wave_is_doubtful_where_less_than_one_was_travelled() -> None:
     ripple = TorqueRipple(robots()["arm"], [1], k=4.0)
-    assert "less than one wave" in ripple.looks_like(1.0, 1.5)
-    assert ripple.looks_like(1.0, 1.6) == ""
+    assert "less than one wave" in ripple.looks_like(1.0, Seen(travel=1.5))
+    assert ripple.looks_like(1.0, Seen(travel=1.6)) == ""
+
+
+def test_friction_that_turns_round_within_the_encoders_steps_is_doubtful() -> None:
+    robot, coarse = robots()["arm"], Seen(resolution=2e-4)
+    short, long, held, slip = parse_effects(
+        (
+            "presliding_hysteresis:1@d=0.0003",
+            "presliding_hysteresis:1@d=0.0005",
+            "stiction:1@d=0.0001",
+            "maxwell_slip:1@d=0.0003",
+        ),
+        robot,
+    )
+    assert "positions tell apart" in short.looks_like(1.0, coarse)
+    assert [e.looks_like(1.0, coarse) for e in (long, held, slip)] == [""] * 3
+    assert short.looks_like(1.0, Seen(resolution=1e-4)) == ""
 
 
 def test_a_tilt_is_told_in_degrees() -> None:
@@ -460,8 +476,8 @@ def test_a_filter_that_looks_both_ways_may_be_joints_that_stick() -> None:
     zero, late = (
         parse_effects(f"torque_filter@phase={p}", robots()["arm"])[0] for p in ("zero", "late")
     )
-    assert "stand still" in zero.looks_like(0.005, stands=0.1)
-    assert zero.looks_like(0.005, stands=0.0) == late.looks_like(0.005, stands=0.1) == ""
+    assert "stand still" in zero.looks_like(0.005, Seen(stands=0.1))
+    assert zero.looks_like(0.005, Seen()) == late.looks_like(0.005, Seen(stands=0.1)) == ""
 
 
 @pytest.mark.parametrize(
