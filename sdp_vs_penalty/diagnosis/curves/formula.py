@@ -29,6 +29,8 @@ from sdp_vs_penalty.show import plain_unit
 #: How many laws are fitted on the rows themselves, and their constants where a law explains there such a
 #: share of what the best does.
 _EXACT, _LIKELY = 8, 0.8
+#: White energy of a law's column, per unit of its amplitude, below which rows do not see it.
+_UNSEEN = 1e-9
 #: Steps to the best constants.
 _STEPS = 7
 #: Share of the points of a curve at which a law lies in its band: where few measurements lie, the
@@ -194,8 +196,10 @@ def written(law: LawFit, f: Fitted, torque_units: Sequence[str]) -> str:
 
 
 def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
-    """(S, m) those that explain most, and (S,) how much, of normal equations (S, m, m) and (S, m)."""
-    known = np.asarray(np.isfinite(gram).all(axis=(1, 2)))
+    """(S, m) those that explain most, and (S,) how much, of normal equations (S, m, m) and (S, m);
+    nothing of columns that the rows do not see (a bump where nobody was)."""
+    visible = np.einsum("smm->sm", gram) > _UNSEEN
+    known = np.asarray(np.isfinite(gram).all(axis=(1, 2)) & visible.all(axis=1))
     gram, pull = np.where(known[:, None, None], gram, 0.0), np.where(known[:, None], pull, 0.0)
     scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
     gram, pull = gram / (scale[:, :, None] * scale[:, None, :]), pull / scale
