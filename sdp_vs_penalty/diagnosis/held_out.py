@@ -168,7 +168,7 @@ class OnFolds(_Judge):
     def errors(self, picks: Sequence[Pick]) -> HeldOut:
         stage, now, squares = self.found.state.stage, self.found.estimate, self._squares(picks)
         folds = zip(self._searched, self._kept.splits, strict=True)
-        total = np.sum([_matched(now, stage.frozen, picks, own, s) for (_, own), s in folds], axis=0)
+        total = np.sum([_matched(now, stage.frozen, picks, own, s) for (_, own, _), s in folds], axis=0)
         keep, guessed = stage.rows.keep, self._guessed
         count, evident = keep.sum(axis=0), (keep & (kinds_of(stage.rows, guessed) < 2)).sum(axis=0)
         moving = rmse(squares(range(len(picks)))[1], evident)
@@ -180,9 +180,8 @@ class OnFolds(_Judge):
         """By fold, in the columns of its own picks as well; shape constants that all rows have chosen
         would flatter the picks: they are those of the rows outside of the fold."""
         state, now, out = self.found.state, self.found.estimate, list[Split]()
-        for train, own in self._searched:
-            there = reshaped(state.on(_stage_on(state.stage, train, frozenset())))
-            shaped = {id(a): b for a, b in zip(state.effects, there.effects, strict=True)}
+        for train, own, there in self._searched:
+            shaped = {id(a): b for a, b in zip(state.effects, there, strict=True)}
             every = {id(e): e for e in (*effects, *(p.candidate.effect for p in own))}
             chosen = [shaped.get(key, e) for key, e in every.items()]
             out.append(left_out(now, state.stage, list(every.values()), train, chosen))
@@ -196,21 +195,23 @@ class OnFolds(_Judge):
             rows = with_estimate(stage.rows, first)
             columns = model_columns(rows, first, stage.frozen)
             stage = replace(stage, rows=rows, columns=columns, residual=rows.residual)
-        splits = [left_out(first, stage, (), train) for train, _ in self._searched]
+        splits = [left_out(first, stage, (), train) for train, *_ in self._searched]
         return np.asarray(
             np.sum([squared_errors(first, stage.frozen, (), s)[-1] for s in splits], axis=0)
         )
 
     @cached_property
-    def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...]]]:
-        """Of each fold the rows (M,) outside of it, and what a search in those picks."""
-        stage = self.found.state.stage
-        outer, keys = stage.labels.fold % _OUTER, _looked_for(self.found.state.picks)
+    def _searched(self) -> list[tuple[NDArray[np.bool_], tuple[Pick, ...], list[Effect]]]:
+        """Of each fold the rows (M,) outside of it, what a search in those picks, and the effects of the
+        whole search with the constants that those show."""
+        state = self.found.state
+        outer, keys = state.stage.labels.fold % _OUTER, _looked_for(state.picks)
         out = []
         for f in np.unique(outer):
             train = outer != f
-            start = SearchState.start(_stage_on(stage, train, keys))
-            out.append((train, climbed(start, thorough=False).picks))
+            stage = _stage_on(state.stage, train, keys)
+            own = climbed(SearchState.start(stage), thorough=False).picks
+            out.append((train, own, reshaped(state.on(stage)).effects))
         return out
 
 
@@ -232,14 +233,13 @@ def _stands_for(own: Pick, picks: Sequence[Pick]) -> int:
     shape = own.candidate.effect.shape
 
     def away(k: int) -> tuple[int, float]:
-        effect = picks[k].candidate.effect
-        forms, sizes = [n for n in effect.shape if effect.shapes[n].bounds is None], set(shape)
-        near = (
-            abs(effect.shape[n] - shape[n]) / (abs(shape[n]) + 1e-300)
-            for n in sizes.difference(forms)
-            if n in effect.shape
-        )
-        return sum(effect.shape[n] != shape.get(n) for n in forms), sum(near)
+        effect, forms, near = picks[k].candidate.effect, 0, 0.0
+        for name, value in effect.shape.items():
+            if effect.shapes[name].bounds is None:
+                forms += value != shape.get(name)
+            elif name in shape:
+                near += abs(value - shape[name]) / (abs(shape[name]) + 1e-300)
+        return forms, near
 
     same = [k for k, p in enumerate(picks) if p.candidate.key == own.candidate.key]
     return min(same, key=away, default=len(picks))

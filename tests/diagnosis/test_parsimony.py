@@ -155,8 +155,10 @@ def test_every_row_is_left_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
     start = SimpleNamespace(start=lambda train: train)
     monkeypatch.setattr(held_out, "SearchState", start)
     monkeypatch.setattr(held_out, "climbed", lambda train, thorough: SimpleNamespace(picks=(train,)))
-    found: Any = SimpleNamespace(state=SimpleNamespace(stage=stage, picks=()))
-    searched = held_out.OnFolds(found)._searched
+    monkeypatch.setattr(held_out, "reshaped", lambda train: SimpleNamespace(effects=[]))
+    state = SimpleNamespace(stage=stage, picks=(), on=lambda train: train)
+    found: Any = SimpleNamespace(state=state)
+    searched = [fold[:2] for fold in held_out.OnFolds(found)._searched]
     assert len(searched) > 2
     np.testing.assert_array_equal(sum(~train for train, _ in searched), 1)
     assert all(own == (train,) for train, own in searched)
