@@ -180,9 +180,7 @@ class Reidentifier:
         objective = Objective(data, self._objective.entropy)
         task = replace(self._task, data=data)
         fit = solve_sdp(task, objective, self._constraints, "clarabel", self._estimator.accuracy)
-        scale = max(data.loss(fit.theta), 1e-12 * data.tau_squared)
-        gap = (objective.value(fit.theta) - fit.lower) / scale if scale > 0.0 else 0.0
-        return Parameters(fit.theta, gap, "clarabel")
+        return Parameters(fit.theta, fit.gap, "clarabel")
 
 
 def _faded(
