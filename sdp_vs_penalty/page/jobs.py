@@ -50,8 +50,8 @@ from sdp_vs_penalty.page.run_jobs import (
 )
 from sdp_vs_penalty.page.summary import summary, violation
 from sdp_vs_penalty.parallel import Workers
+from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
-from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import report as write_report
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS

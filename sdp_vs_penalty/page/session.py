@@ -12,8 +12,7 @@ from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import archive, uploads
-from sdp_vs_penalty.page.doing import Doing
-from sdp_vs_penalty.page.state import METHOD, Notice
+from sdp_vs_penalty.page.state import METHOD, Notice, TabState
 from sdp_vs_penalty.page.summary import Rung
 
 #: What belongs to a robot, and is put aside with it.
@@ -27,7 +26,7 @@ _LONG = 10.0
 
 
 @dataclass
-class Session(Doing):
+class Session(TabState):
     """What can be done to the state. Every verb starts its work in the background and returns."""
 
     def choose_robot(self, source: str, urdf: str | None = None) -> None:

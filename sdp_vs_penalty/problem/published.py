@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.names import barycentric_names
+from sdp_vs_penalty.problem.fields import barycentric_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array

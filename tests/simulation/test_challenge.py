@@ -19,8 +19,14 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.parallel import ALONE
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.simulation.challenge import judge
-from sdp_vs_penalty.simulation.challenge.case import Case, run_case, simulate_case
-from sdp_vs_penalty.simulation.challenge.challenge import VERSION, run_challenge, wanted
+from sdp_vs_penalty.simulation.challenge.challenge import (
+    VERSION,
+    Case,
+    run_case,
+    run_challenge,
+    simulate_case,
+    wanted,
+)
 from sdp_vs_penalty.simulation.challenge.classes import CLASSES, EFFECTS, USUAL
 from sdp_vs_penalty.simulation.challenge.report import csv_text, report_text
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
