@@ -19,6 +19,8 @@ from lxml import etree
 from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 
+#: A whole tag; a > inside quotes does not end it.
+_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 _ATTRIBUTE = re.compile(rb"""\s([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
@@ -129,16 +131,11 @@ def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
     parser.Parse(source, True)
     out: list[tuple[int, int, int | None]] = []
     for k, start in enumerate(starts):
-        end = _tag_end(source, start)
+        found = _TAG.match(source, start)
+        assert found is not None  # the parser has accepted the file
+        end = found.end()
         out.append((start, end, None if source[end - 2 : end] == b"/>" else closings[k]))
     return out
-
-
-def _tag_end(source: bytes, start: int) -> int:
-    """Just behind the > that ends a tag; a > inside quotes does not."""
-    found = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""").match(source, start)
-    assert found is not None  # the parser has accepted the file
-    return found.end()
 
 
 def _same_numbers(old: str, new: str) -> bool:

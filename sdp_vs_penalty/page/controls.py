@@ -25,6 +25,11 @@ def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
     return made
 
 
+def note(text: str) -> None:
+    """A paragraph beside the matter."""
+    tag("p", text, "soft")
+
+
 def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
     """A button; key : by which focus finds it again after a redraw."""
     made = tag("button", text, f"action {style}", type="button", data_key=key, **attributes)

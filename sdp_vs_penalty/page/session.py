@@ -236,7 +236,7 @@ class Session(TabState):
     def save(self, ready: Callable[[str], None]) -> None:
         """Everything as one file; ``ready`` hears its name."""
         state = {name: getattr(self, name) for name in archive.KEPT}
-        state["ladder"] = [archive.rung_state(rung) for rung in self.ladder]
+        state["ladder"] = [{k: getattr(rung, k) for k in archive.RUNG} for rung in self.ladder]
         state["findings"] = None if self.findings is None else self.findings.to_dict()
         models = [rung.file for rung in self.ladder]
         self.ask("save_session", "Saving the session", ready, state=state, models=models)

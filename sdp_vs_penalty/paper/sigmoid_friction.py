@@ -236,12 +236,6 @@ def _diagonal(columns: Array) -> Array:
     return np.asarray(columns[:, :, None] * np.eye(columns.shape[1]))
 
 
-def coverage(fits: Sequence[SigmoidFit], true: Array) -> Array:
-    """(3,) share of the intervals of phi_1, phi_2, phi_3, over joints and fits, that hold the truth."""
-    inside = [(fit.lower <= true) & (true <= fit.upper) for fit in fits]
-    return np.asarray(np.mean(inside, axis=(0, 1)))
-
-
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
     """RMSE (n,) [N m] of a fit on other rows."""
     squares, count = np.zeros(problem.robot.n), 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,6 @@ from sdp_vs_penalty.robot.structure import STANDARD_GRAVITY
 from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-
-def load_folder(folder: Path) -> Problem:
-    return read_toml(folder / "problem.toml", lambda data: _from_toml(folder, data))
 
 
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
@@ -56,7 +53,10 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if "mechanism" in data:
         if robot.mechanism is not None:
             raise InputError("the URDF has mimic joints of its own", "leave out [mechanism]")
-        robot = _with_mechanism(robot, data["mechanism"])
+        section = data["mechanism"]
+        massless = [int(k) for k in section.get("massless", ())]
+        joints, mechanism = parse_mechanism(robot.tree, section["joints"], massless)
+        robot = replace(robot, joints=joints, mechanism=mechanism, transmission=None)
         kept = robot.link_joints
         given = None if given is None else given[list(kept)]
         geometry = None if geometry is None else [geometry[k] for k in kept]
@@ -98,12 +98,6 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if in_the_box:
         sources = tuple("bounds" if source == "inertial" else source for source in sources)
     return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
-
-
-def _with_mechanism(robot: Robot, section: Mapping[str, Any]) -> Robot:
-    massless = [int(k) for k in section.get("massless", ())]
-    joints, mechanism = parse_mechanism(robot.tree, section["joints"], massless)
-    return replace(robot, joints=joints, mechanism=mechanism, transmission=None)
 
 
 def _fill_box(box: Array, path: Path) -> None:
@@ -159,9 +153,9 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
     """
     path = Path(source)
     if str(source) in problem_names():
-        problem = load_folder(problems_folder() / str(source))
-    elif (path / "problem.toml").is_file():
-        problem = load_folder(path)
+        path = problems_folder() / str(source)
+    if (path / "problem.toml").is_file():
+        problem = read_toml(path / "problem.toml", partial(_from_toml, path))
     elif path.is_file():
         problem = _from_urdf(path)
     else:

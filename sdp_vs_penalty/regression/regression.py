@@ -180,15 +180,6 @@ class Regression:
             factors.append(replace(f, indices=f.indices[~own] - k, triangle=rows))
         return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
 
-    def merge(self, other: Regression) -> Regression:
-        """The data of both, for the same model; runs of ``other`` count on after those of this."""
-        if [p.name for p in self.parameters] != [p.name for p in other.parameters]:
-            raise ValueError("Regressions of different models cannot be merged.")
-        runs = 1 + max((b.run for b in self.blocks), default=-1)
-        blocks = tuple(replace(b, run=b.run + runs) for b in other.blocks)
-        factors = tuple(replace(f, block=f.block + len(self.blocks)) for f in other.factors)
-        return replace(self, blocks=self.blocks + blocks, factors=self.factors + factors)
-
     @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
         """All blocks of each joint merged into one factor."""

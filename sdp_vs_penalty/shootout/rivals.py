@@ -98,11 +98,6 @@ def _cvxpy(solver: str | None) -> Contestant:
 
         return Answer(value, claims, status, steps, total - inside, inside, dimacs=dimacs, own_error=own)
 
-    def package() -> str:
-        import cvxpy
-
-        return str(cvxpy.__version__)
-
     how = "prob.solve(), no options" if solver is None else f"prob.solve(solver={solver!r})"
     return Contestant(
         "cvxpy" if solver is None else f"cvxpy {solver.lower()}",

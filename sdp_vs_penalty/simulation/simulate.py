@@ -19,7 +19,6 @@ from scipy import signal
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -36,12 +35,6 @@ def rigid_body_torque(robot: Robot, links: ArrayLike) -> TorqueSource:
     """Newton-Euler torque of links (n, 10), standard parameters."""
     theta = np.asarray(links, float).ravel()
     return lambda motion: robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
-
-
-def model_torque(model: Model, theta: ArrayLike) -> TorqueSource:
-    """The torque of a model's effects with parameters theta (p,)."""
-    values = np.asarray(theta, float)
-    return lambda motion: model.torque(values, motion)
 
 
 def sigmoid_friction(phi: ArrayLike) -> TorqueSource:

@@ -118,7 +118,7 @@ def test_findings_are_judged_beside_the_truth() -> None:
     right = record(spring, other, truth=[truth], energy=[100.0], deviation=[0.0])
     assert judge.first_right(right)
     assert judge.counted(right)
-    assert not judge.nothing_else(right)
+    assert judge.extras(right)
     wrist = {"effect": "transmission_friction", "joints": [5, 6], "shape": {"c5": 1.0, "c6": 2.0}}
     for ratio, named in ((2.0, True), (-2.0, False)):
         claim = found("transmission_friction", 5, 6, shape={"c5": 1.0, "c6": ratio, "law": 2.0})

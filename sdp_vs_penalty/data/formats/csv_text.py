@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Generator, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -161,7 +160,12 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
                 if len(rest) == _LONGEST:
                     return row
                 text += rest
-                table = _decimals(text, width) if native is None else _compiled(native, text, width)
+                if native is None:
+                    table = _decimals(text, width)
+                else:
+                    cells = np.empty((text.count(b"\n") + 1, width))
+                    count = native.numbers(text, width, cells)
+                    table = None if count < 0 else cells[:count]
                 if table is None:
                     return row
                 yield table
@@ -171,12 +175,6 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
     if not found:
         yield np.zeros((0, width))
     return None
-
-
-def _compiled(native: Any, text: bytes, width: int) -> Array | None:
-    table = np.empty((text.count(b"\n") + 1, width))
-    count = native.numbers(text, width, table)
-    return None if count < 0 else table[:count]
 
 
 def _decimals(text: bytes, width: int) -> Array | None:

@@ -44,8 +44,9 @@ def build(study: Study) -> Table:
         optimum = certified_optimum(study, data)
         for method, kind in estimator_types().items():
             if kind.needs_black_box:
-                links = study.reverse_engineered.theta.reshape(-1, 10)
-                result = _with_links(study, data, links)
+                found = study.reverse_engineered
+                theta = study.frozen_links(found.theta.reshape(-1, 10), data)
+                result = Result(theta, found.certificate, found.seconds, {})
             else:
                 result = study.result(method, data)
             rows.append(_row(study, data, method, result, optimum))
@@ -88,12 +89,6 @@ def certified_optimum(study: Study, data: Data) -> float:
     lower = study.result("lmi-sdp-plain", data).certificate.lower
     assert lower is not None
     return lower
-
-
-def _with_links(study: Study, data: Data, links: np.ndarray) -> Result:
-    theta = study.frozen_links(links, data)
-    found = study.reverse_engineered
-    return Result(theta, found.certificate, found.seconds, {})
 
 
 def _errors(study: Study, data: Data, method: str, result: Result) -> tuple[Cell, Cell, Cell]:

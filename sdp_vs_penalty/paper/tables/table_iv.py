@@ -21,7 +21,7 @@ from sdp_vs_penalty.paper.tables.study import (
     sentence,
 )
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.problem.published import box_tables
+from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import sample_rate
@@ -158,13 +158,15 @@ def _estimates(study: Study) -> dict[str, _Estimate]:
     links: dict[str, Array] = {}
     for table in box_tables(study.problem)[:1]:
         header = study.problem.published[table][0]
-        links = {c: study.published_links(c) for c in ("p_real", "p_hat", "delta") if c in header}
+        columns = [c for c in ("p_real", "p_hat", "delta") if c in header]
+        links = {c: published_links(study.problem, c) for c in columns}
     for column, values in links.items():
         out[column] = _Estimate(partial(study.frozen_links, values))
     friction = study.experiment.friction
     if friction is not None and "p_hat" in links:
         theta = np.concatenate([links["p_hat"].ravel(), np.ones(study.problem.robot.n)])
-        known = study.model_with(KnownFriction(study.problem.robot, friction))
+        robot, rigid = study.problem.robot, study.problem.model("rigid_body").effects
+        known = Model(robot, (*rigid, KnownFriction(robot, friction)))
         out["p_hat_table_I"] = _Estimate(lambda _: theta, known)
     for name, method in METHODS.items():
         out[name] = _Estimate(partial(study.fitted, method))

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 ARMS = ("panda", "elbow", "desk", "scara")
 #: Torque noise of an arm over the Coulomb friction in its URDF.

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array
 
 LAWS = ("sign", "tanh", "dahl", "lugre")
 
