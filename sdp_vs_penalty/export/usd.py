@@ -4,8 +4,6 @@ Source: OpenUSD, schema UsdPhysics; of the links what MassAPI holds: mass [kg], 
 diagonalInertia [kg m^2] about it, and principalAxes, the quaternion of their directions.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 

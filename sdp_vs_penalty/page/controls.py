@@ -1,7 +1,5 @@
 """Plain HTML controls for NiceGUI: what a browser makes accessible by itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from html import escape

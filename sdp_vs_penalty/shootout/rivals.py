@@ -1,7 +1,5 @@
 """What users do without an SDP solver of their own: CVXPY, the penalty, log-Cholesky variables."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import time

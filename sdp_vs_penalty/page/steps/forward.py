@@ -1,7 +1,5 @@
 """The model run forward: how far ahead it says where the arm will be."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures 5 to 7: physics engines against the identified model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Errata: where the paper contradicts itself, with the numbers that show it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

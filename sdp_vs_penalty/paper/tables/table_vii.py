@@ -1,7 +1,5 @@
 """Table VII: all parameters of the 2R toy robot, published and ours."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.paper.tables.link_parameters import link_table
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table

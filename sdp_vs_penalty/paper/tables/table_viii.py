@@ -1,7 +1,5 @@
 """Table VIII: masses and centres of mass, published and ours."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.paper.tables.link_parameters import is_mass_or_centre, link_table
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table

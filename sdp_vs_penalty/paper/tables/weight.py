@@ -1,7 +1,5 @@
 """Weight table: where the paper's penalty weight xi makes its penalties exact."""
 
-from __future__ import annotations
-
 from sdp_vs_penalty.estimators.penalty_paper import QUICK_BUDGET, PenaltyPaper
 from sdp_vs_penalty.paper.tables.methods import certified_optimum
 from sdp_vs_penalty.paper.tables.study import Study, sentence
