@@ -57,8 +57,7 @@ def solve(instance: Instance, accuracy: float, chart: type[LogCholesky | Geodesi
     assert best is not None
     theta = best.point.theta
     end = time.perf_counter()
-    sent = {id(c): barrier.size * best.weight * m for c, m in barrier.duals(theta)}
-    multipliers = [sent.get(id(c), np.zeros_like(c.constant)) for c in instance.constraints.convex]
+    sent = ((c, barrier.size * best.weight * m) for c, m in barrier.duals(theta))
     return Answer(
         theta,
         "optimal" if best.converged else "failed",
@@ -66,7 +65,7 @@ def solve(instance: Instance, accuracy: float, chart: type[LogCholesky | Geodesi
         steps,
         ready - start,
         end - ready,
-        multipliers,
+        instance.all_multipliers(sent),
         attempts=attempts,
     )
 

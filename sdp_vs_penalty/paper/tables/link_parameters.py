@@ -17,14 +17,6 @@ _STEP = 1e-4
 _UNITS = ("kg", "m", "m", "m", *("kg*m^2",) * 6)
 
 
-def is_mass_or_centre(name: str) -> bool:
-    return name[0] in "mc"
-
-
-def is_inertia(name: str) -> bool:
-    return name[0] == "I"
-
-
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
     """Bounds and published values as printed, the nominal robot and whether the data or a prior towards
     it decide, then the simulation's truth, then every method."""
@@ -60,7 +52,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         f"named source: whether the data or that pull know an entry better, at {DEFAULT_METHOD}'s "
         "estimate and to first order.",
     ]
-    if any(is_inertia(key) for key in keys):
+    if any(key[0] == "I" for key in keys):
         notes += _bounds_received(study)
     for erratum in errata(problem):
         if erratum.cell and erratum.cell["row"] in keys:

@@ -103,7 +103,7 @@ _TOWARDS = 0.9
 
 @dataclass(frozen=True)
 class WrenchStudy:
-    """Along the exciting trajectory at t (M,): true and other wrenches (M, n, 6), and the intervals.
+    """Wrenches (M, n, 6) along the exciting trajectory at t (M,), states q, dq, ddq; and the intervals.
 
     feasible : of each method's estimate; penalty_runs : of the exact penalty from other starts;
     boxed, unbounded : relaxed retrievals that reproduce the torques and are inconsistent, with and
@@ -111,9 +111,7 @@ class WrenchStudy:
     """
 
     t: Array
-    q: Array
-    dq: Array
-    ddq: Array
+    states: tuple[Array, Array, Array]
     true: Array
     feasible: dict[str, Array]
     penalty_runs: tuple[Array, ...]
@@ -122,7 +120,7 @@ class WrenchStudy:
     intervals: WrenchIntervals
 
     def wrenches(self, study: Study, links: Array) -> Array:
-        return joint_wrenches(study.problem.robot, links, self.q, self.dq, self.ddq)
+        return joint_wrenches(study.problem.robot, links, *self.states)
 
 
 @lru_cache(maxsize=4)
@@ -144,7 +142,7 @@ def wrench_study(study: Study) -> WrenchStudy:
             estimates[name] = study.links(method, study.simulated)
     return WrenchStudy(
         t,
-        *states,
+        states,
         joint_wrenches(problem.robot, x.links, *states),
         {k: joint_wrenches(problem.robot, v, *states) for k, v in estimates.items()},
         tuple(joint_wrenches(problem.robot, v, *states) for v in penalty_links(study)),

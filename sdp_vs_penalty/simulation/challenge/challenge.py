@@ -18,7 +18,6 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import Workers, spread
@@ -133,18 +132,13 @@ def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
     }
     if kind.what == "curves":
         record["curve"] = judged_curve(diagnosis, sitting.hidden[0], sitting.logged, estimate, data)
-    return record | _beside_the_truth(kind, sitting, estimate, np.array(result["held_out_rmse"]))
-
-
-def _beside_the_truth(
-    kind: CaseClass, sitting: Sitting, estimate: Estimate, held_out: np.ndarray
-) -> Record:
-    test = sitting.logged[-1]
-    floor = true_floor(test, replace(estimate, preprocessing=estimate.preprocessing.resolve(test.run)))
-    return {
-        "energy": energies(sitting.logged[:-1], estimate, kind.frozen) if sitting.hidden else [],
-        "after": (held_out / floor).tolist() if kind.what in ("none", "effects") else [],
-    }
+    if sitting.hidden:
+        record["energy"] = energies(sitting.logged[:-1], estimate, kind.frozen)
+    if kind.what in ("none", "effects"):
+        test = sitting.logged[-1]
+        settled = replace(estimate, preprocessing=estimate.preprocessing.resolve(test.run))
+        record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, settled)).tolist()
+    return record
 
 
 def rounded(value: Any) -> Any:

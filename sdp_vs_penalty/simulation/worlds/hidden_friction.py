@@ -31,10 +31,6 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     )
 
 
-def _presliding(w: World, j: int, rng: Generator) -> Hidden:
-    return _dahl("presliding_hysteresis", w, j, log_uniform(rng, 0.001, 0.01))
-
-
 def stiction(w: World, j: int, rng: Generator) -> Hidden:
     """The same over a travel that hardly shows."""
     return _dahl("stiction", w, j, log_uniform(rng, 0.0005, 0.001))
@@ -191,7 +187,9 @@ FRICTION: Mapping[str, Maker] = {
         "asymmetric_coulomb_friction", lambda w, j, m: np.abs(sign(w, j, m)), signed=True
     ),
     "stribeck_friction": _stribeck,
-    "presliding_hysteresis": _presliding,
+    "presliding_hysteresis": lambda w, j, rng: _dahl(
+        "presliding_hysteresis", w, j, log_uniform(rng, 0.001, 0.01)
+    ),
     "sigmoid_friction": _sigmoid,
     "power_law_friction": _power,
     # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS 2010.

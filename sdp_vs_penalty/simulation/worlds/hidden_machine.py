@@ -49,14 +49,6 @@ def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
     return Hidden(effect, joints, change, size=1e-3)
 
 
-def _delay(w: World, j: int, rng: Generator) -> Hidden:
-    return _late([j], (j,), "torque_delay")
-
-
-def _global_delay(w: World, j: int, rng: Generator) -> Hidden:
-    return _late(list(range(w.arm.n)), (), "global_delay")
-
-
 def _filter(w: World, j: int, rng: Generator) -> Hidden:
     """All channels behind one low-pass, 1 / (1 + T s): the size is T."""
 
@@ -167,8 +159,8 @@ MACHINE: Mapping[str, Maker] = {
     "torque_ripple": _ripple,
     "rotor_inertia": plain("rotor_inertia", lambda w, j, m: m.ddq[:, j]),
     "torque_gain": plain("torque_gain", lambda w, j, m: w.torque(m)[:, j], signed=True),
-    "torque_delay": _delay,
-    "global_delay": _global_delay,
+    "torque_delay": lambda w, j, rng: _late([j], (j,), "torque_delay"),
+    "global_delay": lambda w, j, rng: _late(list(range(w.arm.n)), (), "global_delay"),
     "torque_filter": _filter,
     "joint_zero_error": _zero_error,
     "joint_elasticity": _elasticity,
