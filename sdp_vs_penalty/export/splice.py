@@ -5,12 +5,10 @@ the changes are spliced into the original bytes. Writing the tree out again woul
 spaces inside tags, line ends and the declaration would change.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
@@ -36,7 +34,7 @@ class Document:
     _changes: list[tuple[int, int, bytes]] = field(default_factory=list)
 
     @classmethod
-    def read(cls, path: str | Path) -> Document:
+    def read(cls, path: str | Path) -> Self:
         """Raises InputError for a file that is no XML, has a document type, or is not ASCII-like."""
         path = Path(path)
         opened(path)

@@ -8,10 +8,9 @@ fitted without friction would have swallowed some of it. phi_1 (N) and pi enter 
 problem in phi_2, phi_3 alone (variable projection) has few local minima: a coarse grid starts it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +138,7 @@ class _Data:
     torque: Array
 
     @classmethod
-    def of(cls, problem: Problem, rows_of: RowsOf) -> _Data:
+    def of(cls, problem: Problem, rows_of: RowsOf) -> Self:
         model = problem.model("rigid_body")
         rows = rows_of(model)
         wide = np.zeros((len(rows.torque), problem.robot.n, len(model.parameters)))

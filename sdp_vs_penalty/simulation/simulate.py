@@ -8,10 +8,9 @@ does to the truth: sampling, held values, coloured torque noise, quantisation, j
 Rigid-body torque comes from recursive Newton-Euler, not from the regressor that estimators use.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,13 +80,13 @@ class Sensor:
                 )
 
     @classmethod
-    def ideal(cls, n: int, rate: float = 1000.0) -> Sensor:
+    def ideal(cls, n: int, rate: float = 1000.0) -> Self:
         """No noise, no quantisation, no jitter."""
         zero = np.zeros(n)
         return cls(rate, zero, np.zeros((n, 0)), zero, zero)
 
     @classmethod
-    def white(cls, torque_std: ArrayLike, position_step: ArrayLike) -> Sensor:
+    def white(cls, torque_std: ArrayLike, position_step: ArrayLike) -> Self:
         """At 1 kHz, white torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
         std = np.asarray(torque_std, float)
         n = len(std)
