@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.robot.arrays import Array
+
+Array = NDArray[np.float64]
 
 ARMS = ("panda", "elbow", "desk", "scara")
 #: Torque noise of an arm over the Coulomb friction in its URDF.

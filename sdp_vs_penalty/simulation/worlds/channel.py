@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

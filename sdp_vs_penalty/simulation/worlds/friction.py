@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
+Array = NDArray[np.float64]
+
 
 LAWS = ("sign", "tanh", "dahl", "lugre")
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds.arm import misplaced
 from sdp_vs_penalty.simulation.worlds.channel import first_order
 from sdp_vs_penalty.simulation.worlds.hidden import (
@@ -20,6 +20,8 @@ from sdp_vs_penalty.simulation.worlds.hidden import (
 from sdp_vs_penalty.simulation.worlds.hidden_friction import stiction
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
+
+Array = NDArray[np.float64]
 
 Generator = np.random.Generator
 

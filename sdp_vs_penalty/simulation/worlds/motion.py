@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds.arm import Arm
+
+Array = NDArray[np.float64]
 
 States = tuple[Array, Array, Array]
 
