@@ -31,6 +31,57 @@ class LowPass:
         starts = np.arange(len(at) + 1) * width
         return sparse.csr_array((values, columns, starts), shape=(len(at), length))
 
+    def steps(self, length: int, at: NDArray[np.int64]) -> Steps:
+        """The same at samples that are equally far from each other."""
+        step = int(at[1] - at[0]) if len(at) > 1 else 1
+        return Steps(self.value, length, int(at[0]) - self.half, step, len(at))
+
+
+class Steps:
+    """The (count, length) matrix that takes a kernel's (K,) products with a series at every ``step``-th
+    of its samples from ``first`` on.
+
+    out_m = sum_p sum_k h_(k step + p) x_(first + (m + k) step + p): one product of the series, read as a
+    matrix with rows of ``step`` samples, with the kernel read alike, and shifted sums of its columns.
+    """
+
+    def __init__(self, kernel: Array, length: int, first: int, step: int, count: int) -> None:
+        self.kernel, self.first, self.step, self.count = kernel, first, step, count
+        self.shape = count, length
+        self._turns = -(-len(kernel) // step)
+        padded = np.append(kernel[::-1], np.zeros(self._turns * step - len(kernel)))
+        self._filter = padded.reshape(self._turns, step)
+
+    def __abs__(self) -> Steps:
+        return Steps(np.abs(self.kernel), self.shape[1], self.first, self.step, self.count)
+
+    def part(self, start: int, stop: int) -> tuple[Steps, slice]:
+        """Some of the rows, as products with some of the samples."""
+        count = min(stop, self.count) - start
+        begin = self.first + start * self.step
+        length = (count - 1) * self.step + len(self.kernel)
+        return Steps(self.kernel, length, 0, self.step, count), slice(begin, begin + length)
+
+    def __matmul__(self, x: Array) -> Array:
+        """Of a series (length,) or of several (length, k)."""
+        if x.ndim == 1:
+            return (self @ x[:, None])[:, 0]
+        rows = self.count + self._turns - 1
+        whole = min(rows, (len(x) - self.first) // self.step)
+        last = self.first + whole * self.step
+        steps = np.ascontiguousarray(x, float)[self.first : last].reshape(whole, self.step, -1)
+        if x.shape[1] == 1:
+            products = (steps[:, :, 0] @ self._filter.T)[:, :, None]
+        else:
+            products = self._filter @ steps
+        if whole < rows:  # the kernel's end reaches into a part of the last step
+            end = self._filter[:, : len(x) - last] @ x[last : last + self.step]
+            products = np.concatenate([products, end[None]])
+        out = products[: self.count, 0].copy()
+        for k in range(1, self._turns):
+            out += products[k : k + self.count, k]
+        return np.asarray(out)
+
 
 class Kernel(LowPass):
     """A low-pass and its first two derivatives, sampled at dt.
