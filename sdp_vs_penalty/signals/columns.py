@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.kernels import Decimator
 
 #: Columns that are low-passed together.
 _AT_ONCE = 64
@@ -39,7 +39,7 @@ class Columns:
 
     def __init__(
         self,
-        parts: Sequence[tuple[sparse.csr_array, Motion]],
+        parts: Sequence[tuple[Decimator, Motion]],
         n: int,
         derived: dict[Hashable, Any],
         modelled: dict[Hashable, Any],
