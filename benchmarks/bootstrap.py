@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.linalg
@@ -24,6 +24,7 @@ from sdp_vs_penalty.constraints.constraint import ConstraintSet
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point, solve_sdp
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, triangular
 from sdp_vs_penalty.robot import compiled
 from sdp_vs_penalty.solvers import clarabel
@@ -256,9 +257,14 @@ class Resampler:
 
 
 def bootstrap(
-    task: Task, blocks: Sequence[LeastSquares], draws: int = 1000, seed: int = 0, jobs: int = 1
+    task: Task,
+    blocks: Sequence[LeastSquares],
+    draws: int = 1000,
+    seed: int = 0,
+    workers: Workers = ALONE,
+    shares: int = 1,
 ) -> Draws:
-    """Solve and certify ``draws`` resamples of the blocks, shared out over ``jobs`` processes.
+    """Solve and certify ``draws`` resamples of the blocks, in so many shares, by the workers.
 
     task : of all the data, its constraints those to impose. Raises InputError without two blocks.
     """
@@ -267,21 +273,11 @@ def bootstrap(
     resampler = Resampler(
         replace(task, constraints=ConstraintSet(task.constraints.convex)), tuple(blocks)
     )
-    shares = [list(range(k, draws, jobs)) for k in range(jobs)]
-    if jobs == 1:
-        results = [_share(resampler, shares[0], seed)]
-    else:
-        from joblib import Parallel, delayed
-
-        results = Parallel(n_jobs=jobs)(delayed(_share)(resampler, share, seed) for share in shares)
-    order = np.argsort(np.concatenate([np.array(s, np.intp) for s in shares]))
-    rows = [row for result in results for row in result]
-    return Draws(
-        np.array([row[0] for row in rows])[order],
-        np.array([row[1] for row in rows])[order],
-        np.array([row[2] for row in rows])[order],
-        sum(row[3] for row in rows),
-    )
+    parts = [range(k, draws, shares) for k in range(shares)]
+    results = workers.map(partial(_share, resampler, seed=seed), parts)
+    rows = [results[k % shares][k // shares] for k in range(draws)]
+    theta, loss, gap, again = zip(*rows, strict=True)
+    return Draws(np.array(theta), np.array(loss), np.array(gap), sum(again))
 
 
 def _share(

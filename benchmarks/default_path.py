@@ -26,6 +26,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.lmi_sdp import essential, solve_sdp
 from sdp_vs_penalty.estimators.task import joint_weights, make_task
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import LeastSquares, compress
 from sdp_vs_penalty.shootout import regular
@@ -123,7 +124,7 @@ def single(instance: Instance) -> list[str]:
 def resamples(instance: Instance, blocks: Sequence[LeastSquares], draws: int, jobs: int) -> list[str]:
     """Ours, certified, on all cores; the loop over fresh CVXPY on the first tenth of the same draws."""
     start = time.perf_counter()
-    found = bootstrap.bootstrap(instance.task, blocks, draws, 0, jobs)
+    found = bootstrap.bootstrap(instance.task, blocks, draws, 0, Workers(jobs), jobs)
     ours = (time.perf_counter() - start) / draws
     loop = max(draws // 10, 5)
     start = time.perf_counter()
@@ -144,7 +145,7 @@ def resamples(instance: Instance, blocks: Sequence[LeastSquares], draws: int, jo
         if name != "kg m":
             moved = [_moved(instance, b, mass, length) for b in blocks]
             whole = in_units(instance, mass, length)
-            found = bootstrap.bootstrap(whole.task, moved, draws, 0, jobs)
+            found = bootstrap.bootstrap(whole.task, moved, draws, 0, Workers(jobs), jobs)
         loose = int(np.sum(found.gap > 1e-8))
         lines.append(
             f"| {name} | {draws} | {found.again} | {loose} | {found.gap.max():.1e} | "

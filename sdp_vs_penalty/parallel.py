@@ -102,7 +102,7 @@ class Workers:
         found: dict[int, Result] = {}
         for k, result in spread(Numbered(function), enumerate(todo), self.scheduler, self.jobs):
             found[k] = result
-            self.progress(f"{len(found)} of {len(todo)} runs")
+            self.progress(f"{len(found)} of {len(todo)} done")
         return [found[k] for k in range(len(todo))]
 
 

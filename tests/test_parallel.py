@@ -16,7 +16,9 @@ from small_runs import small_run
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.regression import compress
@@ -69,6 +71,30 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(
 
     marks = [tmp_path / name for name in ("a", "bb", "ccc")]
     assert Workers(2).map(dies_once, marks) == [1, 2, 3]
+
+
+def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs: Measurements) -> None:
+    problem = load_problem("two_link")
+    alone, several = (cross_validate(problem, runs, folds=3, workers=w) for w in (ALONE, Workers(2)))
+    assert len(alone.folds) == 3
+    for a, b in zip(alone.folds, several.folds, strict=True):
+        np.testing.assert_array_equal(a.theta, b.theta)
+        np.testing.assert_array_equal(a.losses, b.losses)
+    heard: list[int] = []
+
+    class Counted(Workers):
+        def map(self, function, items):  # type: ignore[no-untyped-def]
+            heard.append(len(items))
+            return super().map(function, items)
+
+    methods = ("ols", "lmi-sdp", "penalty")
+    here, there = Study(problem), Study(problem, workers=Counted(2))
+    there.estimate(methods, [there.simulated])
+    assert heard == [3]  # all at once
+    for method in methods:
+        found = there.result(method, there.simulated)
+        np.testing.assert_array_equal(found.theta, here.result(method, here.simulated).theta)
+    assert sum(heard) == 3  # nothing twice
 
 
 def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs: Measurements) -> None:

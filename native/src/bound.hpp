@@ -38,8 +38,8 @@ public:
         y_.resize(data_.rows);
         for (int k = 0; k < data_.rows; k++) {
             Long r = -Long(data_.rho[k]);
-            const double* row = data_.R + std::size_t(k) * p_;
-            for (int j = 0; j < p_; j++) r += Long(row[j]) * theta[j];
+            const double* row = data_.row(k);
+            for (int j = data_.first[k]; j < p_; j++) r += Long(row[j]) * theta[j];
             y_[k] = double(r);
         }
         std::vector<double> used(multipliers, multipliers + factors_.size());
@@ -55,7 +55,7 @@ public:
                 factors_ = factors;
                 break;
             }
-            const bool enough = better - best <= 1e-11 * std::fabs(better);
+            const bool enough = better - best <= ENOUGH * std::fabs(better);
             best = better;
             if (enough) break;
         }
@@ -63,8 +63,11 @@ public:
     }
 
 private:
+    // A round that gains less than this share is the last: the next would gain a thousandth of it.
+    static constexpr double ENOUGH = 1e-9;
+
     const Problem& problem_;
-    Data data_;
+    const Data& data_;
     int p_;
     std::vector<double> factors_, y_;
     std::vector<Sum> slope_;
@@ -91,7 +94,8 @@ private:
                     S[4 * i + j] += x;
                     size[4 * i + j] += std::fabs(x);
                 }
-        for (int e = 0; e < 16; e++) {
+        for (int place = 0; place < B.d * B.d; place++) {
+            const int e = 4 * (place / B.d) + place % B.d;
             const Long inverse = B.weight > 0.0 ? Long(B.nominal_inverse[e]) : 0.0L;
             add(constant_, factor * (inverse - S[e]) * B.constant[e],
                 factor * (size[e] + std::fabs(inverse)) * std::fabs(Long(B.constant[e])));
@@ -123,14 +127,17 @@ private:
         slope_.assign(p_, Sum());
         for (std::size_t b = 0; b < problem_.blocks.size(); b++) subtract(problem_.blocks[b], &factors_[16 * b]);
         constant_.add(Long(data_.residual_norm) * data_.residual_norm);
+        std::vector<double> size(p_, 0.0);  // in doubles: the factor two of Sum::radius covers that
         for (int k = 0; k < data_.rows; k++) {
             const Long y = y_[k];
             constant_.add(-2.0L * y * data_.rho[k]);
             constant_.add(-y * y);
-            const double* row = data_.R + std::size_t(k) * p_;
-            for (int j = 0; j < p_; j++)
-                if (row[j] != 0.0) slope_[j].add(2.0L * y * row[j]);
+            const double* row = data_.row(k);
+            const double twice = 2.0 * std::fabs(y_[k]);
+            for (int j = data_.first[k]; j < p_; j++) slope_[j].value += 2.0L * y * row[j];
+            for (int j = data_.first[k]; j < p_; j++) size[j] += std::fabs(twice * row[j]);
         }
+        for (int j = 0; j < p_; j++) slope_[j].size += size[j], slope_[j].terms += data_.rows;
         Long reach = 0.0L;
         for (int j = 0; j < p_; j++) reach += (std::fabs(slope_[j].value) + slope_[j].radius()) * problem_.bound[j];
         const Long unit = std::numeric_limits<Long>::epsilon();
@@ -142,20 +149,17 @@ private:
 
     // Move y and the multipliers so that less of the slope is left over.
     void shift(std::vector<double>& used) {
-        std::vector<char> held(p_, 0);
         std::vector<int> owner(p_, -1);
         for (std::size_t b = 0; b < problem_.blocks.size(); b++)
             if (!problem_.blocks[b].spread.empty())
-                for (int k : problem_.blocks[b].indices) owner[k] = int(b), held[k] = 1;
-        std::vector<int> own;
-        for (int j = 0; j < p_; j++)
-            if (!held[j]) own.push_back(j);
-        shift_residual(own);
-        // The slope after that, into the multipliers of each link's matrix, which can hold any of it.
+                for (int k : problem_.blocks[b].indices) owner[k] = int(b);
+        if (own_.empty())
+            for (int j = 0; j < p_; j++)
+                if (owner[j] < 0) own_.push_back(j);
         std::vector<Long> left(p_);
         for (int j = 0; j < p_; j++) left[j] = slope_[j].value;
-        for (int k = 0; k < data_.rows; k++)
-            for (int j = 0; j < p_; j++) left[j] += 2.0L * Long(moved_.empty() ? 0.0 : moved_[k]) * data_.R[std::size_t(k) * p_ + j];
+        shift_residual(left);
+        // The slope after that, into the multipliers of each link's matrix, which can hold any of it.
         for (std::size_t b = 0; b < problem_.blocks.size(); b++) {
             const Block& B = problem_.blocks[b];
             if (B.spread.empty() || owner[B.indices[0]] != int(b)) continue;
@@ -167,35 +171,40 @@ private:
         }
     }
 
-    // y moved so that the slope of the parameters ``own``, which no link's matrix holds, vanishes.
-    void shift_residual(const std::vector<int>& own) {
-        moved_.assign(data_.rows, 0.0);
-        const int m = int(own.size()), r = data_.rows;
-        if (m == 0 || r == 0) return;
-        std::vector<double> gram(std::size_t(m) * m, 0.0), right(m);
-        for (int a = 0; a < m; a++) {
-            right[a] = double(slope_[own[a]].value);
-            for (int c = 0; c <= a; c++) {
-                double s = 0.0;
-                for (int k = 0; k < r; k++) s += data_.R[std::size_t(k) * p_ + own[a]] * data_.R[std::size_t(k) * p_ + own[c]];
-                gram[std::size_t(m) * c + a] = 2.0 * s;
-            }
-            double& diagonal = gram[std::size_t(m) * a + a];
-            if (diagonal == 0.0) diagonal = 1.0;
-        }
+    // y moved so that the slope of the parameters own_, which no link's matrix holds, vanishes; left (p,) with it.
+    void shift_residual(std::vector<Long>& left) {
+        const int r = data_.rows;
+        int m = int(own_.size()), one = 1, info = 0;
         char lower = 'L';
-        int size = m, one = 1, info = 0;
-        problem_.lapack.potrf(&lower, &size, gram.data(), &size, &info);
-        if (info != 0) return;
-        problem_.lapack.potrs(&lower, &size, &one, gram.data(), &size, right.data(), &size, &info);
+        if (m == 0 || r == 0) return;
+        if (columns_.empty()) {
+            columns_.resize(std::size_t(m) * r);
+            gram_.resize(std::size_t(m) * m);
+            for (int a = 0; a < m; a++)
+                for (int k = 0; k < r; k++) columns_[std::size_t(r) * a + k] = data_.row(k)[own_[a]];
+            for (int a = 0; a < m; a++)
+                for (int c = 0; c <= a; c++) {
+                    const double s = 2.0 * dot(&columns_[std::size_t(r) * a], &columns_[std::size_t(r) * c], r);
+                    gram_[std::size_t(m) * c + a] = a == c && s == 0.0 ? 1.0 : s;
+                }
+            problem_.lapack.potrf(&lower, &m, gram_.data(), &m, &info);
+            solvable_ = info == 0;
+        }
+        if (!solvable_) return;
+        std::vector<double> right(m);
+        for (int a = 0; a < m; a++) right[a] = double(left[own_[a]]);
+        problem_.lapack.potrs(&lower, &m, &one, gram_.data(), &m, right.data(), &m, &info);
+        const std::vector<double> before = y_;
+        for (int a = 0; a < m; a++)
+            for (int k = 0; k < r; k++) y_[k] -= columns_[std::size_t(r) * a + k] * right[a];
         for (int k = 0; k < r; k++) {
-            double change = 0.0;
-            for (int a = 0; a < m; a++) change -= data_.R[std::size_t(k) * p_ + own[a]] * right[a];
-            const double before = y_[k];
-            y_[k] += change;
-            moved_[k] = y_[k] - before;
+            const Long twice = 2.0L * (Long(y_[k]) - before[k]);
+            const double* row = data_.row(k);
+            for (int j = data_.first[k]; j < p_; j++) left[j] += twice * row[j];
         }
     }
 
-    std::vector<double> moved_;
+    std::vector<int> own_;
+    std::vector<double> columns_, gram_;  // of own_: (own, rows), and the Cholesky factor of 2 A^T A
+    bool solvable_ = false;
 };

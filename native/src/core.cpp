@@ -102,8 +102,7 @@ public:
         need(theta.size() == std::size_t(problem_.p), "theta");
         double sum = residual_norm * residual_norm;
         for (int k = 0; k < data.rows; k++) {
-            double r = -rho.data()[k];
-            for (int j = 0; j < problem_.p; j++) r += data.R[std::size_t(k) * problem_.p + j] * theta.data()[j];
+            const double r = dot(data.row(k), theta.data(), problem_.p) - rho.data()[k];
             sum += r * r;
         }
         for (const Block& block : problem_.blocks) {
@@ -160,7 +159,7 @@ private:
 
     Data seen(const Doubles& R, const Doubles& rho, double residual_norm) const {
         need(R.size() == rho.size() * std::size_t(problem_.p), "R");
-        return {int(rho.size()), R.data(), rho.data(), residual_norm};
+        return Data(int(rho.size()), problem_.p, R.data(), rho.data(), residual_norm);
     }
 };
 

@@ -19,7 +19,6 @@ public:
         gram_.assign(std::size_t(p_) * p_, 0.0);
         H_.resize(gram_.size());
         for (auto* v : {&gradient_, &right_, &step_, &dual_}) v->assign(p_, 0.0);
-        residual_.assign(data.rows, 0.0);
         char lower = 'L', plain = 'N';
         int p = p_, r = data.rows;
         double two = 2.0, zero = 0.0;
@@ -60,10 +59,10 @@ private:
     static constexpr double JAMMED = 0.1;
 
     const Problem& problem_;
-    Data data_;
+    const Data& data_;
     int p_, degree_ = 0;
     std::vector<double> gram_, H_, theta_, S_, Z_, LS_, LZ_, SI_, dS_, dZ_, gapS_, C_, gradient_, right_, step_,
-        dual_, residual_;
+        dual_;
     double value_ = 0.0, gap_ = 0.0, mu_ = 0.0, left_ = 1.0, infeasible_ = 0.0;
 
     const Block& block(std::size_t b) const { return problem_.blocks[b]; }
@@ -112,13 +111,11 @@ private:
             value_ += problem_.linear[j] * theta_[j];
         }
         for (int k = 0; k < data_.rows; k++) {
-            const double* row = data_.R + std::size_t(k) * p_;
-            double parts[4] = {-data_.rho[k], 0.0, 0.0, 0.0};
-            for (int j = 0; j < p_; j++) parts[j & 3] += row[j] * theta_[j];
-            const double r = (parts[0] + parts[1]) + (parts[2] + parts[3]);
-            residual_[k] = r;
+            const double* row = data_.row(k);
+            const int first = data_.first[k];
+            const double r = dot(row + first, theta_.data() + first, p_ - first) - data_.rho[k];
             value_ += r * r;
-            for (int j = 0; j < p_; j++) gradient_[j] += 2.0 * r * row[j];
+            for (int j = first; j < p_; j++) gradient_[j] += 2.0 * r * row[j];
         }
     }
 
@@ -200,10 +197,17 @@ private:
         return 0.5 * std::max(sum, 0.0);
     }
 
+    // H = L L^T, in place; LAPACK would copy L for each right-hand side.
     void back_substitute() {
-        char lower = 'L';
-        int p = p_, one = 1, info = 0;
-        problem_.lapack.potrs(&lower, &p, &one, H_.data(), &p, step_.data(), &p, &info);
+        for (int j = 0; j < p_; j++) {
+            const double* column = &H_[std::size_t(p_) * j];
+            const double x = step_[j] /= column[j];
+            for (int i = j + 1; i < p_; i++) step_[i] -= x * column[i];
+        }
+        for (int j = p_ - 1; j >= 0; j--) {
+            const double* column = &H_[std::size_t(p_) * j];
+            step_[j] = (step_[j] - dot(column + j + 1, step_.data() + j + 1, p_ - j - 1)) / column[j];
+        }
     }
 
     double target(std::size_t b, double centring) const {

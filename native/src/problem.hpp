@@ -82,8 +82,26 @@ struct Problem {
     Lapack lapack;
 };
 
+// sum_k a_k b_k in eight partial sums, which the compiler may not make of one by itself.
+inline double dot(const double* a, const double* b, int n) {
+    double part[8] = {};
+    int k = 0;
+    for (; k + 8 <= n; k += 8)
+        for (int i = 0; i < 8; i++) part[i] += a[k + i] * b[k + i];
+    for (; k < n; k++) part[0] += a[k] * b[k];
+    return ((part[0] + part[4]) + (part[1] + part[5])) + ((part[2] + part[6]) + (part[3] + part[7]));
+}
+
 struct Data {
-    int rows;
+    int rows, p;
     const double *R, *rho;  // (rows, p) row by row, (rows,)
     double residual_norm;
+    std::vector<int> first;  // (rows,) column of each row's first entry that is not zero: of a triangle, half are
+
+    Data(int rows, int p, const double* R, const double* rho, double residual_norm)
+        : rows(rows), p(p), R(R), rho(rho), residual_norm(residual_norm), first(rows, 0) {
+        for (int k = 0; k < rows; k++)
+            while (first[k] < p && row(k)[first[k]] == 0.0) first[k]++;
+    }
+    const double* row(int k) const { return R + std::size_t(k) * p; }
 };

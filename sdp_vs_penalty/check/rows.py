@@ -7,7 +7,6 @@ from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from sdp_vs_penalty.check import beyond
 from sdp_vs_penalty.check.columns import independent_of
@@ -18,14 +17,14 @@ from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import LowPass
+from sdp_vs_penalty.signals.kernels import Decimator, LowPass
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 
 #: A joint slides at this share of its usual speed.
 _SLIDES = 0.3
 #: A stretch's motion on the column grid, and the low-pass that picks the rows out of it.
-_Dense = tuple[Motion, sparse.csr_array]
+_Dense = tuple[Motion, Decimator]
 
 
 def physics_of(
@@ -87,11 +86,11 @@ def _piece(filters: RunFilter, part: Stretch, at: NDArray[np.int64]) -> tuple[tu
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
     local = np.clip(local, coarse.half, len(dense.t) - 1 - coarse.half)
     exact = at[0] - reach + local * filters.stride
-    low_pass = coarse.decimator(len(dense.t), local)
+    low_pass = coarse.decimator(local)
     kernel, half = filters.column, filters.column.half
     around = part.resampled(part.tau, int(exact[0]) - half, int(exact[-1]) + half + 1)
     places = exact - exact[0] + half
-    torque = [LowPass(x).decimator(len(around), places) @ around for x in (kernel.value, kernel.first)]
+    torque = [LowPass(x).decimator(places) @ around for x in (kernel.value, kernel.first)]
     states = (x[local] for x in (dense.q, dense.dq, dense.ddq))
     return (part.clock(exact), *states, *torque), (dense, low_pass)
 
@@ -101,6 +100,6 @@ def _stacked(pieces: Sequence[_Dense], make: Callable[[Motion], list[Array]]) ->
     parts = []
     for dense, low_pass in pieces:
         made = [low_pass @ c for c in make(dense)]
-        empty = np.zeros((low_pass.shape[0], dense.q.shape[1], 0))
+        empty = np.zeros((len(low_pass.at), dense.q.shape[1], 0))
         parts.append(np.stack(made, axis=2) if made else empty)
     return np.moveaxis(np.concatenate(parts), 1, 0)

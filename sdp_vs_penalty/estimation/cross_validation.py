@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import show
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements, Sent, concatenate
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.sources import Source, as_measurements
 from sdp_vs_penalty.effects.effect import Effect
@@ -28,6 +29,7 @@ from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress_cells
@@ -164,12 +166,14 @@ def cross_validate(
     folds: int = 5,
     seed: int = 0,
     progress: Progress = no_progress,
+    workers: Workers = ALONE,
 ) -> CrossValidation:
     """Judge a method on motion that its models have not seen, by phase-block cross-validation.
 
     problem, measurements, method, effects, preprocessing, weighting, seed : as :func:`identify` takes
-    them; folds : into how many stretches the clock of every motion is cut; progress : hears which is at
-    work. Raises InputError for input that cannot be used, or too short for so many folds.
+    them; folds : into how many stretches the clock of every motion is cut; progress : hears what is at
+    work; workers : who does it, a fold each.
+    Raises InputError for input that cannot be used, or too short for so many folds.
     """
     problem = as_problem(problem, "cross_validate(problem=...)")
     names = problem.robot.joint_names
@@ -185,17 +189,12 @@ def cross_validate(
     model = problem.model(effects)
     assert settings.torque_cutoff is not None
     common = compress_cells(runs, model.reference_free, settings, split)
-    judged = []
-    for k in range(folds):
-        progress(f"fold {k + 1} of {folds}")
-        if not common.select(split.training(k)).factors:
-            raise _too_short(runs.names[0], split)
-        own = _trained(problem, model, runs, settings, split, k, weighting)
-        rows = common if own is model else compress_cells(runs, own, settings, split)
-        train, test = rows.select(split.training(k)), rows.select(split.tested(k))
-        if test.factors:
-            task = make_task(problem, own, train, weighting, seed)
-            judged.append(_judged(split, k, estimator.fit(task).theta, test))
+    if not all(common.select(split.training(k)).factors for k in range(folds)):
+        raise _too_short(runs.names[0], split)
+    progress(show.count(folds, "fold"))
+    sent = tuple(run.sent for run in runs.runs())
+    judging = _Judging(problem, model, estimator, sent, settings, split, common, weighting, seed)
+    judged = [fold for fold in workers.map(judging, range(folds)) if fold is not None]
     if not judged:
         raise _too_short(runs.names[0], split)
     return CrossValidation(
@@ -209,31 +208,56 @@ def cross_validate(
     )
 
 
-def _trained(
-    problem: Problem,
-    model: Model,
-    runs: Measurements,
-    settings: Preprocessing,
-    split: PhaseFolds,
-    fold: int,
-    weighting: str,
-) -> Model:
-    """The model with what :func:`identify` takes from the data beside its parameters, from the training
-    rows of a fold alone: shape constants and the current model. The model itself where that is nothing.
-    """
-    cells = split.training(fold)
+@dataclass(frozen=True)
+class _Judging:
+    """What each fold needs, wherever it is worked on; common : all rows, in the model's columns."""
 
-    def training(run: int, t: Array) -> NDArray[np.bool_]:
-        return np.isin(split.cell(run, t), cells)
+    problem: Problem
+    model: Model
+    estimator: Estimator
+    sent: tuple[Sent, ...]
+    settings: Preprocessing
+    split: PhaseFolds
+    common: Regression
+    weighting: str
+    seed: int
 
-    shapes = estimate_shapes(model, runs, settings, weighting, training)
-    if any(shape.after != shape.before for shape in shapes):
-        model = replace(model, effects=with_shapes(model.effects, shapes))
-    if not model.needs_reference:
-        return model
-    return with_reference(
-        problem, model, lambda m: compress_cells(runs, m, settings, split).select(cells), weighting
-    )
+    def __call__(self, fold: int) -> Fold | None:
+        """The fold, None where it has no rows to judge on."""
+        own = self._trained(fold)
+        rows = self.common
+        if own is not self.model:
+            rows = compress_cells(self._runs, own, self.settings, self.split)
+        train, test = rows.select(self.split.training(fold)), rows.select(self.split.tested(fold))
+        if not test.factors:
+            return None
+        task = make_task(self.problem, own, train, self.weighting, self.seed)
+        return _judged(self.split, fold, self.estimator.fit(task).theta, test)
+
+    @cached_property
+    def _runs(self) -> Measurements:
+        return concatenate([one() for one in self.sent])
+
+    def _trained(self, fold: int) -> Model:
+        """The model with what :func:`identify` takes from the data beside its parameters, from the
+        fold's training rows alone: shape constants, the current model. Itself where that is nothing.
+        """
+        cells, model = self.split.training(fold), self.model
+
+        def training(run: int, t: Array) -> NDArray[np.bool_]:
+            return np.isin(self.split.cell(run, t), cells)
+
+        shapes = estimate_shapes(model, self._runs, self.settings, self.weighting, training)
+        if any(shape.after != shape.before for shape in shapes):
+            model = replace(model, effects=with_shapes(model.effects, shapes))
+        if not model.needs_reference:
+            return model
+        return with_reference(
+            self.problem,
+            model,
+            lambda m: compress_cells(self._runs, m, self.settings, self.split).select(cells),
+            self.weighting,
+        )
 
 
 def _judged(split: PhaseFolds, fold: int, theta: Array, test: Regression) -> Fold:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,9 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.normal_equations import Normal, total
-from sdp_vs_penalty.estimation.shape_folds import FOLDS, confirmed
-from sdp_vs_penalty.estimation.shape_profiles import ShapeBank, ShapeEstimate, alone, best_shapes
+from sdp_vs_penalty.estimation.normal_equations import Normal
+from sdp_vs_penalty.estimation.shape_folds import FOLDS, confirmed_shapes
+from sdp_vs_penalty.estimation.shape_profiles import ShapeBank, ShapeEstimate, alone
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
@@ -30,7 +31,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_rows, r
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
 
-#: Places of k columns, of the torque behind them, and the products (k + 1, k + 1) of all, of some rows.
+#: Of one joint the places of k columns, of the torque behind them, and the products (F, k + 1, k + 1) of
+#: all, fold by fold.
 _Products = tuple[NDArray[np.intp], Array]
 
 #: A constant whose relative standard deviation is below this is refined: interpolation in the grid is
@@ -65,8 +67,7 @@ def estimate_shapes(
     grids = [_with(effect.shape[key], g) for (effect, _, key), g in zip(wanted, ranges, strict=True)]
     rows = _OpenColumns(model, wanted, ends, measurements, settings, chosen, workers)
     profile = rows.at(grids, weighting, FOLDS)
-    found = best_shapes(profile.data, profile.base, profile.banks, profile.variance)
-    found = confirmed(found, profile.folds, profile.base, profile.banks, profile.variance)
+    found = confirmed_shapes(profile.folds, profile.base, profile.banks, profile.variance)
     return _refined(rows, found, weighting)
 
 
@@ -133,10 +134,10 @@ def open_shapes(effects: Sequence[Effect]) -> list[tuple[Effect, int, str]]:
 
 @dataclass(frozen=True)
 class _Profile:
-    """Normal equations of a model with several values of each constant, fold by fold of the motion;
-    base : all other columns; variance : of one independent row, times how often rows repeat."""
+    """Normal equations (F, ...) of a model with several values of each constant, fold by fold of the
+    motion; base : all other columns; variance : of one independent row, times how often rows repeat."""
 
-    folds: list[Normal]
+    folds: Normal
     base: NDArray[np.intp]
     banks: list[ShapeBank]
     variance: float
@@ -144,7 +145,7 @@ class _Profile:
     @cached_property
     def data(self) -> Normal:
         """Of all folds."""
-        return total(self.folds)
+        return self.folds.total()
 
 
 @dataclass(frozen=True)
@@ -175,22 +176,22 @@ class _OpenColumns:
         bigger = Model(self.model.robot, (*fixed, *parts), gains=self.model.gains)
         products, count, oversampling = self._products(bigger, folds)
         n, p = self.model.robot.n, len(bigger.parameters)
-        joints = [_normal(p, [own[j] for own in products]) for j in range(n)]
         weights = np.ones(n)
         if weighting == "noise":
-            theta, _ = total(joints).solved()
-            left = [max(d.left(theta), 1e-12 * d.square) for d in joints]
-            weights = np.array([count / x if x > 0.0 else 1.0 for x in left])
-        data = [_normal(p, own, weights) for own in products]
-        profile = _Profile(data, base, banks, 0.0)
+            joints = [(places, own.sum(axis=0, keepdims=True)) for places, own in products]
+            theta = np.append(_normal(p, joints, weights).total().solved()[0], 0.0)
+            for j, (places, own) in enumerate(joints):
+                data = Normal.extended(own[0])
+                left = max(data.left(theta[places[:-1]]), 1e-12 * data.square)
+                weights[j] = count / left if left > 0.0 else 1.0
+        profile = _Profile(_normal(p, products, weights), base, banks, 0.0)
         theta, rank = profile.data.solved()
         # Exact data have no variance; their constants still have a best value.
-        square = profile.data.square
-        error = max(profile.data.left(theta), 1e-12 * square, 1e-300)
+        error = max(profile.data.left(theta), 1e-12 * profile.data.square, 1e-300)
         free = max(n * count - oversampling * rank, 1.0)
         return replace(profile, variance=oversampling * error / free)
 
-    def _products(self, model: Model, folds: int) -> tuple[list[list[_Products]], int, float]:
+    def _products(self, model: Model, folds: int) -> tuple[list[_Products], int, float]:
         """Products by joint of each fold that has rows, how many rows a joint has, and how often rows
         repeat each other."""
         clocks = motion_clocks(tracks_of(self.measurements)) if folds > 1 else ()
@@ -199,13 +200,14 @@ class _OpenColumns:
             _products_of_run, model=model, settings=self.settings, split=split, chosen=self.chosen
         )
         runs = self.workers.map(one, [(k, run.sent) for k, run in enumerate(self.measurements.runs())])
-        found: dict[int, list[_Products]] = {}
+        found: list[_Products] = []
+        counts, samples = np.zeros(split.count, np.intp), 0.0
         # In the order of the runs, whoever was first: the same sums to the last bit.
-        for own, _, _ in runs:
-            for k, products in own.items():
-                found[k] = list(map(_added, found[k], products)) if k in found else products
-        count = sum(rows for _, rows, _ in runs)
-        return [found[k] for k in sorted(found)], count, count / sum(samples for *_, samples in runs)
+        for own, rows, independent in runs:
+            counts, samples = counts + rows, samples + independent
+            found = _added(found, own)
+        seen = counts > 0
+        return [(k, own[seen]) for k, own in found], int(counts.sum()), counts.sum() / samples
 
 
 def _products_of_run(
@@ -214,30 +216,31 @@ def _products_of_run(
     settings: Preprocessing,
     split: PhaseFolds,
     chosen: Chosen | None,
-) -> tuple[dict[int, list[_Products]], int, float]:
-    """Of one run the products by joint of each fold that has rows, its rows a joint, and how many
-    independent ones they are."""
+) -> tuple[list[_Products], NDArray[np.intp], float]:
+    """Of one run the products by joint, the rows of each fold, and how many independent ones all are."""
     index, sent = numbered
     run = sent()
-    found: dict[int, list[_Products]] = {}
-    count = 0
+    found: list[_Products] = []
+    counts = np.zeros(split.count, np.intp)
     for rows in filtered_rows(run, model, settings):
         t = rows.motion.t
-        mine = np.ones(len(t), bool) if chosen is None else chosen(index, t)
-        count += int(mine.sum())
         fold = split.fold(index, t) if split.clocks else np.zeros(len(t), int)
-        for k in np.unique(fold[mine]).tolist():
-            own: list[_Products] = []
-            for j, block in enumerate(rows.columns):
-                both = np.column_stack([block.columns, rows.torque[:, j]])[mine & (fold == k)]
-                own.append((np.append(block.indices, len(model.parameters)), both.T @ both))
-            found[k] = list(map(_added, found[k], own)) if k in found else own
-    return found, count, count / rows_per_sample(run, settings)
+        mine = np.arange(len(t)) if chosen is None else np.flatnonzero(chosen(index, t))
+        mine = mine[np.argsort(fold[mine], kind="stable")]
+        ends = np.searchsorted(fold[mine], np.arange(split.count + 1))
+        counts += np.diff(ends)
+        here: list[_Products] = []
+        for j, block in enumerate(rows.columns):
+            both = np.column_stack([block.columns, rows.torque[:, j]])[mine]
+            own = np.stack([both[a:b].T @ both[a:b] for a, b in pairwise(ends)])
+            here.append((np.append(block.indices, len(model.parameters)), own))
+        found = _added(found, here)
+    return found, counts, counts.sum() / rows_per_sample(run, settings)
 
 
-def _added(a: _Products, b: _Products) -> _Products:
+def _added(a: list[_Products], b: list[_Products]) -> list[_Products]:
     """The products of both's rows."""
-    return a[0], a[1] + b[1]
+    return [(k, x + y) for (k, x), (_, y) in zip(a, b, strict=True)] if a and b else a or b
 
 
 class _Bank(Effect):
@@ -266,11 +269,9 @@ class _Bank(Effect):
         return out
 
 
-def _normal(p: int, parts: Sequence[_Products], weights: Array | None = None) -> Normal:
-    """Normal equations in all p columns of the rows of several products, each weighted."""
-    whole = np.zeros((p + 1, p + 1))
-    for (indices, own), weight in zip(
-        parts, np.ones(len(parts)) if weights is None else weights, strict=True
-    ):
-        whole[np.ix_(indices, indices)] += weight * own
-    return Normal(whole[:p, :p], whole[:p, p], float(whole[p, p]))
+def _normal(p: int, joints: Sequence[_Products], weights: Array) -> Normal:
+    """Normal equations (F, ...) in all p columns of several joints' products, each weighted."""
+    whole = np.zeros((len(joints[0][1]), p + 1, p + 1))
+    for (places, own), weight in zip(joints, weights, strict=True):
+        whole[:, places[:, None], places] += weight * own
+    return Normal.extended(whole)

@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from sdp_vs_penalty.estimation.normal_equations import Normal, total
+from sdp_vs_penalty.estimation.normal_equations import Normal, times
 from sdp_vs_penalty.estimation.shape_profiles import (
     ShapeBank,
     ShapeEstimate,
+    beside,
     combined,
-    curves_of,
+    estimated,
     left_by,
     pooled,
     settled,
@@ -40,37 +41,37 @@ from sdp_vs_penalty.robot.arrays import Array
 FOLDS = 10
 
 
-def confirmed(
-    found: Sequence[ShapeEstimate],
-    folds: Sequence[Normal],
-    base: NDArray[np.intp],
-    banks: Sequence[ShapeBank],
-    variance: float,
+def confirmed_shapes(
+    folds: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], variance: float
 ) -> list[ShapeEstimate]:
-    """What was found, where folds that are left out confirm it; elsewhere the constants of before.
+    """The constants that together explain most, where folds that are left out confirm it; elsewhere as
+    they were.
 
-    folds : normal equations of each fold, in the columns of base and banks; variance : as of
+    folds : normal equations (F, ...) of each fold, in the columns of base and banks; variance : as of
     :func:`best_shapes`.
     """
-    moved = [k for k, s in enumerate(found) if s.after != s.before]
-    if not moved:
-        return list(found)
-    quantile = stdtrit(len(folds) - 1, 0.975)
     pool = pooled(banks)
-    both = np.hstack([_visible(total(folds), base), np.eye(len(folds[0].right))[:, pool]])
-    small = [fold.through(both, np.zeros(len(fold.right))) for fold in folds]
-    shown = np.eye(both.shape[1])[:, : both.shape[1] - len(pool)]
-    trials = []
-    for k, fold in enumerate(small):
-        rest = total([*small[:k], *small[k + 1 :]])
-        left = left_by(rest, np.arange(shown.shape[1], both.shape[1]), shown)
-        trials.append(_trial(rest.through(*left), fold.through(*left), banks, variance))
-    out = list(found)
+    shown = _visible(folds.total(), base)
+    small = folds.through(np.hstack([shown, np.eye(len(shown))[:, pool]]))
+    data, r = small.total(), shown.shape[1]
+    shown, pool = np.eye(r + len(pool))[:, :r], np.arange(r, r + len(pool))
+    out = estimated(banks, settled(beside(data, pool, shown), banks, variance))
+    moved = [k for k, s in enumerate(out) if s.after != s.before]
+    if not moved:
+        return out
+    rest = data.without(small)
+    left = left_by(rest, pool, shown)
+    rest, folded = rest.through(*left), small.through(*left)
+    found = settled(rest, banks, variance)[0]
+    now = np.broadcast_to([float(b.now) for b in banks], found.shape)
+    plain, quantile = combined(rest, banks, now), stdtrit(len(found) - 1, 0.975)
     for k in moved:
-        gains, changes = np.array([t[k] for t in trials]).T
+        theta = combined(rest, banks, np.where(np.arange(len(banks)) == k, found, now))
+        gains, change = folded.left(plain) - folded.left(theta), theta - plain
+        changes = np.sum(change * times(folded.gram, change), axis=-1)
         noise = max(float(np.sum((gains - changes) ** 2)), 4.0 * variance * float(changes.sum()))
         if not gains.sum() > quantile * np.sqrt(noise):
-            out[k] = replace(found[k], after=found[k].before, std=np.inf, gain=0.0, at_end=False)
+            out[k] = replace(out[k], after=out[k].before, std=np.inf, gain=0.0, at_end=False)
     return out
 
 
@@ -83,20 +84,4 @@ def _visible(data: Normal, base: NDArray[np.intp]) -> Array:
     good = values > 1e-12 * values.max(initial=0.0)
     out = np.zeros((len(data.right), int(good.sum())))
     out[base] = vectors[:, good] / np.sqrt(values[good]) / unit[:, None]
-    return out
-
-
-def _trial(
-    rest: Normal, fold: Normal, banks: Sequence[ShapeBank], variance: float
-) -> list[tuple[float, float]]:
-    """Of each constant, found from the rest: what it takes from a fold's squared error, and |d|^2; of
-    both what all other columns, fitted to the rest, leave."""
-    curves, before = curves_of(rest, banks), [bank.now for bank in banks]
-    plain, out = combined(rest, curves, before), []
-    for k, s in enumerate(settled(rest, curves, variance)):
-        theta = plain
-        if s.after != s.before:
-            theta = combined(rest, curves, [*before[:k], s.after, *before[k + 1 :]])
-        change = theta - plain
-        out.append((fold.left(plain) - fold.left(theta), float(change @ fold.gram @ change)))
     return out

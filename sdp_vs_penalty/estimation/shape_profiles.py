@@ -13,13 +13,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.estimation.normal_equations import Normal, pseudo_inverse
+from sdp_vs_penalty.estimation.normal_equations import Normal, times
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.spline import CubicSpline
 
@@ -77,19 +78,13 @@ class ShapeEstimate:
 
 
 @lru_cache(maxsize=64)
-def _interpolation(values: bytes) -> tuple[CubicSpline, Array, Array]:
-    """From a constant's logarithm to weights (K,) of its grid's values; a finer grid, its weights."""
+def _interpolation(values: bytes, now: float) -> tuple[CubicSpline, Array, Array]:
+    """From a constant's logarithm to weights (K,) of its grid's values; a finer grid (U,), and the
+    weights (U + 1, K) there and at the constant that the model has."""
     grid = np.log(np.frombuffer(values))
     spline = CubicSpline(grid, np.eye(len(grid)))
     fine = np.linspace(grid[0], grid[-1], _FINE * (len(grid) - 1) + 1)
-    return spline, fine, spline(fine)
-
-
-@lru_cache(maxsize=4096)
-def _weights(values: bytes, value: float) -> Array:
-    """(K,) of the columns of each value of a grid, in those of one; outside the range of its end."""
-    spline, fine, _ = _interpolation(values)
-    return np.asarray(spline(np.clip(np.log(value), fine[0], fine[-1])))
+    return spline, fine, spline(np.append(fine, np.clip(np.log(now), grid[0], grid[-1])))
 
 
 def best_shapes(
@@ -101,40 +96,54 @@ def best_shapes(
     repeat. A constant that the data do not tell stays what it is.
     """
     rest = beside(data, pooled(banks), np.eye(len(data.right))[:, base])
-    return settled(rest, curves_of(rest, banks), variance)
+    return estimated(banks, settled(rest, banks, variance))
 
 
-def settled(rest: Normal, curves: Sequence[Curve], variance: float) -> list[ShapeEstimate]:
-    """The same of banks' columns alone, of which other columns explain nothing any more."""
-    values = [curve.bank.now for curve in curves]
-    found = dict[int, ShapeEstimate]()
-    at = [curve.at(v) for curve, v in zip(curves, values, strict=True)]
+def estimated(banks: Sequence[ShapeBank], found: Array) -> list[ShapeEstimate]:
+    """What :func:`settled` finds (4, B), in words."""
+    return [
+        ShapeEstimate(b.effect.name, b.joint, b.key, b.now, after, std, gain, bool(at_end))
+        for b, (after, std, gain, at_end) in zip(banks, found.T.tolist(), strict=True)
+    ]
+
+
+def settled(rest: Normal, banks: Sequence[ShapeBank], variance: float) -> Array:
+    """(4, ..., B) the constants that together explain most, their standard deviations, what they take,
+    and whether they lie at an end; rest : of banks' columns alone, of which other columns explain
+    nothing any more, of one set of rows or of several side by side."""
+    places, shape = _places(banks), rest.right.shape[:-1]
+    values = np.broadcast_to([float(bank.now) for bank in banks], (*shape, len(banks)))
+    found = np.stack([values, *np.zeros((3, *values.shape))])
+    now = columns_at(banks, values)
+    half, moving = rest.gram @ now, np.ones(shape, bool)
     for _ in range(_TURNS):
-        before = list(values)
-        for k, curve in enumerate(curves):
-            found[k] = curve.best(rest, np.hstack([at[k][:, :0], *at[:k], *at[k + 1 :]]), variance)
-            values[k], at[k] = found[k].after, curve.at(found[k].after)
-        last = np.log(before)
-        if np.all(np.abs(np.log(values) - last) <= 1e-3 + 1e-5 * np.abs(last)):
+        last = np.log(found[0])
+        for k, (bank, (own, mine)) in enumerate(zip(banks, places, strict=True)):
+            new = _best(bank, _beside(rest, now, half, own, mine), rest.gram[..., own, own], variance)
+            found[..., k] = np.where(moving, new, found[..., k])
+            now[..., own, mine] = columns_at([bank], found[0, ..., k : k + 1])
+            half[..., mine] = rest.gram[..., own] @ now[..., own, mine]
+        moved = np.abs(np.log(found[0]) - last) > 1e-3 + 1e-5 * np.abs(last)
+        moving = moving & np.any(moved, axis=-1)
+        if not moving.any():
             break
-    return list(found.values())
+    return found
 
 
 def fitted(
     data: Normal, base: NDArray[np.intp], banks: Sequence[ShapeBank], values: Sequence[float]
 ) -> Array:
     """Least-squares coefficients (p,) of all columns, with these constants."""
-    pool = pooled(banks)
-    left, explained = left_by(data, pool, np.eye(len(data.right))[:, base])
+    left, explained = left_by(data, pooled(banks), np.eye(len(data.right))[:, base])
     rest = data.through(left, explained)
-    return np.asarray(explained + left @ combined(rest, curves_of(rest, banks), values))
+    return np.asarray(explained + left @ combined(rest, banks, np.array(values)))
 
 
-def combined(rest: Normal, curves: Sequence[Curve], values: Sequence[float]) -> Array:
-    """Least-squares coefficients of the banks' columns, of which other columns explain nothing."""
-    columns = np.hstack([curve.at(v) for curve, v in zip(curves, values, strict=True)])
-    part = Normal(columns.T @ rest.gram @ columns, columns.T @ rest.right, rest.square)
-    return np.asarray(columns @ part.solved()[0])
+def combined(rest: Normal, banks: Sequence[ShapeBank], values: Array) -> Array:
+    """Least-squares coefficients (..., P) of the banks' columns, of which other columns explain nothing,
+    with constants (..., B)."""
+    columns = columns_at(banks, values)
+    return times(columns, rest.through(columns).solved()[0])
 
 
 def pooled(banks: Sequence[ShapeBank]) -> NDArray[np.intp]:
@@ -142,11 +151,23 @@ def pooled(banks: Sequence[ShapeBank]) -> NDArray[np.intp]:
     return np.concatenate([bank.columns.ravel() for bank in banks])
 
 
-def curves_of(rest: Normal, banks: Sequence[ShapeBank]) -> list[Curve]:
-    """Of the banks' columns alone, bank by bank."""
-    ends = np.cumsum([bank.columns.size for bank in banks])
-    places = np.split(np.arange(ends[-1]), ends[:-1])
-    return [Curve(bank, p, rest) for bank, p in zip(banks, places, strict=True)]
+def _places(banks: Sequence[ShapeBank]) -> list[tuple[slice, slice]]:
+    """Where each bank stands among all banks' columns, and among columns at one constant each."""
+    ends = np.cumsum([(0, 0), *((b.columns.size, b.columns.shape[1]) for b in banks)], axis=0).tolist()
+    return [(slice(a, c), slice(b, d)) for (a, b), (c, d) in pairwise(ends)]
+
+
+def columns_at(banks: Sequence[ShapeBank], values: Array) -> Array:
+    """(..., P, M) the columns at constants (..., B) as combinations of the banks' columns; beyond a
+    range those of its end."""
+    places = _places(banks)
+    out = np.zeros((*values.shape[:-1], places[-1][0].stop, places[-1][1].stop))
+    for bank, (own, mine), value in zip(banks, places, np.moveaxis(values, -1, 0), strict=True):
+        spline, fine, _ = _interpolation(bank.values.tobytes(), float(bank.now))
+        weights, k = spline(np.clip(np.log(value), fine[0], fine[-1])), bank.columns.shape[1]
+        for c in range(k):
+            out[..., own.start + c : own.stop : k, mine.start + c] = weights
+    return out
 
 
 def beside(data: Normal, pool: NDArray[np.intp], others: Array) -> Normal:
@@ -155,98 +176,80 @@ def beside(data: Normal, pool: NDArray[np.intp], others: Array) -> Normal:
 
 
 def left_by(data: Normal, pool: NDArray[np.intp], others: Array) -> tuple[Array, Array]:
-    """Combinations of columns: (p, k) those of ``pool`` less what ``others`` (p, q) explain of them in
-    these data, and (p,) what these explain of the torque."""
-    norms = np.sqrt(np.maximum(np.einsum("pq,pq->q", others, data.gram @ others), 0.0))
-    seen = norms > 1e-10 * norms.max(initial=0.0)
-    others = others[:, seen] / norms[seen]
-    half = data.gram @ others
-    inverse, _ = pseudo_inverse(others.T @ half)
-    explaining = others @ inverse
-    return np.eye(len(data.right))[:, pool] - explaining @ half[pool].T, explaining @ (
-        others.T @ data.right
-    )
+    """Combinations of columns: (..., p, k) those of ``pool`` less what ``others`` (p, q) explain of them
+    in these data, and (..., p) what these explain of the torque."""
+    own = data.through(others)
+    explaining = others @ own.inverse[0]
+    left = np.eye(len(others))[:, pool] - explaining @ (others.T @ data.gram[..., pool])
+    return left, times(explaining, own.right)
 
 
-class Curve:
-    """The columns of one bank as a function of its constant: weights of the columns on the grid."""
-
-    def __init__(self, bank: ShapeBank, places: NDArray[np.intp], rest: Normal) -> None:
-        self.bank, self.places, self.size = bank, places, len(rest.right)
-        self.grid = np.log(bank.values)
-        self.known = dict[float, Array]()
-        self.signed = len(bank.effect.parameters) == 1 and bank.effect.parameters[0].lower == 0.0
-        self.seen = 1e-9 * float(np.max(np.diagonal(rest.gram)[places]))
-        values = bank.values.tobytes()
-        _, self.fine, between = _interpolation(values)
-        #: (U + 1, K) weights at the constants that are looked at, and at the one that the model has.
-        self.looked_at = np.vstack([between, _weights(values, float(bank.now))])
-
-    def at(self, value: float) -> Array:
-        """(p, k) weights of all columns; outside the range those of its end."""
-        if value in self.known:
-            return self.known[value]
-        w = _weights(self.bank.values.tobytes(), float(value))
-        k = self.bank.columns.shape[1]
-        out = np.zeros((self.size, k))
-        out[self.places] = (w[:, None, None] * np.eye(k)).reshape(-1, k)
-        self.known[value] = out
-        return out
-
-    def best(self, rest: Normal, others: Array, variance: float) -> ShapeEstimate:
-        """The constant that takes most beside combinations ``others`` (p, q) of all columns."""
-        taken = self._taken(self._beside(rest, others), self.looked_at) / variance
-        u, gain, bend = _vertex(self.fine, taken[:-1], int(np.argmax(taken[:-1])))
-        std = float(np.sqrt(2.0 / bend)) if bend > 0.0 else np.inf
-        gain -= float(taken[-1])
-        known = gain > _WORTH
-        # As many digits as a written effect has.
-        after = float(f"{np.exp(u):.6g}") if known else self.bank.now
-        first, last = np.log(self.bank.ends)
-        near = _AT_END * (last - first)
-        at_end = known and bool(u < first + near or u > last - near)
-        who = self.bank.effect.name, self.bank.joint, self.bank.key, self.bank.now
-        return ShapeEstimate(*who, after, after * std, gain if known else 0.0, at_end)
-
-    def _beside(self, rest: Normal, others: Array) -> Normal:
-        """The bank's own columns, less what others explain of them."""
-        gram, right = rest.gram[np.ix_(self.places, self.places)], rest.right[self.places]
-        if others.shape[1]:
-            half = rest.gram @ others
-            inner = others.T @ half
-            norms = np.sqrt(np.maximum(np.diagonal(inner), 0.0))
-            unit = np.where(norms > 1e-10 * norms.max(initial=0.0), norms, np.inf)
-            shared = half[self.places] / unit
-            explained = shared @ pseudo_inverse(inner / np.outer(unit, unit))[0]
-            gram = gram - explained @ shared.T
-            right = right - explained @ ((others.T @ rest.right) / unit)
+def _beside(rest: Normal, now: Array, half: Array, own: slice, mine: slice) -> Normal:
+    """A bank's ``own`` columns, less what the other banks' columns ``now`` explain of them."""
+    gram, right = rest.gram[..., own, own], rest.right[..., own]
+    other = np.delete(np.arange(now.shape[-1]), mine)
+    if not other.size:
         return Normal(gram, right, rest.square)
-
-    def _taken(self, own: Normal, w: Array) -> Array:
-        """(U,) what the columns with weights (U, K) take from the squared error."""
-        K, k = self.bank.columns.shape
-        pull = w @ own.right.reshape(K, k)
-        if k > 1:
-            half = (w @ own.gram.reshape(K, -1)).reshape(len(w), k, K, k)
-            gram = (w[:, None, None, :] @ half)[:, :, 0]
-            solved = np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None]
-            return np.asarray(np.sum(pull * solved[:, :, 0], axis=1))
-        energy, p = np.einsum("uk,uk->u", w @ own.gram, w), pull[:, 0]
-        # What the other columns absorb but for rounding shows no constant.
-        used = (energy > self.seen) & ~(self.signed & (p < 0.0))
-        return np.where(used, p * p / np.where(used, energy, 1.0), 0.0)
+    across, half = np.swapaxes(now[..., other], -1, -2), half[..., other]
+    others = Normal(across @ half, times(across, rest.right), rest.square)
+    shared = half[..., own, :]
+    explained = shared @ others.inverse[0]
+    gram = gram - explained @ np.swapaxes(shared, -1, -2)
+    return Normal(gram, right - times(explained, others.right), rest.square)
 
 
-def _vertex(x: Array, values: Array, top: int) -> tuple[float, float, float]:
-    """Where a curve on a uniform grid is highest, how high, and -d2/dx2 there; at an end the end."""
-    inner = min(max(top, 1), len(x) - 2)
-    left, middle, right = values[inner - 1 : inner + 2]
+def _best(bank: ShapeBank, own: Normal, alone: Array, variance: float) -> Array:
+    """(4, ...) the constant that takes most, its standard deviation, what it takes, whether it lies at
+    an end; own : of the bank's columns beside all else; alone (..., K k, K k) : their products."""
+    _, x, looked_at = _interpolation(bank.values.tobytes(), float(bank.now))
+    seen = 1e-9 * np.max(np.diagonal(alone, axis1=-2, axis2=-1), axis=-1)
+    taken = _taken(bank, own, looked_at, seen[..., None]) / variance
+    u, gain, bend = _vertex(x, taken[..., :-1])
+    gain = gain - taken[..., -1]
+    known = gain > _WORTH
+    # As many digits as a written effect has.
+    written = np.reshape([float(f"{v:.6g}") for v in np.ravel(np.exp(u))], np.shape(u))
+    after = np.where(known, written, bank.now)
+    std = np.where(bend > 0.0, after * np.sqrt(2.0 / np.where(bend > 0.0, bend, 1.0)), np.inf)
+    first, last = np.log(bank.ends)
+    near = _AT_END * (last - first)
+    at_end = known & ((u < first + near) | (u > last - near))
+    return np.stack([after, std, np.where(known, gain, 0.0), at_end])
+
+
+def _taken(bank: ShapeBank, own: Normal, w: Array, seen: Array) -> Array:
+    """(..., U) what the columns with weights (U, K) take from the squared error."""
+    (K, k), some = bank.columns.shape, own.right.shape[:-1]
+    if k > 1:
+        half = (w @ own.gram.reshape(*some, K, -1)).reshape(*some, len(w), k, K, k)
+        gram = np.einsum("...uaLb,uL->...uab", half, w)
+        pull = w @ own.right.reshape(*some, K, k)
+        solved = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+        return np.asarray(np.sum(pull * times(solved, pull), axis=-1))
+    energy, pull = np.sum((w @ own.gram) * w, axis=-1), own.right @ w.T
+    # What the other columns absorb but for rounding shows no constant.
+    used = energy > seen
+    if bank.effect.parameters[0].lower == 0.0:
+        used &= pull >= 0.0
+    return np.where(used, pull * pull / np.where(used, energy, 1.0), 0.0)
+
+
+def _vertex(x: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Where curves (..., U) on a uniform grid are highest, how high, and -d2/dx2 there; at an end the
+    end."""
+    top = np.argmax(values, axis=-1)
+    inner = np.clip(top, 1, len(x) - 2)
+    around = np.take_along_axis(values, inner[..., None] + np.array([-1, 0, 1]), -1)
+    left, middle, right = np.moveaxis(around, -1, 0)
     step = x[1] - x[0]
     bend = (2.0 * middle - left - right) / step**2
-    if top != inner or bend <= 0.0:
-        return float(x[top]), float(values[top]), float(bend)
-    shift = float(np.clip(0.5 * (right - left) / (bend * step**2), -0.5, 0.5))
-    return float(x[inner] + shift * step), float(middle + 0.25 * (right - left) * shift), float(bend)
+    end = (top != inner) | (bend <= 0.0)
+    shift = np.clip(0.5 * (right - left) / np.where(end, np.inf, bend * step**2), -0.5, 0.5)
+    return (
+        np.where(end, x[top], x[inner] + shift * step),
+        np.where(end, values.max(axis=-1), middle + 0.25 * (right - left) * shift),
+        bend,
+    )
 
 
 def alone(effect: Effect, joint: int, **shape: float) -> Effect:

@@ -137,6 +137,13 @@ class Fit:
             self.entropy_slopes,
         )
 
+    @cached_property
+    def gap(self) -> float:
+        """From the lower bound to the objective, relative to the loss."""
+        data = self.objective.least_squares
+        scale = max(data.loss(self.theta), 1e-12 * data.tau_squared)
+        return (self.objective.value(self.theta) - self.lower) / scale if scale > 0.0 else 0.0
+
 
 class Estimator(ABC):
     """One way from a Task to parameters. Subclasses are frozen dataclasses of their settings."""

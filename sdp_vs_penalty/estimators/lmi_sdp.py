@@ -13,7 +13,6 @@ is the first two (results/default_method.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -34,6 +33,7 @@ from sdp_vs_penalty.solvers.identification import (
 )
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
+from sdp_vs_penalty.solvers.structured import Structured
 from sdp_vs_penalty.solvers.verified import proves_infeasible
 
 #: A certified gap relative to the loss below which an answer is kept at once.
@@ -168,14 +168,29 @@ def solve_sdp(
     Raises InputError where the constraints admit no interior point, or nothing near an optimum came.
     """
     interior = interior_point(task, constraints, solver_name or REFERENCE)
-    attempts = [(solver_name or REFERENCE, *how) for how in _ATTEMPTS]
     if solver_name is None and absent(solver_modules()[QUICK]) is None:
-        with suppress(InputError):
-            once = [(QUICK, *_ATTEMPTS[0])]
-            fit, gap = _solved(task, objective, constraints, interior, once, accuracy)
-            if gap <= _TIGHT:
-                return fit
-    return _solved(task, objective, constraints, interior, attempts, accuracy)[0]
+        fit = _compiled(task, objective, constraints, interior, accuracy)
+        if fit is not None and fit.gap <= _TIGHT:
+            return fit
+    return _solved(task, objective, constraints, interior, solver_name or REFERENCE, accuracy)
+
+
+def _compiled(
+    task: Task, objective: Objective, constraints: ConstraintSet, interior: Array, accuracy: float
+) -> Fit | None:
+    """The compiled solver's answer; None where it takes no such cones or finds no finite numbers."""
+    data, sent = objective.least_squares, essential(constraints, objective)
+    try:
+        posed = Structured.of(objective.entropy, constraints, sent, task.bound, interior)
+    except NotApplicableError:
+        return None
+    found = posed.optimum(data, accuracy, floor=_FIRST_LOSS * data.tau_squared)
+    if not np.all(np.isfinite(found.theta)):
+        return None
+    multipliers, slopes = posed.multipliers(found)
+    details = {"solver": QUICK, "solver_said": [f"{found.status} ({found.iterations})"]}
+    theta = repair(constraints, found.theta, interior)
+    return Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
 
 
 def _solved(
@@ -183,17 +198,17 @@ def _solved(
     objective: Objective,
     constraints: ConstraintSet,
     interior: Array,
-    attempts: Sequence[tuple[str, float, bool]],
+    solver_name: str,
     accuracy: float,
-) -> tuple[Fit, float]:
-    """The tightest answer of attempts (solver, share of the way to the interior, fine), and its gap."""
+) -> Fit:
+    """The tightest answer of all attempts."""
     sent = essential(constraints, objective)
     best: Fit | None = None
-    smallest, answered = np.inf, False
+    answered = False
     said = []
     data = objective.least_squares
     least = _FIRST_LOSS * data.tau_squared
-    for solver_name, share, fine in attempts:
+    for share, fine in _ATTEMPTS:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)
         # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and
@@ -219,18 +234,16 @@ def _solved(
         slopes = problem.entropy_slopes(solution)
         details = {"solver": solver_name, "solver_said": said}
         fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
-        scale = max(data.loss(theta), 1e-12 * data.tau_squared)
-        gap = (objective.value(theta) - fit.lower) / scale if scale > 0.0 else 0.0
-        if gap < smallest:
-            smallest, best = gap, fit
-        if gap <= _TIGHT:
+        if fit.gap < (np.inf if best is None else best.gap):
+            best = fit
+        if fit.gap <= _TIGHT:
             break
-    if best is None or not (answered or smallest <= _LOOSE):
+    if best is None or not (answered or best.gap <= _LOOSE):
         raise InputError(
             f"solver {solver_name} gave up on a problem that has an interior point ({', '.join(said)})",
             "choose another solver, or check the units of the measurements",
         )
-    return best, smallest
+    return best
 
 
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:

@@ -243,8 +243,7 @@ def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) ->
 
 def triangular(parts: Sequence[Array]) -> Array:
     """The R factor of the stacked matrices, with a non-negative diagonal; at most square."""
-    stack = np.vstack(parts)
-    r = scipy.linalg.qr(stack, mode="r", check_finite=False)[0][: stack.shape[1]]
+    r: Array = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
     sign = np.where(np.diagonal(r) < 0, -1.0, 1.0)
     r[: len(sign)] *= sign[:, None]
     return r

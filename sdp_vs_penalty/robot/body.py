@@ -89,12 +89,13 @@ def around(
     ch. 3) over the extremes of the cloud, then enlarged until all points are inside.
     """
     cloud = np.asarray(points, float)
-    extremes = cloud[np.unique([int(np.argmax(cloud @ d)) for d in _directions()])]
+    few = np.array_split(_directions(), 20)  # a cloud may have many points
+    extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in few])]
     lifted = np.column_stack([extremes, np.ones(len(extremes))])
     weights = np.full(len(lifted), 1.0 / len(lifted))
+    inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
+    distance = np.sum(lifted @ inverse * lifted, axis=1)
     for _ in range(_STEPS):
-        moment = (lifted * weights[:, None]).T @ lifted
-        distance = np.sum(lifted @ np.linalg.pinv(moment) * lifted, axis=1)
         farthest = int(np.argmax(distance))
         excess = distance[farthest]
         if excess <= 4.0 * (1.0 + _EXCESS):
@@ -102,6 +103,10 @@ def around(
         step = (excess - 4.0) / (4.0 * (excess - 1.0))
         weights *= 1.0 - step
         weights[farthest] += step
+        # The moment changes by a matrix of rank one (Sherman, Morrison).
+        push, share = inverse @ lifted[farthest], step / (1.0 - step + step * excess)
+        inverse = (inverse - np.outer(share * push, push)) / (1.0 - step)
+        distance = (distance - share * (lifted @ push) ** 2) / (1.0 - step)
     centre = weights @ extremes
     second = (extremes * weights[:, None]).T @ extremes - np.outer(centre, centre)
     size, axes = np.linalg.eigh(3.0 * second)

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.robot import compiled, inertia
-from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.structure import Structure
 
@@ -33,6 +32,8 @@ class Robot(Structure):
 
     @cached_property
     def _model(self) -> Any:
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         model = pin.Model()
         model.gravity = pin.Motion(np.array(self.gravity, float), np.zeros(3))
         for joint in self.tree:
@@ -77,6 +78,8 @@ class Robot(Structure):
         if native is not None:
             native.regressor(*self._tree_arrays, q, dq, ddq, out)
         else:
+            from sdp_vs_penalty.robot._pinocchio import pin
+
             model, data = self._model, self._model.createData()
             compute = pin.computeJointTorqueRegressor
             for k in range(len(q)):
@@ -91,6 +94,8 @@ class Robot(Structure):
         return out
 
     def _with_inertias(self, theta: ArrayLike) -> Any:
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         model = self._model.copy()
         links = np.asarray(theta, float).reshape(self.links, 10)
         if self._link_maps is not None:
@@ -107,6 +112,8 @@ class Robot(Structure):
 
     def inverse_dynamics(self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Joint torques (N, n) of rigid links by recursive Newton-Euler; theta has 10 a link."""
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         model = self._with_inertias(theta)
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
@@ -120,6 +127,8 @@ class Robot(Structure):
         With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier, Mansard,
         RSS 2018).
         """
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         if (parts := _of_positive_masses(theta)) is not None:
             both = (self.inverse_dynamics_derivatives(x, q, dq, ddq) for x in parts)
             by_q, by_dq, by_ddq = (np.subtract(a, b) for a, b in zip(*both, strict=True))
@@ -144,6 +153,8 @@ class Robot(Structure):
         Six virtual joints that rest stand before each, and it is by their positions that Pinocchio
         derives (Carpentier, Mansard, RSS 2018).
         """
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         if (parts := _of_positive_masses(theta)) is not None:
             both = (self.placement_derivatives(x, q, dq, ddq) for x in parts)
             return np.asarray(np.subtract(*both))
@@ -179,6 +190,8 @@ class Robot(Structure):
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
         """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world axes."""
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         model, data = self._model, self._model.createData()
         (q,) = self.tree_state(q)
         out = np.empty((len(q), 6, len(self.tree)))
@@ -199,6 +212,8 @@ class Robot(Structure):
 
         By the composite rigid body and recursive Newton-Euler algorithms (Featherstone 2008, ch. 5-6).
         """
+        from sdp_vs_penalty.robot._pinocchio import pin
+
         if (parts := _of_positive_masses(theta)) is not None:
             whole, taken = (self.mass_and_bias(x) for x in parts)
             return lambda q, dq: tuple(map(np.subtract, whole(q, dq), taken(q, dq)))  # type: ignore[return-value]

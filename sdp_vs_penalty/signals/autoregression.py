@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, linalg, sparse
+from scipy import linalg, sparse
 
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.kernels import fast_length
 
 ORDER = 4
 #: Lags after which the noise has forgotten, and steps of its estimate beside other columns.
@@ -127,9 +128,9 @@ def _with_covariance(a: Array, pieces: Sequence[NDArray[np.intp]], Q: Array) -> 
     out = np.zeros_like(Q)
     for piece in pieces:
         if len(piece):
-            length = fft.next_fast_len(len(piece) + len(kernel) - 1, real=True)
-            spectrum = fft.rfft(Q[piece], length, axis=0) * fft.rfft(kernel, length)[:, None]
-            full = fft.irfft(spectrum, length, axis=0)
+            length = fast_length(len(piece) + len(kernel) - 1)
+            spectrum = np.fft.rfft(Q[piece], length, axis=0) * np.fft.rfft(kernel, length)[:, None]
+            full = np.fft.irfft(spectrum, length, axis=0)
             out[piece] = full[_MEMORY - 1 : _MEMORY - 1 + len(piece)]
     return out
 

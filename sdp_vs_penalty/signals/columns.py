@@ -12,7 +12,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import Steps
+from sdp_vs_penalty.signals.kernels import Decimator
 
 #: Columns that are low-passed together, and from how many on an effect's are so for each joint.
 _AT_ONCE, _WIDE = 64, 12
@@ -43,7 +43,7 @@ class Columns:
 
     def __init__(
         self,
-        parts: Sequence[tuple[Steps, Motion]],
+        parts: Sequence[tuple[Decimator, Motion]],
         n: int,
         derived: dict[Hashable, Any],
         modelled: dict[Hashable, Any],
@@ -86,7 +86,7 @@ class Columns:
         """The rows of a wide effect of the motion alone, a few after the other."""
         rows: list[list[Block]] = []
         for low_pass, motion in zip(self._low_passes, self._watched, strict=True):
-            for start in range(0, low_pass.count, _ROWS):
+            for start in range(0, len(low_pass.at), _ROWS):
                 few, around = low_pass.part(start, start + _ROWS)
                 made = effect.blocks(motion.part(around))
                 rows.append([replace(b, columns=few @ b.columns) for b in made])

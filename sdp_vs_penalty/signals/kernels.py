@@ -9,12 +9,15 @@ filtering gives).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft, sparse
 
 from sdp_vs_penalty.robot.arrays import Array
+
+#: Rows of a block of a :class:`Decimator`.
+_ROWS = 16
 
 
 class LowPass:
@@ -23,64 +26,41 @@ class LowPass:
     def __init__(self, value: Array) -> None:
         self.value, self.half = value, len(value) // 2
 
-    def decimator(self, length: int, at: NDArray[np.int64]) -> sparse.csr_array:
-        """(len(at), length) matrix: the low-pass evaluated at the samples ``at`` only."""
-        width = 2 * self.half + 1
-        columns = (at[:, None] - self.half + np.arange(width)).ravel()
-        values = np.tile(self.value[::-1], len(at))
-        starts = np.arange(len(at) + 1) * width
-        return sparse.csr_array((values, columns, starts), shape=(len(at), length))
-
-    def steps(self, length: int, at: NDArray[np.int64]) -> Steps:
-        """The same at samples that are equally far from each other."""
-        step = int(at[1] - at[0]) if len(at) > 1 else 1
-        return Steps(self.value, length, int(at[0]) - self.half, step, len(at))
+    def decimator(self, at: NDArray[np.int64]) -> Decimator:
+        """The low-pass evaluated at the samples ``at`` only, which ascend."""
+        return Decimator(self.value, at)
 
 
-class Steps:
-    """The (count, length) matrix that takes a kernel's (K,) products with a series at every ``step``-th
-    of its samples from ``first`` on.
+class Decimator:
+    """The matrix (M, N) of a low-pass at M ascending samples, as dense blocks of few rows: they share
+    most of their samples, which makes it several times as fast as sparse rows."""
 
-    out_m = sum_p sum_k h_(k step + p) x_(first + (m + k) step + p): one product of the series, read as a
-    matrix with rows of ``step`` samples, with the kernel read alike, and shifted sums of its columns.
-    """
-
-    def __init__(self, kernel: Array, length: int, first: int, step: int, count: int) -> None:
-        self.kernel, self.first, self.step, self.count = kernel, first, step, count
-        self.shape = count, length
-        self._turns = -(-len(kernel) // step)
-        padded = np.append(kernel[::-1], np.zeros(self._turns * step - len(kernel)))
-        self._filter = padded.reshape(self._turns, step)
-
-    def __abs__(self) -> Steps:
-        return Steps(np.abs(self.kernel), self.shape[1], self.first, self.step, self.count)
-
-    def part(self, start: int, stop: int) -> tuple[Steps, slice]:
-        """Some of the rows, as products with some of the samples."""
-        count = min(stop, self.count) - start
-        begin = self.first + start * self.step
-        length = (count - 1) * self.step + len(self.kernel)
-        return Steps(self.kernel, length, 0, self.step, count), slice(begin, begin + length)
+    def __init__(self, value: Array, at: NDArray[np.int64]) -> None:
+        self.value, self.at = value, at
+        self.blocks: list[tuple[slice, Array]] = []
+        seen, block = np.zeros(0, np.int64), np.zeros((0, 0))
+        for few in np.split(at, range(_ROWS, len(at), _ROWS)) if len(at) else ():
+            if not np.array_equal(few - few[0], seen):
+                seen = few - few[0]
+                block = np.zeros((len(few), seen[-1] + len(value)))
+                taps = seen[:, None] + np.arange(len(value))
+                block[np.arange(len(few))[:, None], taps] = value[::-1]
+            begin = int(few[0]) - len(value) // 2
+            self.blocks.append((slice(begin, begin + block.shape[1]), block))
 
     def __matmul__(self, x: Array) -> Array:
-        """Of a series (length,) or of several (length, k)."""
-        if x.ndim == 1:
-            return (self @ x[:, None])[:, 0]
-        rows = self.count + self._turns - 1
-        whole = min(rows, (len(x) - self.first) // self.step)
-        last = self.first + whole * self.step
-        steps = np.ascontiguousarray(x, float)[self.first : last].reshape(whole, self.step, -1)
-        if x.shape[1] == 1:
-            products = (steps[:, :, 0] @ self._filter.T)[:, :, None]
-        else:
-            products = self._filter @ steps
-        if whole < rows:  # the kernel's end reaches into a part of the last step
-            end = self._filter[:, : len(x) - last] @ x[last : last + self.step]
-            products = np.concatenate([products, end[None]])
-        out = products[: self.count, 0].copy()
-        for k in range(1, self._turns):
-            out += products[k : k + self.count, k]
-        return np.asarray(out)
+        """Of x (N, ...) the rows (M, ...)."""
+        flat = x.reshape(len(x), int(np.prod(x.shape[1:])))
+        parts = [block @ flat[around] for around, block in self.blocks]
+        return np.concatenate([flat[:0], *parts]).reshape(len(self.at), *x.shape[1:])
+
+    def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
+        """Some of the rows, and the samples that they see."""
+        at, half = self.at[start:stop], len(self.value) // 2
+        return Decimator(self.value, at - at[0] + half), slice(int(at[0]) - half, int(at[-1]) + half + 1)
+
+    def __abs__(self) -> Decimator:
+        return Decimator(np.abs(self.value), self.at)
 
 
 class Kernel(LowPass):
@@ -142,12 +122,21 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
     the same, but its import takes longer than to identify a robot.)
     """
-    length = fft.next_fast_len(len(x), real=True)
-    spectrum = fft.rfft(x, length, axis=0)
+    length = fast_length(len(x))
+    spectrum = np.fft.rfft(x, length, axis=0)
     return [
-        fft.irfft(spectrum * fft.rfft(kernel, length)[:, None], length, axis=0)[len(kernel) - 1 : len(x)]
+        np.fft.irfft(spectrum * np.fft.rfft(kernel, length)[:, None], length, axis=0)[
+            len(kernel) - 1 : len(x)
+        ]
         for kernel in kernels
     ]
+
+
+@lru_cache(maxsize=64)
+def fast_length(least: int) -> int:
+    """The smallest product of powers of 2, 3 and 5 that is at least so large."""
+    odd = (3**a * 5**b for a in range(least.bit_length()) for b in range(least.bit_length()))
+    return min(x << (-(-least // x) - 1).bit_length() for x in odd)
 
 
 def _moment_factor(

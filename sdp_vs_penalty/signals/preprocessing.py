@@ -26,14 +26,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Sampling
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import Kernel, LowPass
+from sdp_vs_penalty.signals.kernels import Decimator, Kernel, LowPass
 from sdp_vs_penalty.signals.runs import (
     Movement,
     Stretch,
@@ -52,14 +51,14 @@ _OVERSAMPLING = 4.0
 _COLUMN_RATE = 30.0
 #: Filters that need more than so many lengths of the run are not made at all.
 _LONGER = 1.5
-#: Raw samples worked on at a time: bounds the memory for the columns whatever a run's length.
+#: Samples of a run that is not kept worked on at a time: bounds the memory whatever the run's length.
 _CHUNK = 4096
 #: Filtered instants at a time: each has a row as long as the kernel.
 _FILTERED = 512
 #: Samples of a stretch of which a few are chosen.
 _MOST_SAMPLES = 1 << 19
-#: Filtered pieces of runs of at most so many positions are kept, for the next model's columns; and of
-#: an effect with more columns than this on a joint the low-passed columns.
+#: Filtered pieces of runs of at most so many positions are kept, for the next model's columns, with the
+#: low-passed columns of the last one; columns of more than this on a joint are low-passed by themselves.
 _MOST_KEPT, _WIDE = 150_000, 8
 
 
@@ -175,7 +174,7 @@ class RunFilter:
         for few in np.split(at, range(_FILTERED, len(at), _FILTERED)):
             begin, end = few[0] - half, few[-1] + half + 1
             around = part.resampled(part.tau, begin, end)
-            out.append(self.column.decimator(end - begin, few - begin) @ around)
+            out.append(self.column.decimator(few - begin) @ around)
         return np.concatenate(out)
 
 
@@ -196,27 +195,14 @@ def filtered_rows(run: Measurements, model: Model, settings: Preprocessing) -> I
     # What an effect with memory remembers has to be followed sample by sample, from the start.
     whole = any(effect.has_memory for effect in model.effects)
     kept = _Kept.of(run, settings, whole)
-    pieces: Iterable[_Piece] = _pieces(run, settings, whole) if kept is None else kept.pieces
+    pieces: Iterable[_Piece] = _pieces(run, settings, whole, whole) if kept is None else kept.pieces
     for piece in pieces:
         known = {} if kept is None else kept.known(model, piece)
-        blocks, few = model.blocks(piece.around, known), {}
-        for k, made in blocks.items():
-            if any(b.columns.shape[1] > _WIDE for b in made):
-                known[k] = [replace(b, columns=piece.low_pass @ b.columns) for b in made]
-            else:
-                few[k] = made
+        for k, made in model.blocks(piece.around, known).items():
+            known[k] = piece.low_passed(made)
         if kept is not None:
             kept.keep(model, piece, known)
-        count = len(piece.torque)
-        wide, narrow = model.joined(known, count), model.joined(few, len(piece.around.t))
-        columns = [
-            JointColumns(
-                np.concatenate([w.indices, f.indices]),
-                np.hstack([w.columns, piece.low_pass @ f.columns]),
-            )
-            for w, f in zip(wide, narrow, strict=True)
-        ]
-        yield Rows(piece.rows, piece.torque, columns)
+        yield Rows(piece.rows, piece.torque, model.joined(known, len(piece.torque)))
 
 
 @dataclass(frozen=True)
@@ -225,14 +211,26 @@ class _Piece:
     the low-pass from there to the rows, the motion and the torque at the rows."""
 
     around: Motion
-    low_pass: sparse.csr_array
+    low_pass: Decimator
     rows: Motion
     torque: Array
 
+    def low_passed(self, blocks: list[Block]) -> list[Block]:
+        """An effect's columns at the rows; narrow ones together."""
+        if any(b.columns.shape[1] > _WIDE for b in blocks):
+            return [replace(b, columns=self.low_pass @ b.columns) for b in blocks]
+        few = self.low_pass @ np.hstack([self.around.q[:, :0], *(b.columns for b in blocks)])
+        ends = np.cumsum([b.columns.shape[1] for b in blocks])
+        return [
+            replace(b, columns=c) for b, c in zip(blocks, np.split(few, ends[:-1], axis=1), strict=True)
+        ]
 
-def _pieces(run: Measurements, settings: Preprocessing, whole: bool) -> Iterator[_Piece]:
-    """A run's rows piece by piece; the whole stretch at once where effects remember."""
-    filters = RunFilter(run, settings, every_sample=whole)
+
+def _pieces(
+    run: Measurements, settings: Preprocessing, whole: bool, every_sample: bool
+) -> Iterator[_Piece]:
+    """A run's rows piece by piece, or each ``whole`` stretch at once, as where effects remember."""
+    filters = RunFilter(run, settings, every_sample)
     stride, step = filters.stride, filters.step(_OVERSAMPLING)
     reach = stride * filters.coarse.half
     margin = filters.state.half + filters.column.half
@@ -251,7 +249,7 @@ def _pieces(run: Measurements, settings: Preprocessing, whole: bool) -> Iterator
             local = (at[keep] - at[0] + reach) // stride
             yield _Piece(
                 motion,
-                filters.coarse.decimator(len(motion.t), local),
+                filters.coarse.decimator(local),
                 Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
                 filters.torque(part, at[keep]),
             )
@@ -260,13 +258,13 @@ def _pieces(run: Measurements, settings: Preprocessing, whole: bool) -> Iterator
 
 
 class _Kept:
-    """The pieces of a short run, and the wide columns that the last model had of them: several models
-    of one robot share them."""
+    """The pieces of a short run, and the columns that the last model had of them: several models of one
+    robot share them."""
 
     def __init__(self, key: tuple[Preprocessing, bool], pieces: list[_Piece]) -> None:
         self.key, self.pieces = key, pieces
         #: By piece: for each effect itself, over which velocities signs turned, and its columns.
-        self._wide: dict[int, list[tuple[Effect, Any, list[Block]]]] = {}
+        self._columns: dict[int, list[tuple[Effect, Any, list[Block]]]] = {}
 
     @classmethod
     def of(cls, run: Measurements, settings: Preprocessing, whole: bool) -> _Kept | None:
@@ -275,13 +273,13 @@ class _Kept:
             return None
         kept: _Kept | None = run.derived.get("filtered")
         if kept is None or kept.key != (settings, whole):
-            kept = cls((settings, whole), list(_pieces(run, settings, whole)))
+            kept = cls((settings, whole), list(_pieces(run, settings, True, whole)))
             run.derived["filtered"] = kept
         return kept
 
     def known(self, model: Model, piece: _Piece) -> dict[int, list[Block]]:
         """The low-passed columns of a model's effects that are known, by their places in it."""
-        known = self._wide.get(id(piece), [])
+        known = self._columns.get(id(piece), [])
         return {
             k: blocks
             for k, effect in enumerate(model.effects)
@@ -289,11 +287,11 @@ class _Kept:
             if one is effect and (effect.signless or width == model.sign_width)
         }
 
-    def keep(self, model: Model, piece: _Piece, wide: dict[int, list[Block]]) -> None:
+    def keep(self, model: Model, piece: _Piece, made: dict[int, list[Block]]) -> None:
         """For the next model."""
-        self._wide[id(piece)] = [
+        self._columns[id(piece)] = [
             (model.effects[k], model.sign_width, blocks)
-            for k, blocks in wide.items()
+            for k, blocks in made.items()
             if not depends(model.effects[k])
         ]
 

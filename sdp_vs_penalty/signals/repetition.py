@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
-from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.kernels import fast_length
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns
 from sdp_vs_penalty.signals.spline import CubicSpline
 
@@ -105,9 +104,9 @@ def _difference(q: Array, other: Array, scale: Array) -> float:
 def _differences(x: Array, lags: NDArray[np.int64]) -> Array:
     """Root mean square of x[k + lag] - x[k] for each lag, by one correlation."""
     n = len(x)
-    length = scipy.fft.next_fast_len(2 * n)
-    spectrum = scipy.fft.rfft(x, length, axis=0)
-    products = scipy.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1), length)[lags]
+    length = fast_length(2 * n)
+    spectrum = np.fft.rfft(x, length, axis=0)
+    products = np.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1), length)[lags]
     squares = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
     total = squares[n - lags] + (squares[n] - squares[lags]) - 2.0 * products
     return np.asarray(np.sqrt(np.maximum(total, 0.0) / ((n - lags) * x.shape[1])))
@@ -221,13 +220,13 @@ def new_differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> int:
 
     Six equal runs make fifteen pairs and not more than five such differences an instant.
     """
-    from scipy.sparse import csgraph
+    from scipy import sparse
 
     first = np.concatenate([r.rows for r in repeats])
     second = np.concatenate([later_rows(runs, r) for r in repeats])
     count = len(runs.t)
     graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    return count - int(csgraph.connected_components(graph, directed=False)[0])
+    return count - int(sparse.csgraph.connected_components(graph, directed=False)[0])
 
 
 def instants(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> tuple[NDArray[np.intp], Array]:

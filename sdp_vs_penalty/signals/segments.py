@@ -27,7 +27,7 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import Pieces
 from sdp_vs_penalty.signals.columns import Columns
-from sdp_vs_penalty.signals.kernels import Kernel, Steps, convolve
+from sdp_vs_penalty.signals.kernels import Decimator, Kernel, convolve
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.runs import Stretch, stretches
 from sdp_vs_penalty.signals.stillness import (
@@ -64,10 +64,10 @@ class Segment:
     torque: Array
     keep: NDArray[np.bool_]
     standstill: Standstill
-    low_pass: Steps
+    low_pass: Decimator
     t_dense: Array
     torque_dense: Array
-    dense: Steps
+    dense: Decimator
     q_dense: Array
 
 
@@ -284,7 +284,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter, wider: Kernel) -> Se
     motion = filters.motion(part, state.half, part.count - state.half - 1)
     rows = np.arange(half, count - half, step)
     dense = np.arange(half, count - half, dense_step)
-    low_pass, low_dense = (filters.coarse.steps(count, at) for at in (rows, dense))
+    low_pass, low_dense = (filters.coarse.decimator(at) for at in (rows, dense))
 
     # Two state filters that disagree on the acceleration: the motion is too sharp for them.
     q = part.resampled(part.q, 0, part.count)

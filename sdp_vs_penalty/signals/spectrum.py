@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import fft
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -60,7 +59,7 @@ def _amplitude(part: Stretch, j: int, length: int) -> Array:
     power = np.zeros(length // 2 + 1)
     for start in starts:
         q = part.resampled(part.q[:, j : j + 1], start, start + length)[:, 0]
-        power += np.abs(fft.rfft(np.hanning(length) * (q - q.mean()))) ** 2 if np.ptp(q) else 0.0
+        power += np.abs(np.fft.rfft(np.hanning(length) * (q - q.mean()))) ** 2 if np.ptp(q) else 0.0
     return np.sqrt(power)
 
 
@@ -89,7 +88,7 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     length = min(part.count, _SPECTRUM)
     if length * part.dt * cutoffs[0] < 8.0:  # the kernel is no shorter than the stretch
         return np.zeros((2, 0, len(cutoffs)))
-    f = fft.rfftfreq(length, part.dt)
+    f = np.fft.rfftfreq(length, part.dt)
     twice = (2.0 * np.pi * f) ** 4
     seen = twice * _gain(Kernel(band, part.dt), length) ** 2
     gains = np.array([_gain(Kernel(c, part.dt), length) for c in cutoffs])
@@ -110,4 +109,4 @@ def _gain(kernel: Kernel, length: int) -> Array:
     """(length // 2 + 1,) of a low-pass, at multiples of 1 / (length dt)."""
     padded = np.zeros(length)
     padded[: len(kernel.value)] = kernel.value
-    return np.asarray(fft.rfft(np.roll(padded, -kernel.half)).real)
+    return np.asarray(np.fft.rfft(np.roll(padded, -kernel.half)).real)

@@ -63,21 +63,28 @@ class Standstill:
 def still(q: Array) -> NDArray[np.bool_]:
     """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than a smooth motion
     at the same place would stay within the resolution of the positions."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     N, out = len(q), np.zeros(q.shape, bool)
     if N < 16:
         return out
-    alike = resolution(q)
-    half = 1
+    alike, half, far = resolution(q), 1, int(_LONGEST * N) + 1
+    highest = lowest = np.pad(q, ((far, far), (0, 0)), mode="edge")
+    reach = 1  # samples, from each on, of which these are the extremes
     while half < _LONGEST * N:
         width = 2 * half + 1
-        highest, lowest = (f(q, width, axis=0) for f in (maximum_filter1d, minimum_filter1d))
-        quiet = highest - lowest <= 2.0 * alike
-        if quiet.any():
-            padded = np.pad(q, ((3 * half, 3 * half), (0, 0)), mode="edge")
-            away = np.maximum(np.abs(padded[: -6 * half] - q), np.abs(padded[6 * half :] - q))
-            out |= maximum_filter1d((quiet & (away > _TURNS * alike)).view(np.int8), width, axis=0) > 0
+        while 2 * reach <= width:
+            highest = np.maximum(highest[:-reach], highest[reach:])
+            lowest = np.minimum(lowest[:-reach], lowest[reach:])
+            reach *= 2
+        ends = [slice(k, k + N) for k in (far - half, far + half + 1 - reach)]
+        top, bottom = np.maximum(*(highest[e] for e in ends)), np.minimum(*(lowest[e] for e in ends))
+        quiet = top - bottom <= 2.0 * alike
+        if not quiet.any():  # nor in longer ones
+            break
+        padded = np.pad(q, ((3 * half, 3 * half), (0, 0)), mode="edge")
+        away = np.maximum(np.abs(padded[: -6 * half] - q), np.abs(padded[6 * half :] - q))
+        stood = np.pad(quiet & (away > _TURNS * alike), ((half + 1, half), (0, 0)))
+        count = np.cumsum(stood, axis=0)
+        out |= count[width:] > count[:-width]
         half = max(half + 1, int(_FINER * half))
     return out
 

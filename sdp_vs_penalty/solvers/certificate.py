@@ -21,6 +21,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import lapack
 
 from sdp_vs_penalty.constraints.cones import cone_depths, project, safe_depth
 from sdp_vs_penalty.constraints.constraint import Alike, Constraint, ConstraintSet, alike
@@ -31,12 +32,47 @@ from sdp_vs_penalty.solvers.objective import Objective
 
 
 @dataclass(frozen=True)
+class Push:
+    """From a slope (p,) times its limit to the shift of y (r,) that makes it, to least squares.
+
+    The basic solution of limit 2 R^T shift = slope by a QR with pivoted columns, of so many of them as
+    ``triangle`` has (Golub, Van Loan, 5.5.6): half the time of that of least norm, which the bound does
+    not need, and nothing but products with vectors afterwards.
+    """
+
+    reflectors: tuple[Array, Array]
+    triangle: Array
+    pivots: NDArray[np.intp]
+
+    @classmethod
+    def candidates(cls, matrix: Array, cuts: Sequence[float]) -> list[Push]:
+        """One for each rank that leaves out directions below a cut of the strongest."""
+        if not matrix.size:
+            return [cls((np.zeros((0, 0)), np.zeros(0)), np.zeros((0, 0)), np.arange(matrix.shape[1]))]
+        raw, r, pivots = scipy.linalg.qr(matrix, mode="raw", pivoting=True, check_finite=False)
+        diagonal = np.abs(np.diagonal(r))
+        ranks = {int(np.sum(diagonal > cut * diagonal.max())) for cut in cuts}
+        return [cls(raw, r[:k, :k], pivots) for k in sorted(ranks, reverse=True)]
+
+    def __call__(self, slope: Array) -> Array:
+        (reflectors, tau), rank, shift = self.reflectors, len(self.triangle), np.zeros(len(self.pivots))
+        if rank:
+            turned = lapack.dormqr("L", "T", reflectors[:, : len(tau)], tau, slope[:, None], len(slope))[
+                0
+            ]
+            shift[self.pivots[:rank]] = scipy.linalg.solve_triangular(
+                self.triangle, turned[:rank, 0], check_finite=False
+            )
+        return shift
+
+
+@dataclass(frozen=True)
 class DualEvidence:
     """What a lower bound follows from, whoever adds it up: the numbers may be off, the bound holds.
 
     constraints : balanced, T F T; multipliers : near their cones; scales : the diagonal of each T,
-    powers of two (None for a cone that is no matrix); y : near the residual at the optimum; push
-    (r, p) : from a leftover slope times its limit to the shift of y that removes it.
+    powers of two (None for a cone that is no matrix); y : near the residual at the optimum; push :
+    from a leftover slope times its limit to the shift of y that removes it.
     """
 
     constraints: tuple[Constraint, ...]
@@ -44,7 +80,7 @@ class DualEvidence:
     scales: tuple[Array | None, ...]
     y: Array
     entropy_slopes: tuple[Array, ...]
-    push: Array
+    push: Push
 
 
 def lower_bound(
@@ -163,7 +199,7 @@ class _Tangent:
     y: Array
     limit: Array  # (p,) |theta_k| <= limit_k
     entropy_slopes: tuple[Array, ...]
-    push: Array  # (r, p) from a slope times limit to the shift of y that makes it
+    push: Push
 
     @classmethod
     def candidates(
@@ -187,7 +223,7 @@ class _Tangent:
                 slope[link.indices] += link.adjoint(part)
                 constant += float(np.sum(part * link.constant))
         y = data.R @ theta - data.rho
-        pushes = _pseudo_inverses(limit[:, None] * (2.0 * data.R.T), _CUTS)
+        pushes = Push.candidates(limit[:, None] * (2.0 * data.R.T), _CUTS)
         return [cls(constant, slope, data, y, limit, tuple(used), push) for push in pushes]
 
     @cached_property
@@ -200,7 +236,7 @@ class _Tangent:
         slope = self.slope - rows.matrix.T @ flat
         constant = self.constant - float(rows.constant @ flat)
         # Shift y so that what is left of the slope vanishes wherever the data determine theta.
-        y = self.y - self.push @ (self.limit * (slope + self._pull @ self.y))
+        y = self.y - self.push(self.limit * (slope + self._pull @ self.y))
         leftover = slope + self._pull @ y
         constant += -2.0 * float(y @ self.data.rho) - float(y @ y)
         return constant - float(np.abs(leftover) @ self.limit), leftover
@@ -229,30 +265,11 @@ class _AffineMap:
         return cls(matrix, np.concatenate(constant))
 
 
-def _pseudo_inverses(matrix: Array, cuts: Sequence[float]) -> list[Array]:
-    """The pseudo-inverse for each cut, once where cuts agree, by QR: a third of an SVD's time.
-
-    matrix P = Q [T; 0] with pivots, T^T = Z U: then matrix^+ = P Z U^-T Q^T (Golub, Van Loan, 5.5.2).
-    """
-    q, r, pivots = scipy.linalg.qr(matrix, mode="economic", pivoting=True, check_finite=False)
-    diagonal = np.abs(np.diagonal(r))
-    largest = diagonal.max(initial=0.0)
-    out = []
-    for rank in sorted({int(np.sum(diagonal > cut * largest)) for cut in cuts}, reverse=True):
-        inverse = np.zeros(matrix.T.shape)
-        if rank:
-            z, u = scipy.linalg.qr(r[:rank].T, mode="economic", check_finite=False)
-            middle = scipy.linalg.solve_triangular(u, q[:, :rank].T, trans="T", check_finite=False)
-            inverse[pivots] = z @ middle
-        out.append(inverse)
-    return out
-
-
 @lru_cache(maxsize=1024)
-def _inverse_map(coefficients: bytes) -> Array:
+def inverse_map(coefficients: bytes) -> Array:
     """(10, 4, 4) from coefficients (10, 4, 4): the pseudo-inverse, which few kinds of demand share."""
     flat = np.frombuffer(coefficients).reshape(10, 16)
-    return np.asarray(np.linalg.pinv(flat), float).T.reshape(10, 4, 4)
+    return np.ascontiguousarray(np.linalg.pinv(flat).T, float).reshape(10, 4, 4)
 
 
 def _spread(groups: Sequence[Alike]) -> dict[int, tuple[list[int], NDArray[np.intp], Array]]:
@@ -262,7 +279,7 @@ def _spread(groups: Sequence[Alike]) -> dict[int, tuple[list[int], NDArray[np.in
         if group.cone == "psd" and group.coefficients.shape[1:] == (10, 4, 4):
             # The last demand on a link (its minimum thickness) is the one that is active.
             members = sorted({int(first): i for i, first in enumerate(group.indices[:, 0])}.values())
-            maps = [_inverse_map(np.ascontiguousarray(group.coefficients[i]).tobytes()) for i in members]
+            maps = [inverse_map(np.ascontiguousarray(group.coefficients[i]).tobytes()) for i in members]
             return {k: (members, group.indices[members], np.array(maps))}
     return {}
 

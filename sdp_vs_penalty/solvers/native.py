@@ -77,9 +77,12 @@ def solve(problem: ConicProblem, accuracy: float = 1e-9) -> Solution:
     )
     seconds = time.perf_counter() - ready
     claims = "optimal" if converged else "inaccurate" if gap < 1e-6 else "failed"
-    status = "converged" if converged else f"stopped at a relative gap of {gap:.1e}"
     x, z = read.back(theta, multipliers)
-    return Solution(x, z, claims, status, steps, ready - start, seconds)
+    return Solution(x, z, claims, said(converged, gap), steps, ready - start, seconds)
+
+
+def said(converged: bool, gap: float) -> str:
+    return "converged" if converged else f"stopped at a relative gap of {gap:.1e}"
 
 
 @dataclass(frozen=True)

@@ -184,7 +184,7 @@ def _polished(proof: Proof, evidence: DualEvidence, bound: Array) -> list[Fracti
     for _ in range(_POLISH):
         _, slope = verify_proof.dual_bound(verify_proof.exact({**proof, "y": [_text(x) for x in y]}))
         leftover = np.array([float(x) for x in slope])
-        shift = evidence.push @ (bound * leftover)
+        shift = evidence.push(bound * leftover)
         y = [a - Fraction(float(b)) for a, b in zip(y, shift, strict=True)]
     return y
 

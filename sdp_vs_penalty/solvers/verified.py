@@ -60,7 +60,7 @@ class _Affine:
 
 def _entropy_tangent(affine: _Affine, entropy: Entropy, slopes: Sequence[Array]) -> None:
     """Add -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly."""
-    inverse, logdet0 = _nominal(entropy.nominal)
+    inverse, logdet0 = nominal_terms(entropy.nominal)
     raw = np.asarray(slopes)
     factor = np.linalg.cholesky(0.5 * (raw + np.swapaxes(raw, 1, 2)))
     logs = np.log(np.asarray(np.diagonal(factor, axis1=1, axis2=2), Long))
@@ -74,7 +74,7 @@ def _entropy_tangent(affine: _Affine, entropy: Entropy, slopes: Sequence[Array])
     affine.constant = affine.constant + constant.times(entropy.weight)
 
 
-def _nominal(p0: Array) -> tuple[Array, Array]:
+def nominal_terms(p0: Array) -> tuple[Array, Array]:
     """P_0^-1 and log det P_0 of (links, 4, 4) as the doubles that define the entropy, for both bounds
     alike."""
     inverse = np.asarray(np.linalg.inv(p0), float)
@@ -89,14 +89,14 @@ def lower_bound(
     y: Array,
     bound: Array,
     entropy_slopes: Sequence[Array] = (),
-    correct: Array | None = None,
+    correct: Callable[[Array], Array] | None = None,
 ) -> float:
     """A number that is certainly <= min objective over the constraints and |theta_k| <= bound_k.
 
     f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and
     all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y (r,) near the residual at
-    the optimum, multipliers near the dual optimum; correct (r, p) : a map from a leftover slope,
-    times bound, to the shift of y that removes it, applied in extended precision.
+    the optimum, multipliers near the dual optimum; correct : from a leftover slope (p,) times bound to
+    the shift (r,) of y that removes it, added in extended precision.
     """
     data = objective.least_squares
     affine = _Affine(len(bound))
@@ -110,7 +110,7 @@ def lower_bound(
     if correct is not None:
         for _ in range(3):
             leftover = slope.value + pull @ shifted
-            shifted = shifted - correct @ np.asarray(bound * leftover, float)
+            shifted = shifted - correct(np.asarray(bound * leftover, float))
     left = slope + product(pull, shifted)
     constant = affine.constant + product([Long(data.residual_norm)], [Long(data.residual_norm)])
     constant = constant - product(2 * shifted, np.asarray(data.rho, Long))
@@ -221,7 +221,7 @@ def upper_bound(objective: Objective, theta: Array) -> float:
 def _entropy_value(entropy: Entropy, theta: Array) -> Enclosure:
     exact = [Fraction(float(x)) for x in theta]
     value = Enclosure.exact(0.0)
-    for link, inverse, logdet0 in zip(entropy.links, *_nominal(entropy.nominal), strict=True):
+    for link, inverse, logdet0 in zip(entropy.links, *nominal_terms(entropy.nominal), strict=True):
         matrix = _exact_value(link, exact)
         determinant = math.prod(_pivots(matrix), start=Fraction(1))
         if determinant <= 0:

@@ -19,6 +19,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
 from sdp_vs_penalty.estimators.task import joint_weights, make_task
+from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
@@ -78,7 +79,8 @@ def test_updated_values_give_what_a_fresh_problem_gives(two_link_blocks) -> None
 
 def test_draws_do_not_depend_on_how_they_are_shared_out(two_link_blocks) -> None:  # type: ignore[no-untyped-def]
     task, blocks, _, _ = two_link_blocks
-    alone, shared = (bootstrap.bootstrap(task, blocks, 6, 2, jobs) for jobs in (1, 2))
+    alone = bootstrap.bootstrap(task, blocks, 6, 2)
+    shared = bootstrap.bootstrap(task, blocks, 6, 2, Workers(2), shares=3)
     np.testing.assert_allclose(alone.loss, shared.loss, rtol=1e-9)
     with pytest.raises(InputError, match="two blocks"):
         bootstrap.bootstrap(task, blocks[:1])

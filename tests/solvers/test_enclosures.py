@@ -240,7 +240,7 @@ def test_the_entropy_is_enclosed(size: float) -> None:
             a, b = rng.normal(size=(2, 4, 4))
             p0, p = a @ a.T + np.eye(4), size * (b @ b.T + np.eye(4))
             link = Constraint("pseudo-inertia", "link 1", "psd", np.arange(1), 0.0 * p, p[None])
-            (inverse,), (log_det0,) = verified._nominal(p0[None])
+            (inverse,), (log_det0,) = verified.nominal_terms(p0[None])
             trace = sum(
                 Fraction(float(inverse[i, j])) * Fraction(float(p[i, j]))
                 for i in range(4)

@@ -22,6 +22,8 @@ def verb(
     gravity: options.Gravity = None,
     json_file: Annotated[Path | None, options.json_option("figures")] = None,
     seed: options.Seed = 0,
+    jobs: options.Jobs = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Judge a method on unseen motion: each fold leaves out a stretch and all its repetitions.
 
@@ -31,6 +33,7 @@ def verb(
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.data.texts import numbers
     from sdp_vs_penalty.estimation.cross_validation import cross_validate
+    from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.load import load_problem
     from sdp_vs_penalty.show import plain_unit
 
@@ -38,7 +41,14 @@ def verb(
     with console.progress("reading the measurements") as progress:
         runs = load_measurements(*data, joints=robot.robot.n, names=robot.robot.joint_names)
         result = cross_validate(
-            robot, runs, method, effects=effects, folds=folds, seed=seed, progress=progress
+            robot,
+            runs,
+            method,
+            effects=effects,
+            folds=folds,
+            seed=seed,
+            progress=progress,
+            workers=Workers(jobs, scheduler, progress),
         )
     console.say(result.verdict, style="bold")
     console.explain(result.how)

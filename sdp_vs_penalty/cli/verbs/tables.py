@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sdp_vs_penalty.cli.options import Budget
+from sdp_vs_penalty.cli.options import Budget, Jobs, Scheduler
 from sdp_vs_penalty.errors import InputError
 
 _TABLES_HELP = "Tables, of `sdp-vs-penalty list tables`; default: these four."
@@ -25,6 +25,8 @@ def verb(
         Budget, typer.Option(help="Effort: quick, or paper (as many runs as there).")
     ] = Budget.quick,
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("results"),
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
 ) -> None:
     """Regenerate the paper's comparison tables.
 
@@ -32,6 +34,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.paper.tables import all_tables, make_tables
+    from sdp_vs_penalty.parallel import Workers
 
     if every:
         if names or problem:
@@ -40,9 +43,8 @@ def verb(
             )
         names = list(all_tables())
     with console.progress("tables") as progress:
-        made = make_tables(
-            names or None, problem=problem, budget=budget.value, out=out, progress=progress
-        )
+        workers = Workers(jobs, scheduler)
+        made = make_tables(names or None, problem, budget.value, out, progress, workers=workers)
     for table, paths in made:
         first, *rest = table.lines()
         console.say(first, style="bold")

@@ -16,6 +16,7 @@ from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Table, is_measured
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.registration import marked
@@ -83,6 +84,7 @@ def make_tables(
     out: str | Path = "results",
     progress: Progress = no_progress,
     seed: int = 0,
+    workers: Workers = ALONE,
 ) -> list[tuple[Table, list[Path]]]:
     """Build tables and write each as CSV, Markdown and LaTeX; each with its paths, CSV first.
 
@@ -92,7 +94,8 @@ def make_tables(
     names : of the tables, in any case; None for III, IV, VIII and IX. problem : default the Panda,
     and the 2R for the tables that are about it only.
     budget : "quick", or "paper" for as many loss evaluations of the paper's method as its authors
-    allow. Raises InputError for names that do not exist, before anything is computed or written.
+    allow; workers : who estimates, a method on a data set each. Raises InputError for names that do not
+    exist, before anything is computed or written.
     """
     if problem is None:
         groups = [(load_problem(k), group) for k, group in _by_problem(names or DEFAULT_TABLES).items()]
@@ -101,7 +104,7 @@ def make_tables(
         groups = [(chosen, list(names or DEFAULT_TABLES))]
     made = []
     for one, group in groups:
-        for table in build_tables(group, Study(one, budget, seed, progress)):
+        for table in build_tables(group, Study(one, budget, seed, progress, workers)):
             made.append((table, table.write(_folder(table, Path(out)))))
     return made
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,7 @@ from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, PenaltyPaper
 from sdp_vs_penalty.estimators.task import make_task
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.problem.real_data import measured_run, real_file
@@ -129,15 +130,22 @@ class Result:
 class Study:
     """The data and estimates behind the tables of one problem; everything is computed on first use.
 
-    Raises InputError for a budget that does not exist.
+    workers : who estimates where several estimates are needed at once. Raises InputError for a budget
+    that does not exist.
     """
 
     def __init__(
-        self, problem: Problem, budget: str = "quick", seed: int = 0, progress: Progress = no_progress
+        self,
+        problem: Problem,
+        budget: str = "quick",
+        seed: int = 0,
+        progress: Progress = no_progress,
+        workers: Workers = ALONE,
     ) -> None:
         if budget not in BUDGETS:
             raise unknown("budget", budget, BUDGETS)
         self.problem, self.budget, self.seed, self.progress = problem, budget, seed, progress
+        self.workers = workers
         self._results: dict[tuple[str, str], Result] = {}
         self._tasks: dict[str, Task] = {}
 
@@ -221,17 +229,17 @@ class Study:
 
     def result(self, method: str, data: Data) -> Result:
         """A method's estimate from the training part of a data set."""
-        key = (method, data.key)
-        if key not in self._results:
-            task = self.task(data)
+        self.estimate([method], [data])
+        return self._results[method, data.key]
+
+    def estimate(self, methods: Iterable[str], sets: Sequence[Data]) -> None:
+        """Have every method's estimate from each of the data sets, by the workers; a task is small."""
+        new = {(m, d.key): d for m in methods for d in sets if (m, d.key) not in self._results}
+        for (method, _), data in new.items():
+            self.task(data)
             self.progress(f"{method} on {data.label} data")
-            fresh = replace(task)  # without what an earlier method has left in its cache
-            begin = time.perf_counter()
-            fit = self.estimator(method).fit(fresh)
-            seconds = time.perf_counter() - begin
-            theta, certificate = certify(task, fit)
-            self._results[key] = Result(theta, certificate, seconds, fit.details)
-        return self._results[key]
+        tasks = [(self.estimator(m), self._tasks[key]) for m, key in new]
+        self._results.update(zip(new, self.workers.map(_estimated, tasks), strict=True))
 
     def fitted(self, method: str, data: Data) -> Array:
         """theta of a method's estimate."""
@@ -285,6 +293,16 @@ class Study:
         """Rigid links and given effects only."""
         rigid = self.problem.model("rigid_body").effects
         return Model(self.problem.robot, (*rigid, *effects))
+
+
+def _estimated(given: tuple[Estimator, Task]) -> Result:
+    estimator, task = given
+    fresh = replace(task)  # without what an earlier method has left in its cache
+    begin = time.perf_counter()
+    fit = estimator.fit(fresh)
+    seconds = time.perf_counter() - begin
+    theta, certificate = certify(task, fit)
+    return Result(theta, certificate, seconds, fit.details)
 
 
 def refit_others(rows: Regression, theta: Array, model: Model) -> Array:

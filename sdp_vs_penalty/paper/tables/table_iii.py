@@ -29,6 +29,7 @@ def build(study: Study) -> Table:
         ("true_simulated", dict(zip(base, study.base @ study.experiment.links.ravel(), strict=True)))
     ]
     ours.append(("re_simulated", _reverse_engineered(study, base)))
+    study.estimate(METHODS.values(), study.whole)
     for data in study.whole:
         ours += _estimates(study, data, base)
     for name, values in ours:

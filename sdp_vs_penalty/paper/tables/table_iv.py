@@ -54,6 +54,7 @@ def build(study: Study) -> Table:
         (row["estimate"], *(row[f"joint_{j + 1}"] for j in range(joints)), None, None, "published")
         for row in study.problem.published.get("table_IV", [])
     ]
+    study.estimate(METHODS.values(), [*study.judged, *study.folds])
     estimates = _estimates(study)
     for data in study.judged:
         repeated = data is study.repeated
@@ -164,7 +165,9 @@ def _sensitivity(study: Study, rows: Sequence[tuple[Cell, ...]]) -> str:
     settings = study.problem.preprocessing.resolve(study.run)
     assert settings.torque_cutoff is not None
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
-    other = Study(replace(study.problem, preprocessing=wide), study.budget, study.seed, study.progress)
+    behind = replace(study.problem, preprocessing=wide)
+    other = Study(behind, study.budget, study.seed, study.progress, study.workers)
+    other.estimate([METHODS[name] for name in _SHOWN if name in METHODS], other.folds)
     own, estimates = {str(row[0]): row[-3] for row in rows}, _estimates(other)
     errors = [
         f"{name} {own[f'{name}_measured']:.3g} and {other.unseen(estimates[name].of).relative:.3g} %"
