@@ -100,6 +100,7 @@ class Reidentifier:
         self._interior = interior_point(self._task, self._constraints)
         self._quick = self._structured()
         self._last: Array | None = None
+        self._answer: Parameters | None = None
         self._block, self._half_life = block, half_life
         self._buffer: list[tuple[Array, Array, Array]] = []
         self._pending, self._counted = 0.0, -np.inf
@@ -167,10 +168,19 @@ class Reidentifier:
         self._data, scale = self._rows, self._task.joint_scale
         if self._prior > 0.0 and scale is not None:
             self._data = self._rows.with_prior(scale, self._prior)
+        self._answer = None
         return count > 0
 
     def solve(self) -> Parameters:
-        """The optimum for all samples so far, certified. Raises InputError where no solver finds one."""
+        """The optimum for all samples so far, certified; the last one where there is nothing new.
+
+        Raises InputError where no solver finds one.
+        """
+        if self._answer is None:
+            self._answer = self._solved()
+        return self._answer
+
+    def _solved(self) -> Parameters:
         data = self._data
         if self._quick is not None:
             found = self._quick.solve(data, 0.1 * _TIGHT, self._last)

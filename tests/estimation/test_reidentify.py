@@ -22,6 +22,7 @@ def test_it_goes_on_to_the_answer_of_all_the_data_at_once() -> None:
         few = slice(k, k + 7)
         if loop.take(later.t[few], later.q[few], later.tau[few]):
             assert -1e-9 <= loop.solve().gap <= 1e-6
+            assert loop.solve() is loop.solve()  # nothing new
     after = loop.solve()
     whole = Reidentifier(problem, run)
     model, settings = problem.model(), problem.preprocessing.resolve(run)
