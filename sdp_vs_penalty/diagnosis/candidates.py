@@ -72,7 +72,7 @@ class Candidates:
 
     @cached_property
     def white(self) -> Library:
-        return self.candidacy.library.whitened(self.noise, self.rows)
+        return self.candidacy.white(self.noise, self.rows)
 
     @cached_property
     def _written(self) -> dict[str, list[int]]:

@@ -26,7 +26,7 @@ from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER
-from sdp_vs_penalty.signals.noise import RESIDUAL
+from sdp_vs_penalty.signals.noise import RESIDUAL, Noise
 
 FALSE_CLAIM = 2e-3
 MIN_GAIN = 15.0
@@ -71,14 +71,20 @@ def search_through(start: SearchState) -> SearchState:
 
 
 def _with_noise_beside(state: SearchState) -> SearchState:
-    """The same picks with the noise as what is left beside them."""
-    return state.with_noise(state.stage.noise_beside(state.effects))
+    """The same picks with the noise as what is left beside them, in the place of this state."""
+    return _in_place_of(state, state.stage.noise_beside(state.effects))
 
 
 def _with_white_noise(state: SearchState) -> SearchState:
-    """The same picks with white noise as large as what is left beside them."""
+    """The same picks with white noise as large as what is left beside them, in its place."""
     noise = state.stage.noise_beside(state.effects)
-    return state.with_noise(replace(noise, ar=np.zeros_like(noise.ar), sigma=noise.floor))
+    return _in_place_of(state, replace(noise, ar=np.zeros_like(noise.ar), sigma=noise.floor))
+
+
+def _in_place_of(state: SearchState, noise: Noise) -> SearchState:
+    out = state.with_noise(noise)
+    state.release()
+    return out
 
 
 def climbed(state: SearchState, thorough: bool = True) -> SearchState:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.fit import orthonormal
-from sdp_vs_penalty.diagnosis.library import build_library
+from sdp_vs_penalty.diagnosis.library import Candidacy
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import model_columns, white_rows
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -30,7 +30,7 @@ def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) ->
     hidden = _white(logged, estimate, False, 0)
     rows, Q, M = hidden.rows, hidden.Q, len(hidden.rows.t)
     mine = slice(joint * M, (joint + 1) * M)
-    library = build_library(rows, estimate.model, False).whitened(hidden.noise, rows)
+    library = Candidacy(rows, estimate.model, False).white(hidden.noise, rows)
     best = 0.0
     for group in library.groups:
         if group.joint == joint:
