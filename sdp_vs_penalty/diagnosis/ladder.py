@@ -55,7 +55,7 @@ def search_through(start: SearchState) -> SearchState:
     if start.stage.noise.source != RESIDUAL:
         return climbed(start)
     best = [] if start.picks else [h.effect for h in _with_white_noise(start).contenders()[:1]]
-    state = climbed(start.with_noise(start.stage.noise_beside([*start.effects, *best])))
+    state = climbed(_in_place_of(start, start.stage.noise_beside([*start.effects, *best])))
     tried = set[frozenset[Key]]()
     for _ in range(_ROUNDS):
         found = len(state.picks)
@@ -64,6 +64,7 @@ def search_through(start: SearchState) -> SearchState:
             plain = climbed(_with_white_noise(state))
             keys = frozenset(p.candidate.key for p in plain.picks)
             if len(plain.picks) == found or keys in tried:
+                plain.release()
                 break
             tried.add(keys)
             state = plain

@@ -179,19 +179,48 @@ class Candidacy:
         """The library's columns as they are."""
         return self._library(lambda Z, _: Z)
 
+    @cached_property
+    def by_key(self) -> dict[Key, list[int]]:
+        """The groups of each candidate."""
+        found: dict[Key, list[int]] = {}
+        for g, group in enumerate(self._columns[0]):
+            found.setdefault(group.key, []).append(g)
+        return found
+
+    @cached_property
+    def acting(self) -> dict[Key, frozenset[int]]:
+        """The joints on which each candidate acts."""
+        joints = {key: self._columns[0][g[0]].joint for key, g in self.by_key.items()}
+        every = frozenset(range(self.rows.n))
+        return {key: every if j is None else frozenset([j]) for key, j in joints.items()}
+
+    @cached_property
+    def written(self) -> dict[str, list[int]]:
+        """The groups of each effect, as it is written."""
+        found: dict[str, list[int]] = {}
+        for g, group in enumerate(self._columns[0]):
+            found.setdefault(group.effect.text, []).append(g)
+        return found
+
+    @cached_property
+    def bounded(self) -> list[NDArray[np.bool_]]:
+        """Which parameters of each batch's groups (G, k) may not be negative."""
+        groups, _, batches, _ = self._columns
+        lower = [[p.lower == 0.0 for p in g.effect.parameters] for g in groups]
+        return [np.array([lower[g] for g in b.groups]) for b in batches]
+
     def _library(self, made: Callable[[Array, int], Array]) -> Library:
         """One joint's columns after the other, so that none are there twice."""
-        groups, own, columns = self._columns
-        parts = tuple(made(np.hstack([self._none, *few]), j) for j, few in enumerate(columns))
-        return Library(groups, parts, own, _batches(groups))
+        groups, own, batches, columns = self._columns
+        none = np.zeros((len(self.rows.t), 0))
+        parts = tuple(made(np.hstack([none, *few]), j) for j, few in enumerate(columns))
+        return Library(groups, parts, own, batches)
 
     @cached_property
-    def _none(self) -> Array:
-        return np.zeros((len(self.rows.t), 0))
-
-    @cached_property
-    def _columns(self) -> tuple[tuple[Group, ...], tuple[int, ...], list[list[Array]]]:
-        """The groups, how many columns are of groups on each joint alone, and each joint's columns."""
+    def _columns(
+        self,
+    ) -> tuple[tuple[Group, ...], tuple[int, ...], tuple[Batch, ...], list[list[Array]]]:
+        """Groups, how many columns are of those on each joint alone, batches, each joint's columns."""
         n, M = self.rows.n, len(self.rows.t)
         parts = _listed(self.rows, self.model, self.frozen, self.keys)
         made = iter(self.rows.blocks_of([effect for part in parts for _, effect in part]))
@@ -207,14 +236,14 @@ class Candidacy:
                     columns[j].append(_filled(blocks.get(j), k, M))
                 first += k
             own.append(first)
-        return tuple(groups), tuple(own[:n]), columns
+        return tuple(groups), tuple(own[:n]), _batches(groups), columns
 
 
 def _filled(block: Block | None, k: int, M: int) -> Array:
     """(M, k) columns of all parameters of an effect, zero where it has none."""
     if block is None:
         return np.broadcast_to(0.0, (M, k))
-    if block.columns.shape[1] == k and np.all(np.diff(block.parameters) > 0):
+    if block.columns.shape[1] == k and (k == 1 or np.all(np.diff(block.parameters) > 0)):
         return block.columns
     out = np.zeros((M, k))
     out[:, block.parameters] = block.columns
