@@ -3,6 +3,7 @@
 The files that a verb is given are protected before it runs.
 """
 
+import gc
 import inspect
 import os
 import re
@@ -171,6 +172,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Matrices here have a hundred columns: threads of the linear algebra cost more than they bring,
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Typer's pydantic would look through all that is installed for plug-ins.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    gc.set_threshold(20_000)  # imports make many objects, none of them garbage
     shown = warnings.showwarning
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:

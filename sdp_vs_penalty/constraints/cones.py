@@ -7,17 +7,17 @@ import numpy as np
 from sdp_vs_penalty.robot.arrays import Array
 
 
-def cone_margin(cone: str, value: Array) -> float:
-    """Smallest eigenvalue (psd), s - |u| (soc) or smallest entry (nonnegative).
+def cone_margin(cone: str, values: Array) -> Array:
+    """Smallest eigenvalue (psd), s - |u| (soc) or smallest entry (nonnegative), of one or a batch.
 
-    >>> cone_margin("soc", np.array([6.0, 3.0, 4.0]))
+    >>> float(cone_margin("soc", np.array([6.0, 3.0, 4.0])))
     1.0
     """
     if cone == "psd":
-        return float(smallest_eigenvalue(value))
+        return smallest_eigenvalue(values)
     if cone == "soc":
-        return float(value[0] - np.linalg.norm(value[1:]))
-    return float(value.min())
+        return np.asarray(values[..., 0] - np.linalg.norm(values[..., 1:], axis=-1))
+    return np.asarray(values.min(axis=-1))
 
 
 def cone_depths(cone: str, values: Array, terms: Array) -> Array:

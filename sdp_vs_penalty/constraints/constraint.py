@@ -44,7 +44,7 @@ class Constraint:
 
     def margin(self, theta: ArrayLike) -> float:
         """Distance to the cone's boundary, in the cone's units: negative exactly if violated."""
-        return cone_margin(self.cone, self.value(theta))
+        return float(cone_margin(self.cone, self.value(theta)))
 
     @property
     def identity(self) -> Array:
@@ -100,14 +100,14 @@ class ConstraintSet:
         """Worst violation of each family, max(0, -margin), in the family's own units."""
         out: dict[str, float] = {}
         demands: tuple[Constraint | BarycentricBound, ...] = (*self.convex, *self.nonconvex)
-        for constraint in demands:
-            violation = max(0.0, -constraint.margin(theta))
-            out[constraint.family] = max(out.get(constraint.family, 0.0), violation)
+        found = [*margins(self.convex, theta)[0].tolist(), *(b.margin(theta) for b in self.nonconvex)]
+        for demand, margin in zip(demands, found, strict=True):
+            out[demand.family] = max(out.get(demand.family, 0.0), -margin)
         return out
 
     def margin(self, theta: ArrayLike) -> float:
         """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible for the SDP."""
-        return min((c.margin(theta) for c in self.convex), default=np.inf)
+        return float(margins(self.convex, theta)[0].min(initial=np.inf))
 
     def depth(self, theta: ArrayLike) -> float:
         """How far inside the convex constraints theta lies, free of units: at most about one."""
@@ -162,6 +162,18 @@ def alike(constraints: Sequence[Constraint]) -> list[Alike]:
         )
         out.append(Alike(cone, np.array(places), *arrays))
     return out
+
+
+def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array, Array]:
+    """Of each constraint (m,) its margin, and the size of the largest terms that were summed."""
+    margin, size, at = np.zeros(len(constraints)), np.zeros(len(constraints)), np.asarray(theta, float)
+    for group in alike(constraints):
+        own = at[group.indices].reshape(*group.indices.shape, *(1,) * (group.constant.ndim - 1))
+        parts = own * group.coefficients
+        margin[group.places] = cone_margin(group.cone, group.constant + parts.sum(axis=1))
+        terms = np.abs(group.constant) + np.abs(parts).sum(axis=1)
+        size[group.places] = terms.reshape(len(terms), -1).max(axis=1)
+    return margin, size
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from sdp_vs_penalty.diagnosis.scoring import (
     Scores,
     Solved,
     averaged,
-    bounded,
     cross_validate,
     effective,
     evidence,
@@ -72,36 +71,17 @@ class Candidates:
 
     @cached_property
     def white(self) -> Library:
-        return self.candidacy.library.whitened(self.noise, self.rows)
+        return self.candidacy.white(self.noise, self.rows)
 
-    @cached_property
-    def _written(self) -> dict[str, list[int]]:
-        """The groups of each effect, as it is written."""
-        found: dict[str, list[int]] = {}
-        for g, group in enumerate(self.white.groups):
-            found.setdefault(group.effect.text, []).append(g)
-        return found
-
-    @cached_property
-    def bounded(self) -> list[NDArray[np.bool_]]:
-        """Which parameters of each batch's groups (G, k) may not be negative."""
-        groups = self.white.groups
-        return [np.array([bounded(groups[g].effect) for g in b.groups]) for b in self.white.batches]
-
-    @cached_property
+    @property
     def by_key(self) -> dict[Key, list[int]]:
         """The groups of each candidate."""
-        found: dict[Key, list[int]] = {}
-        for g, group in enumerate(self.white.groups):
-            found.setdefault(group.key, []).append(g)
-        return found
+        return self.candidacy.by_key
 
-    @cached_property
+    @property
     def acting(self) -> dict[Key, frozenset[int]]:
         """The joints on which each candidate acts."""
-        joints = {key: self.white.groups[g[0]].joint for key, g in self.by_key.items()}
-        every = frozenset(range(self.rows.n))
-        return {key: every if j is None else frozenset([j]) for key, j in joints.items()}
+        return self.candidacy.acting
 
     def eligible(self, picked: Sequence[Candidate], known: frozenset[Key]) -> list[Key]:
         """What may be added beside those ``picked`` and what the model has (``known``): nothing twice,
@@ -155,7 +135,7 @@ class Candidates:
         if self._coarsely is None or self._coarsely[0] is not fit or self._coarsely[1] != on:
             self._coarsely = fit, on, self._coarse(fit, scaled, on)
         evidence = self._coarsely[2].copy()
-        evidence[[g for h in picked for g in self._written.get(h.effect.text, ())]] = 0.0
+        evidence[[g for h in picked for g in self.candidacy.written.get(h.effect.text, ())]] = 0.0
         values = evidence[np.concatenate([np.zeros(0, np.intp), *self.by_key.values()])]
         sizes = np.array([len(members) for members in self.by_key.values()], np.intp)
         parts = np.split(values, np.cumsum(sizes)[:-1]) if len(sizes) else []
@@ -197,7 +177,8 @@ class Candidates:
         taken to change that joint's error only."""
         scores = self.scores(fit, scaled, on)
         out = np.zeros(len(scores.chi2))
-        parts = zip(scaled.batches, scores.batches, scaled.grams, self.bounded, strict=True)
+        bounded = self.candidacy.bounded
+        parts = zip(scaled.batches, scores.batches, scaled.grams, bounded, strict=True)
         for batch, solved, gram, limited in parts:
             if solved is None:
                 continue

@@ -242,6 +242,13 @@ class WhiteFit:
             self._weighted[id(white)] = white, self.weighting.library(white)
         return self._weighted[id(white)][1]
 
+    def release(self) -> None:
+        """Forget what was kept for the next time."""
+        for kept in (self._added, self._overlaps.kept, self._pulls.kept, self._weighted, self._without):
+            kept.clear()
+        if self.base is not None:
+            self.base.release()
+
     def chi2_of(self, residual: Array) -> Array:
         """(n,) squared weighted residual of each joint, in units of (filtered) noise."""
         return self.weighting.level**2 * self.rows.joint_sums(residual**2)

@@ -26,7 +26,7 @@ from sdp_vs_penalty.diagnosis.stage import MISFIT
 from sdp_vs_penalty.diagnosis.state import Pick, SearchState
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.autoregression import ORDER
-from sdp_vs_penalty.signals.noise import RESIDUAL
+from sdp_vs_penalty.signals.noise import RESIDUAL, Noise
 
 FALSE_CLAIM = 2e-3
 MIN_GAIN = 15.0
@@ -55,7 +55,7 @@ def search_through(start: SearchState) -> SearchState:
     if start.stage.noise.source != RESIDUAL:
         return climbed(start)
     best = [] if start.picks else [h.effect for h in _with_white_noise(start).contenders()[:1]]
-    state = climbed(start.with_noise(start.stage.noise_beside([*start.effects, *best])))
+    state = climbed(_in_place_of(start, start.stage.noise_beside([*start.effects, *best])))
     tried = set[frozenset[Key]]()
     for _ in range(_ROUNDS):
         found = len(state.picks)
@@ -64,6 +64,7 @@ def search_through(start: SearchState) -> SearchState:
             plain = climbed(_with_white_noise(state))
             keys = frozenset(p.candidate.key for p in plain.picks)
             if len(plain.picks) == found or keys in tried:
+                plain.release()
                 break
             tried.add(keys)
             state = plain
@@ -71,14 +72,20 @@ def search_through(start: SearchState) -> SearchState:
 
 
 def _with_noise_beside(state: SearchState) -> SearchState:
-    """The same picks with the noise as what is left beside them."""
-    return state.with_noise(state.stage.noise_beside(state.effects))
+    """The same picks with the noise as what is left beside them, in the place of this state."""
+    return _in_place_of(state, state.stage.noise_beside(state.effects))
 
 
 def _with_white_noise(state: SearchState) -> SearchState:
-    """The same picks with white noise as large as what is left beside them."""
+    """The same picks with white noise as large as what is left beside them, in its place."""
     noise = state.stage.noise_beside(state.effects)
-    return state.with_noise(replace(noise, ar=np.zeros_like(noise.ar), sigma=noise.floor))
+    return _in_place_of(state, replace(noise, ar=np.zeros_like(noise.ar), sigma=noise.floor))
+
+
+def _in_place_of(state: SearchState, noise: Noise) -> SearchState:
+    out = state.with_noise(noise)
+    state.release()
+    return out
 
 
 def climbed(state: SearchState, thorough: bool = True) -> SearchState:

@@ -6,15 +6,16 @@ the same effect and joint with different constants form a candidate: what the di
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import Block, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -74,7 +75,9 @@ class Library:
     undivided: Library | None = None
     plain: Library | None = None
     bent: frozenset[int] = frozenset()
-    _coloured: dict[bytes, Library] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _coloured: dict[bytes, ref[Library]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, groups: Sequence[Group], joints: Sequence[Array], robot: Array) -> Library:
@@ -137,65 +140,121 @@ class Library:
                 out.append(grams(self.joints[j][:, columns], count))
         return tuple(out)
 
-    def only(self, keys: Set[Key]) -> Library:
-        """The candidates with these keys."""
-        groups: list[Group] = []
-        own: list[list[int]] = [[] for _ in range(len(self.own) + 1)]
-        for g in (g for g in self.groups if g.key in keys):
-            places = own[-1 if g.joint is None else g.joint]
-            groups.append(replace(g, columns=slice(len(places), len(places) + g.k)))
-            places += range(g.columns.start, g.columns.stop)
-        joints = [Z[:, k] for Z, k in zip(self.joints, own, strict=False)]
-        return Library.of(groups, joints, np.stack([Z[:, own[-1]] for Z in self.robot]))
-
     def divided(self, level: Array) -> Library:
         """The same with the columns of each joint divided by its level (n,)."""
         return replace(self, level=tuple(level.tolist()), undivided=self)
 
     def coloured(self, colour: Array, pieces: Sequence[Pieces]) -> Library:
-        """The same behind the joints' filters, ``colour`` (n, order); the last is kept."""
+        """The same behind the joints' filters, ``colour`` (n, order); as long as anyone has it."""
         bent = np.flatnonzero(colour.any(axis=1)).tolist()
         if not bent:
             return self
-        key = colour.tobytes()
-        if key not in self._coloured:
+        known = self._coloured.get(colour.tobytes(), lambda: None)()
+        if known is None:
             parts = list(self.parts)
             for j in bent:
                 parts[j] = innovations(parts[j], colour[j], pieces[j])
+            known = replace(self, parts=tuple(parts), plain=self, bent=frozenset(bent))
             self._coloured.clear()
-            self._coloured[key] = replace(self, parts=tuple(parts), plain=self, bent=frozenset(bent))
-        return self._coloured[key]
-
-    def whitened(self, noise: Noise, rows: SegmentedRuns) -> Library:
-        parts = (noise.whiten(Z, j, rows.pieces(j)) for j, Z in enumerate(self.parts))
-        return replace(self, parts=tuple(parts))
+            self._coloured[colour.tobytes()] = ref(known)
+        return known
 
 
 @dataclass(frozen=True)
 class Candidacy:
-    """What a library is made of, and the library, made when it is first asked for; whole : a larger one
-    whose candidates with these keys are in it."""
+    """What a library is made of, and its columns, worked out when they are first asked for; keys : of
+    the candidates that are to be in it (None: all)."""
 
     rows: SegmentedRuns
     model: Model
     frozen: bool
-    whole: Library | None = None
-    keys: frozenset[Key] = frozenset()
+    keys: Set[Key] | None = None
+
+    def white(self, noise: Noise, rows: SegmentedRuns) -> Library:
+        """The library's columns, white by a ``noise`` of these rows."""
+        return self._library(lambda Z, j: noise.whiten(Z, j, rows.pieces(j)))
+
+    @property
+    def library(self) -> Library:
+        """The library's columns as they are."""
+        return self._library(lambda Z, _: Z)
 
     @cached_property
-    def library(self) -> Library:
-        if self.whole is not None:
-            return self.whole.only(self.keys)
-        return build_library(self.rows, self.model, self.frozen)
+    def by_key(self) -> dict[Key, list[int]]:
+        """The groups of each candidate."""
+        found: dict[Key, list[int]] = {}
+        for g, group in enumerate(self._columns[0]):
+            found.setdefault(group.key, []).append(g)
+        return found
 
-    def only(self, keys: frozenset[Key]) -> Candidacy:
-        """Some of the candidates."""
-        return replace(self, whole=self.library, keys=keys)
+    @cached_property
+    def acting(self) -> dict[Key, frozenset[int]]:
+        """The joints on which each candidate acts."""
+        joints = {key: self._columns[0][g[0]].joint for key, g in self.by_key.items()}
+        every = frozenset(range(self.rows.n))
+        return {key: every if j is None else frozenset([j]) for key, j in joints.items()}
+
+    @cached_property
+    def written(self) -> dict[str, list[int]]:
+        """The groups of each effect, as it is written."""
+        found: dict[str, list[int]] = {}
+        for g, group in enumerate(self._columns[0]):
+            found.setdefault(group.effect.text, []).append(g)
+        return found
+
+    @cached_property
+    def bounded(self) -> list[NDArray[np.bool_]]:
+        """Which parameters of each batch's groups (G, k) may not be negative."""
+        groups, _, batches, _ = self._columns
+        lower = [[p.lower == 0.0 for p in g.effect.parameters] for g in groups]
+        return [np.array([lower[g] for g in b.groups]) for b in batches]
+
+    def _library(self, made: Callable[[Array, int], Array]) -> Library:
+        """One joint's columns after the other, so that none are there twice."""
+        groups, own, batches, columns = self._columns
+        none = np.zeros((len(self.rows.t), 0))
+        parts = tuple(made(np.hstack([none, *few]), j) for j, few in enumerate(columns))
+        return Library(groups, parts, own, batches)
+
+    @cached_property
+    def _columns(
+        self,
+    ) -> tuple[tuple[Group, ...], tuple[int, ...], tuple[Batch, ...], list[list[Array]]]:
+        """Groups, how many columns are of those on each joint alone, batches, each joint's columns."""
+        n, M = self.rows.n, len(self.rows.t)
+        parts = _listed(self.rows, self.model, self.frozen, self.keys)
+        made = iter(self.rows.blocks_of([effect for part in parts for _, effect in part]))
+        groups, own = list[Group](), list[int]()
+        columns: list[list[Array]] = [[] for _ in range(n)]
+        for place, part in enumerate(parts):
+            first = 0
+            for key, effect in part:
+                k, blocks = len(effect.parameters), {b.joint: b for b in next(made)}
+                joint = place if place < n else None
+                groups.append(Group(key, effect, joint, slice(first, first + k)))
+                for j in range(n) if joint is None else (joint,):
+                    columns[j].append(_filled(blocks.get(j), k, M))
+                first += k
+            own.append(first)
+        return tuple(groups), tuple(own[:n]), _batches(groups), columns
 
 
-def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
-    """Columns of every candidate. Effects that the model already has on a joint are left out, unless it
-    is held fixed and they may have changed."""
+def _filled(block: Block | None, k: int, M: int) -> Array:
+    """(M, k) columns of all parameters of an effect, zero where it has none."""
+    if block is None:
+        return np.broadcast_to(0.0, (M, k))
+    if block.columns.shape[1] == k and (k == 1 or np.all(np.diff(block.parameters) > 0)):
+        return block.columns
+    out = np.zeros((M, k))
+    out[:, block.parameters] = block.columns
+    return out
+
+
+def _listed(
+    rows: SegmentedRuns, model: Model, frozen: bool, keys: Set[Key] | None
+) -> list[list[tuple[Key, Effect]]]:
+    """Every candidate, those on one joint by joint, then those on several. Effects that the model
+    already has on a joint are left out, unless it is held fixed and they may have changed."""
     robot, n = model.robot, rows.n
     taken = set()
     if not frozen:
@@ -210,7 +269,7 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
             continue
         for joint in (None,) if kind.whole_robot else range(n):
             key = (name, joint)
-            if key in taken:
+            if key in taken or (keys is not None and key not in keys):
                 continue
             if joint is not None and kind.at_rest == ("turns" if rows.holds[joint] else "holds"):
                 continue
@@ -220,23 +279,7 @@ def build_library(rows: SegmentedRuns, model: Model, frozen: bool) -> Library:
                 for effect in _forms(rows, robot, kind, joint)
                 if effect.shape.get(effect.beyond_turning, np.inf) >= turning(rows, effect)
             ]
-    every = [effect for part in (*own, several) for _, effect in part]
-    blocks = iter(rows.blocks_of(every))
-    groups: list[Group] = []
-    matrices = []
-    for place, part in enumerate((*own, several)):
-        sizes = [len(effect.parameters) for _, effect in part]
-        joint, joints = (place, range(place, place + 1)) if place < n else (None, range(n))
-        first = 0
-        out = np.zeros((len(joints), len(rows.t), sum(sizes)))
-        for (key, effect), k in zip(part, sizes, strict=True):
-            groups.append(Group(key, effect, joint, slice(first, first + k)))
-            for block in next(blocks):
-                if block.joint in joints:
-                    out[block.joint - joints[0]][:, first + block.parameters] = block.columns
-            first += k
-        matrices.append(out)
-    return Library.of(groups, [m[0] for m in matrices[:-1]], matrices[-1])
+    return [*own, several]
 
 
 def _forms(rows: SegmentedRuns, robot: Robot, kind: type[Effect], joint: int | None) -> list[Effect]:

@@ -13,6 +13,7 @@ from sdp_vs_penalty.diagnosis.ladder import (
     accepted_beside,
     gain_of,
     joints_of,
+    reexamined,
 )
 from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.scoring import evidence
@@ -58,15 +59,21 @@ def merged(state: SearchState) -> SearchState:
 
 
 def _joint_by_joint(state: SearchState) -> SearchState:
-    """The search with laws of one joint each in the place of those that joints share, where as few
-    explain as much: (q4 + q5)^2 and (q4 - q5)^2 are the kinetic energies of two rotors, one a joint."""
+    """The search with laws of one joint each in the place of those that joints share, of all or of one,
+    where as few explain as much: (q4 + q5)^2 and (q4 - q5)^2 are the kinetic energies of two rotors,
+    one a joint; on parallel axes that of (q2 - q3)^2 is one rotor beside the links'."""
     shared = [p for p in state.picks if p.candidate.effect.joins and p.candidate.key[1] is not None]
-    if not shared:
-        return state
-    others = state.with_picks([p for p in state.picks if p not in shared])
-    joints = frozenset(j for p in shared for j in p.candidate.effect.joints)
-    singles = others
-    for _ in shared:
+    for group in [shared, *([p] for p in shared if len(shared) > 1)]:
+        if group and (found := _by_singles(state, group)):
+            return _joint_by_joint(found)
+    return state
+
+
+def _by_singles(state: SearchState, group: list[Pick]) -> SearchState | None:
+    """The search with as many laws of one joint each in the place of these picks, if as good."""
+    singles = others = state.with_picks([p for p in state.picks if p not in group])
+    joints = frozenset(j for p in group for j in p.candidate.effect.joints)
+    for _ in group:
         found = (
             h for h in singles.contenders(on=joints) if len(singles.stage.candidates.acting[h.key]) == 1
         )
@@ -74,16 +81,17 @@ def _joint_by_joint(state: SearchState) -> SearchState:
         if pick is None:
             break
         singles = singles.with_picks((*singles.picks, pick))
-    fit = others.fit
-    gains = [
+    fit, own = others.fit, singles.picks[len(others.picks) :]
+    if not own:
+        return None
+    before, after = (
         evidence(
             fit.likelihood_gain(fit.extended(*(p.candidate.columns for p in picks)).joint_chi2),
             sum(p.candidate.columns.shape[1] for p in picks),
         )
-        for picks in (shared, singles.picks[len(others.picks) :])
-        if picks
-    ]
-    return singles if len(gains) == 2 and gains[1] > gains[0] - TOLD_APART else state
+        for picks in (group, own)
+    )
+    return reexamined(singles) if after > before - TOLD_APART else None
 
 
 def _texts(state: SearchState, pair: tuple[int, int]) -> frozenset[str]:

@@ -58,6 +58,12 @@ def search(
         return prepare(with_estimate(rows, model), model, frozen, seed, progress, whole)
 
     now, shapes = estimate, list[ShapeEstimate]()
+
+    def searched_again(before: SearchState, model: Estimate) -> SearchState:
+        begin = before.on(staged(model), moved(now, model))
+        before.release()
+        return search_through(begin)
+
     state = SearchState.start(prepare(rows, estimate, frozen, seed, progress, whole))
     if not frozen:
         for _ in range(_ADOPTIONS):
@@ -90,7 +96,7 @@ def search(
         if other is None:
             break
         # What was found on joints whose constants were wrong may be their work.
-        again = search_through(state.on(staged(other), moved(now, other)))
+        again = searched_again(state, other)
         if _lost(again, state):
             break
         now, state = other, again
@@ -98,7 +104,7 @@ def search(
         other = adopted(now, rest, profiled(estimate, now, rest))
         if other is None:
             continue
-        again = search_through(rest.on(staged(other), moved(now, other)))
+        again = searched_again(rest, other)
         if _plainer(again, state):
             now, state = other, again
             shapes = profiled(estimate, now, state)
@@ -108,7 +114,7 @@ def search(
         kept = [s for s in shapes if (s.effect, s.joint) not in {(w.effect, w.joint) for w in wide}]
         other = adopted(now, state, [*kept, *wide])
         if other is not None:
-            again = search_through(state.on(staged(other), moved(now, other)))
+            again = searched_again(state, other)
             if not _lost(again, state):
                 now, state = other, again
                 shapes = profiled(estimate, now, state)

@@ -79,12 +79,21 @@ class Stage:
         labels = replace(self.labels, count=informative(rows, self.noise))
         return replace(self, rows=rows, labels=labels)
 
+    def release(self) -> None:
+        """Forget what is large and follows from the rest: it is made again where it is asked for."""
+        for name in ("candidates", "white_rows", "_white_model", "_joints", "_fits"):
+            vars(self).pop(name, None)
+
     def fit(self, weighting: Weighting) -> WhiteFit:
-        """The model alone, fitted to its weighted white residual; the last few are kept."""
-        key = weighting.level.tobytes() + weighting.colour.tobytes()
+        """The model alone, fitted to its weighted white residual; the last few are kept, with a colour
+        those with the last one: each of these holds the library behind its filter."""
+        colour = weighting.colour.tobytes()
+        key = weighting.level.tobytes() + colour
         if key not in self._fits:
-            while len(self._fits) >= _FITS:
-                del self._fits[next(iter(self._fits))]
+            for old, fit in list(self._fits.items()):
+                other = weighting.colour.any() and fit.weighting.colour.any()
+                if len(self._fits) >= _FITS or (other and not old.endswith(colour)):
+                    del self._fits[old]
             self._fits[key] = self._coloured(weighting).fit(self.labels, weighting)
         return self._fits[key]
 

@@ -126,6 +126,11 @@ class SearchState:
         scores = self.stage.candidates.scores(fit, scaled)
         return above_chance(fit, scaled, scores, self.eligible, seed, exponent)
 
+    def release(self) -> None:
+        """Forget what is large and can be made again: another state takes this one's place."""
+        self.stage.release()
+        (vars(self).pop("fit", None) or self.base).release()
+
     def with_noise(self, noise: Noise) -> SearchState:
         """The same picks with another idea of the noise."""
         return self.on(self.stage.with_noise(noise))

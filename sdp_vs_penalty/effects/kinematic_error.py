@@ -71,11 +71,13 @@ class KinematicError(Effect):
         few, n = _thinned(motion), self.robot.n
         q, dq, ddq = (x[few] for x in (motion.q, motion.dq, motion.ddq))
         by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
-        columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
-        if len(few) < len(motion.t):
-            columns = CubicSpline(motion.t[few], columns)(motion.t)
-        every = np.arange(columns.shape[2])
-        return [Block(i, every, np.ascontiguousarray(columns[:, i])) for i in range(n)]
+        every, out = np.arange(len(self._places)), []
+        for i in range(n):
+            columns = np.stack([by[:, i, j, k] for j, k in self._places], axis=1)
+            if len(few) < len(motion.t):
+                columns = CubicSpline(motion.t[few], columns)(motion.t)
+            out.append(Block(i, every, columns))
+        return out
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:

@@ -41,7 +41,10 @@ class RigidBody(Effect):
         blocks = []
         for joint, links in enumerate(self.robot.subtree):
             indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
-            blocks.append(Block(joint, indices, regressor[:, joint, indices]))
+            # Of a serial arm they follow each other: no copy.
+            serial = len(links) and links == tuple(range(links[0], links[-1] + 1))
+            own = slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
+            blocks.append(Block(joint, indices, regressor[:, joint, own]))
         return blocks
 
 

@@ -220,8 +220,14 @@ class Estimate(Shown):
             raise other_robot(measurements.n, self.robot.n, what, "model")
 
     def save(self, path: str | Path) -> None:
-        """Write model.json, whole or not at all."""
-        write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")
+        """Write model.json, whole or not at all: a field, and of a list of records each, on a line."""
+        fields = []
+        for name, value in self.to_dict().items():
+            text = json.dumps(value)
+            if isinstance(value, list) and value and isinstance(value[0], dict):
+                text = "[\n  " + ",\n  ".join(map(json.dumps, value)) + "\n ]"
+            fields.append(f' "{name}": {text}')
+        write_text(path, "{\n" + ",\n".join(fields) + "\n}\n")
 
 
 def load_estimate(path: str | Path) -> Estimate:

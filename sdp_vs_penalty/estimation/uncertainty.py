@@ -140,6 +140,7 @@ class _Evidence:
     regression: Regression
     weighting: str
     white: bool = False
+    own: Regression | None = None
 
     @property
     def p(self) -> int:
@@ -152,24 +153,29 @@ class _Evidence:
     @cached_property
     def narrow(self) -> Regression:
         """Without the shape constants' columns."""
-        return self.regression.keeping(np.arange(self.regression.p) < self.p)
+        return self.own or self.regression.keeping(np.arange(self.regression.p) < self.p)
 
     @cached_property
     def weights(self) -> Array:
         if self.weighting == "none":
             return np.ones(self.regression.joints)
-        return joint_weights(self.narrow, self._least_squares(None))
+        return joint_weights(self.narrow, self._least_squares(self.narrow.least_squares()))
 
     @cached_property
     def centre(self) -> Array:
         """(p,) least squares next to the nominal robot."""
-        return self._least_squares(self.weights)
+        return self._least_squares(self._weighted)
 
-    def _least_squares(self, weights: Array | None) -> Array:
-        return nearest_least_squares(self._narrow(weights), self.problem.nominal(self.model), self.bound)
+    @cached_property
+    def _weighted(self) -> LeastSquares:
+        return self.narrow.least_squares(self.weights)
 
-    def _narrow(self, weights: Array | None) -> LeastSquares:
-        return with_plausible(self.narrow.least_squares(weights), self.model, self.narrow.oversampling)
+    def _least_squares(self, data: LeastSquares) -> Array:
+        nominal = self.problem.nominal(self.model)
+        return nearest_least_squares(self._plausible(data), nominal, self.bound)
+
+    def _plausible(self, data: LeastSquares) -> LeastSquares:
+        return with_plausible(data, self.model, self.narrow.oversampling)
 
     @cached_property
     def known(self) -> Sandwich:
@@ -204,14 +210,14 @@ class _Evidence:
     @cached_property
     def narrow_solution(self) -> Array:
         """(p,) the smallest least-squares theta with the shape constants as they are."""
-        data = self._narrow(self.weights)
+        data = self._plausible(self._weighted)
         V = visible_directions(data)
         return np.asarray(V @ (V.T @ (data.R.T @ data.rho)))
 
     @cached_property
     def largest(self) -> Array:
         """(p,) largest value that bounds or the measured torque allow each parameter."""
-        data = self.narrow.least_squares(self.weights)
+        data = self._weighted
         seen = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
         return np.fmin(self.bound, np.sqrt(data.tau_squared) / seen)
 
@@ -278,17 +284,18 @@ def of_regression(
     constrained: bool = False,
     gain_errors: Array | None = None,
     white: bool = False,
+    own: Regression | None = None,
 ) -> Uncertainty:
     """Intervals from compressed data.
 
-    regression : of the model, or of the model with :func:`with_sensitivities`. theta (p,) : the
-    estimate; default: least squares next to the nominal robot. base : the model's base parameters, where
-    the caller has them. constrained : whether it satisfies the
-    problem's constraints, and intervals are to; gain_errors (n, e) : a factor of the covariance of the
-    relative errors of the torque channels' gains; white : take the residual for white noise: what the
-    motion alone would show.
+    regression : of the model, or of the model with :func:`with_sensitivities`, and then ``own`` of the
+    model, where the caller has it. theta (p,) : the estimate; default: least squares next to the nominal
+    robot. base : the model's base parameters, where the caller has them. constrained : whether it
+    satisfies the problem's constraints, and intervals are to; gain_errors (n, e) : a factor of the
+    covariance of the relative errors of the torque channels' gains; white : take the residual for white
+    noise: what the motion alone would show.
     """
-    evidence = _Evidence(problem, model, regression, weighting, white)
+    evidence = _Evidence(problem, model, regression, weighting, white, own)
     value = evidence.centre if theta is None else np.asarray(theta, float)
     gains = evidence.known.gain_response(evidence.padded(value[None])[0])[: evidence.p]
     nothing = np.zeros((evidence.p, 0))

@@ -213,7 +213,7 @@ def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
             worst = max(worst, _outside_exponential(part, dual))
         elif len(part):
             shaped = unsvec(part, cone.size) if cone.kind == "psd" else part
-            worst = max(worst, -cone_margin(cone.kind, shaped))
+            worst = max(worst, -float(cone_margin(cone.kind, shaped)))
     return worst
 
 

@@ -14,8 +14,12 @@ from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.kernels import Decimator
 
-#: Columns that are low-passed together.
-_AT_ONCE = 64
+#: Columns that are low-passed together, and from how many on an effect's are so for each joint.
+_AT_ONCE, _WIDE = 64, 12
+#: Rows of a wide effect that are worked out together.
+_ROWS = 256
+#: For how many widths of signs columns are kept, and how much of what was asked for one by one [bytes].
+_WIDTHS, _MOST_KEPT = 2, 48_000_000
 
 
 class _Widths(tuple[float, ...]):
@@ -57,27 +61,50 @@ class Columns:
         for place in missing:
             effect = effects[place]
             self._widths.asked.clear()
-            motions = self._own if depends(effect) else self._watched
-            waiting.append((place, [effect.blocks(m) for m in motions], dict(self._widths.asked)))
-            size += sum(b.columns.shape[1] for b in waiting[-1][1][0])
-            if size < _AT_ONCE and place != missing[-1]:
+            if depends(effect) or effect.has_memory or len(effect.parameters) < _WIDE:
+                motions = self._own if depends(effect) else self._watched
+                made = [effect.blocks(m) for m in motions]
+                waiting.append((place, made, dict(self._widths.asked)))
+                size += sum(b.columns.shape[1] for b in made[0])
+            else:
+                blocks = out[place] = self._by_parts(effect)
+                self._keep(effect, blocks, dict(self._widths.asked), len(effects) > 1)
+            if not waiting or (size < _AT_ONCE and place != missing[-1]):
                 continue
             passed = iter(self._low_passed([made for _, made, _ in waiting]))
             for at, made, asked in waiting:
                 blocks = [Block(b.joint, b.parameters, next(passed)) for b in made[0]]
-                self._keep(effects[at], blocks, asked)
+                self._keep(effects[at], blocks, asked, len(effects) > 1)
                 out[at] = blocks
             size = 0
             waiting.clear()
+        for motion in (*self._own, *self._watched) if len(effects) > 1 else ():
+            motion.release()
         return [blocks for blocks in out if blocks is not None]
+
+    def _by_parts(self, effect: Effect) -> list[Block]:
+        """The rows of a wide effect of the motion alone, a few after the other."""
+        rows: list[list[Block]] = []
+        for low_pass, motion in zip(self._low_passes, self._watched, strict=True):
+            for start in range(0, len(low_pass.at), _ROWS):
+                few, around = low_pass.part(start, start + _ROWS)
+                made = effect.blocks(motion.part(around))
+                rows.append([replace(b, columns=few @ b.columns) for b in made])
+        return [
+            replace(parts[0], columns=np.concatenate([b.columns for b in parts]))
+            for parts in zip(*rows, strict=True)
+        ]
 
     def _low_passed(self, made: Sequence[Sequence[Sequence[Block]]]) -> list[Array]:
         """The rows of all blocks of all effects, from those of each segment."""
-        rows = []
+        parts = []
         for k, low_pass in enumerate(self._low_passes):
-            rows.append(low_pass @ np.hstack([b.columns for parts in made for b in parts[k]]))
-        ends = np.cumsum([b.columns.shape[1] for parts in made for b in parts[0]])
-        return [x.copy() for x in np.split(np.concatenate(rows), ends[:-1], axis=1)]
+            columns = [b.columns for blocks in made for b in blocks[k]]
+            narrow = [c for c in columns if c.shape[1] < _WIDE]
+            ends = np.cumsum([c.shape[1] for c in narrow])
+            few = iter(np.split(low_pass @ np.hstack(narrow), ends[:-1], axis=1) if narrow else ())
+            parts.append([next(few) if c.shape[1] < _WIDE else low_pass @ c for c in columns])
+        return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
 
     def _known(self, effect: Effect) -> list[Block] | None:
         kept = (self._modelled if depends(effect) else self._derived).get(_key(effect))
@@ -87,11 +114,21 @@ class Columns:
                 return found
         return None
 
-    def _keep(self, effect: Effect, blocks: list[Block], asked: dict[int, float]) -> None:
-        if effect_types().get(effect.name) is type(effect):
-            # The robot is kept as well: its number in the key stays its own.
-            kept = self._modelled if depends(effect) else self._derived
-            kept.setdefault(_key(effect), (effect.robot, []))[1].append((asked, blocks))
+    def _keep(
+        self, effect: Effect, blocks: list[Block], asked: dict[int, float], among_many: bool
+    ) -> None:
+        if effect_types().get(effect.name) is not type(effect):
+            return
+        kept, key = self._modelled if depends(effect) else self._derived, _key(effect)
+        # The robot is kept as well: its number in the key stays its own.
+        known = kept.setdefault(key, (effect.robot, []))[1]
+        known.append((asked, blocks))
+        del known[:-_WIDTHS]
+        if not among_many:
+            alone = kept.setdefault("alone", [])
+            alone.append((key, sum(b.columns.nbytes for b in blocks)))
+            while sum(size for _, size in alone) > _MOST_KEPT:
+                kept.pop(alone.pop(0)[0], None)
 
 
 def _key(effect: Effect) -> Hashable:

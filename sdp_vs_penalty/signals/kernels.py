@@ -54,6 +54,11 @@ class Decimator:
         parts = [block @ flat[around] for around, block in self.blocks]
         return np.concatenate([flat[:0], *parts]).reshape(len(self.at), *x.shape[1:])
 
+    def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
+        """Some of the rows, and the samples that they see."""
+        at, half = self.at[start:stop], len(self.value) // 2
+        return Decimator(self.value, at - at[0] + half), slice(int(at[0]) - half, int(at[-1]) + half + 1)
+
     def __abs__(self) -> Decimator:
         return Decimator(np.abs(self.value), self.at)
 

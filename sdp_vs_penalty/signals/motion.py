@@ -37,6 +37,8 @@ _ROW_RATE = 4.0
 #: Rows of a path that are compared with the record at a time, at least; a quarter of all before, so that
 #: a long path takes few looks, and its first periods are enough for the later ones.
 _CHUNK = 200
+#: Pairs of points up to which each is looked at.
+_FEW = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,8 @@ class MotionRecord:
 
     def is_new(self, q: Array, dq: Array) -> NDArray[np.bool_]:
         """(M,) whether states q, dq (M, n) are farther than the distance from all of the path."""
-        near = self._tree.query(
-            (np.hstack([q, dq]) - self.centre) / self.scale,
-            p=np.inf,
-            distance_upper_bound=self.distance,
-        )[0]
-        return np.asarray(np.isinf(near))
+        rows = (np.hstack([q, dq]) - self.centre) / self.scale
+        return ~_near(self._path, rows, self.distance)
 
     def new_share(self, q: Array, dq: Array) -> float:
         """Share of the rows q, dq (M, n) that are new."""
@@ -79,10 +77,8 @@ class MotionRecord:
         return self.new_share(q, dq)
 
     @cached_property
-    def _tree(self) -> Any:
-        from scipy.spatial import cKDTree
-
-        return cKDTree(_filled(self.lines, _SPACING * self.distance))
+    def _path(self) -> Array:
+        return _filled(self.lines, _SPACING * self.distance)
 
     def joined(self, other: MotionRecord) -> MotionRecord | None:
         """The motion of both, in units of this one's spread; None where that is too much to keep."""
@@ -161,8 +157,6 @@ def _record(centre: Array, scale: Array, paths: Sequence[Array], distance: float
 
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
     """Few points of each path, and only where it has not been before; None for too many."""
-    from scipy.spatial import cKDTree
-
     lines: list[Array] = []
     before = 0
     for path in paths:
@@ -173,9 +167,7 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
             start, before = start + count, before + count
             fresh = np.ones(len(rows), bool)
             if lines:
-                tree = cKDTree(_filled(lines, _SPACING * distance))
-                near = tree.query(rows, p=np.inf, distance_upper_bound=_THERE * distance)[0]
-                fresh = np.isinf(near)
+                fresh = ~_near(_filled(lines, _SPACING * distance), rows, _THERE * distance)
             for piece in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(fresh)) + 1):
                 if fresh[piece[0]]:
                     around = slice(max(piece[0] - 1, 0), piece[-1] + 2)
@@ -183,6 +175,19 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
             if sum(line.size for line in lines) > _MOST:
                 return None
     return lines
+
+
+def _near(points: Array, rows: Array, reach: float) -> NDArray[np.bool_]:
+    """(M,) whether rows (M, d) are less than ``reach`` from some point (K, d) in every coordinate."""
+    if len(points) * len(rows) > _FEW:
+        from scipy.spatial import cKDTree  # its import takes longer than few pairs
+
+        return np.isfinite(cKDTree(points).query(rows, p=np.inf, distance_upper_bound=reach)[0])
+    row, point = np.nonzero(np.abs(rows[:, :1] - points[:, 0]) < reach)
+    for x, at in zip(rows.T[1:], points.T[1:], strict=True):
+        close = np.abs(x[row] - at[point]) < reach
+        row, point = row[close], point[close]
+    return np.isin(np.arange(len(rows)), row)
 
 
 def _straight(rows: Array, beside: float) -> Array:

@@ -187,11 +187,20 @@ class SegmentedRuns:
         for j, share in enumerate(self.still.T):
             keep = self.keep[:, j]
             if share[keep].any():
-                laws = [s.low_pass @ friction_laws(s.motion, j) for s in self.segments]
-                left = self.residual[keep, j]
-                std, no_law = lawless(left, np.concatenate(laws)[keep], share[keep])
+                left, laws = self.residual[keep, j], self._friction_laws(j)[keep]
+                std, no_law = lawless(left, laws, share[keep])
                 held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
         return held, stuck
+
+    def _friction_laws(self, joint: int) -> Array:
+        """(M, k) a joint's friction of unit size, kept for the width over which its sign turns."""
+        width = self.segments[0].motion.width(joint)
+        known = self.derived.get(("laws", joint))
+        if known is None or known[0] != width:
+            parts = [s.low_pass @ friction_laws(s.motion, joint) for s in self.segments]
+            known = self.derived["laws", joint] = width, np.concatenate(parts)
+        laws: Array = known[1]
+        return laws
 
     @cached_property
     def dense_residuals(self) -> list[Array]:

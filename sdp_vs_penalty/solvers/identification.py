@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.constraints.constraint import Alike, Constraint, alike
-from sdp_vs_penalty.regression.regression import nearest_least_squares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
@@ -112,17 +111,18 @@ def least_squares_sdp(
     data = objective.least_squares
     p = len(bound)
     centre = np.zeros(p) if centre is None else centre
-    best = nearest_least_squares(data, centre, bound)
-    loss_scale = float(np.sqrt(max(data.loss(best), 1e-12 * data.tau_squared, least_loss, 1e-300)))
     torque = float(np.sqrt(data.tau_squared)) or 1.0
-    size = loss_scale if fine else torque
     norms = np.linalg.norm(data.R, axis=0)
     seen = norms * bound > _ROUNDING * torque
-    unseen = moving_scale(constraints, reference, bound)
-    scale = np.where(seen, np.minimum(bound, size / np.where(seen, norms, 1.0)), unseen)
-
-    rows, rho, out_of_reach = _independent_rows(data.R * scale, data.rho - data.R @ centre)
+    unit = np.where(
+        seen, torque / np.where(seen, norms, 1.0), moving_scale(constraints, reference, bound)
+    )
+    rows, rho, out_of_reach = _independent_rows(data.R * unit, data.rho - data.R @ centre)
     r, offset = len(rho), data.residual_norm**2 + out_of_reach
+    loss_scale = float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss, 1e-300)))
+    finer = loss_scale / torque if fine else 1.0
+    scale = np.where(seen, np.minimum(bound, finer * unit), unit)
+    rows *= scale / unit
     pieces = _RowBuilder(p + r)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     pieces.dense("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)

@@ -25,6 +25,9 @@ from sdp_vs_penalty.solvers.verified import nominal_terms
 #: A warm start's way towards the interior, and its complementarity as a share of the objective (of 25
 #: resamples of the Panda's data each: 6 iterations instead of 13).
 _INSIDE, _WARM = 0.1, 0.01
+#: Share of a log det's slope that is lent to P >= 0, whose multiplier can then give way to either side
+#: where the bound is polished. It costs the bound four times that of the weight, a link.
+_ROOM = 1e-9
 _NOTHING = np.zeros(0)
 
 
@@ -132,13 +135,15 @@ class Structured:
     def multipliers(self, found: Optimum) -> tuple[list[Array], Array | None]:
         """Of each constraint its multiplier, of each link of the entropy the slope of -log det."""
         slopes, block = None, 0
+        own: dict[int, Array] = {}
         if self.entropy is not None:
-            slopes = np.zeros((len(self.entropy.links), ORDER, ORDER))
-            for group in alike(self.entropy.links):
+            links = self.entropy.links
+            slopes = np.zeros((len(links), ORDER, ORDER))
+            for group in alike(links):
                 slopes[group.places] = found.multipliers[block : block + len(group.places)]
                 block += len(group.places)
-            slopes /= self.entropy.weight
-        own: dict[int, Array] = {}
+            own = {id(link): _ROOM * Z for link, Z in zip(links, slopes, strict=True)}
+            slopes *= (1.0 - _ROOM) / self.entropy.weight
         for group in alike(self.sent):
             shape = group.constant.shape
             count = shape[0] * shape[1] if group.cone == "nonnegative" else shape[0]

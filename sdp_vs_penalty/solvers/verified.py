@@ -21,7 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.constraints.constraint import Alike, Constraint, ConstraintSet, alike
+from sdp_vs_penalty.constraints.constraint import (
+    Alike,
+    Constraint,
+    ConstraintSet,
+    alike,
+    margins,
+)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.enclosure import (
     ROUNDOFF,
@@ -136,15 +142,12 @@ def proves_infeasible(
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
     """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    return all(_certainly_inside(c, theta, _as_it_is) for c in constraints)
+    return _certainly_inside(constraints, theta, Fraction)
 
 
 def feasible_as_written(constraints: Sequence[Constraint], theta: Array) -> bool:
     """The same, and of the shortest decimal text of each number too, which is what a file holds."""
-    return all(
-        _certainly_inside(c, theta, _as_it_is) and _certainly_inside(c, theta, _as_written)
-        for c in constraints
-    )
+    return _certainly_inside(constraints, theta, Fraction, _as_written)
 
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
@@ -152,13 +155,9 @@ def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
     out = constraints.worst(theta)
     for family in [family for family, violation in out.items() if violation > 0.0]:
         convex = [c for c in constraints.convex if c.family == family]
-        if convex and all(_certainly_inside(c, theta) for c in convex):
+        if convex and certainly_feasible(convex, theta):
             out[family] = 0.0
     return out
-
-
-def _as_it_is(x: float) -> Fraction:
-    return Fraction(x)
 
 
 def _as_written(x: float) -> Fraction:
@@ -170,15 +169,16 @@ _WELL_INSIDE = 1e-9
 
 
 def _certainly_inside(
-    constraint: Constraint, theta: Array, read: Callable[[float], Fraction] = _as_it_is
+    constraints: Sequence[Constraint], theta: Array, *read: Callable[[float], Fraction]
 ) -> bool:
-    terms = np.abs(constraint.constant) + np.tensordot(
-        np.abs(theta[constraint.indices]), np.abs(constraint.coefficients), axes=(0, 0)
+    """As each of ``read`` takes the numbers."""
+    margin, size = margins(constraints, theta)
+    return all(
+        _inside(c.cone, _exact_value(c, {int(k): exact(float(theta[k])) for k in c.indices}))
+        for c, well in zip(constraints, margin > _WELL_INSIDE * size, strict=True)
+        if not well
+        for exact in read
     )
-    if constraint.margin(theta) > _WELL_INSIDE * float(terms.max(initial=0.0)):
-        return True
-    exact = {int(k): read(float(theta[k])) for k in constraint.indices}
-    return _inside(constraint.cone, _exact_value(constraint, exact))
 
 
 def feasible_point(constraints: Sequence[Constraint], theta: Array, interior: Array) -> Array | None:

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from random_arms import scara
+from small_runs import small_run
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import held_out, ladder, parsimony
 from sdp_vs_penalty.diagnosis.explanations import weaknesses
+from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
+from sdp_vs_penalty.diagnosis.stage import prepare
+from sdp_vs_penalty.diagnosis.state import SearchState
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.problem.load import as_problem, load_problem
 
 
 def state_of(*picks: tuple[int | None, float], left: float = 0.0) -> Any:
@@ -215,3 +223,35 @@ def test_what_joints_share_comes_before_small_effects_on_one_of_them() -> None:
     )
     state = SimpleNamespace(picks=picks, with_picks=lambda chosen: [p.candidate.key[0] for p in chosen])
     assert ladder.by_gain(state) == ["gears", "sigmoid", "curved"]  # type: ignore[arg-type,comparison-overlap]
+
+
+def test_a_rotor_on_a_parallel_axis_is_no_motor_that_drives_through_two(tmp_path: Path) -> None:
+    """I (ddq1 - ddq2) (1, -1) is a rotor of 2 I on joint 2 beside what the links have themselves."""
+    arm = as_problem(scara(tmp_path))
+    run = small_run(arm, 12.0)
+    ddq, both = np.gradient(run.dq, run.t, axis=0), np.array([1.0, 1.0, 0.0, 0.0])
+    belt = np.tanh(run.dq @ both / 0.01)[:, None] * both  # which drives joint 1 with joint 2
+    torque = run.tau + np.array([0.0, 0.3, 0.0, 0.0]) * ddq + 0.3 * belt
+    run = Measurements(run.t, run.q, torque, run.dq)
+    known = identify(arm, run, "ols")
+    rows = diagnosis_rows(run, known, known.preprocessing.resolve(run))
+    state = SearchState.start(prepare(rows, known, frozen=False, seed=0))
+    found = {}
+    for text in (
+        "rotor_inertia:2",
+        "transmission_friction:1+2@c2=-1@law=inertia",
+        "transmission_friction:1+2",
+    ):
+        (effect,) = parse_effects([text], arm.robot)
+        columns = state.stage.candidates.white_columns(effect)
+        key = (effect.name, 0 if effect.joins else 1)
+        pick = ladder.accepted(state, state.stage.candidates.judged(state.fit, key, effect, columns))
+        assert pick is not None
+        found[text] = pick
+        if effect.joins:
+            state = state.with_picks((*state.picks, pick))
+    rotor, motor, _ = (pick.candidate for pick in found.values())
+    assert rotor.beta[0] == pytest.approx(2.0 * motor.beta[0])
+    assert rotor.chi2 == pytest.approx(motor.chi2)
+    merged = {p.candidate.effect.text for p in parsimony.merged(state).picks}
+    assert merged == {"rotor_inertia:2", "transmission_friction:1+2@c1=1@c2=1@law=coulomb"}

@@ -139,7 +139,7 @@ def test_semidefinite_is_what_all_principal_minors_say(size: int, data: st.DataO
     margin = cone_margin("psd", whole.astype(float))
     depth = float(cone_depths("psd", whole[None].astype(float), np.abs(whole)[None].astype(float))[0])
     if abs(margin) > 1e-9:
-        assert (margin > 0.0) is truth
+        assert bool(margin > 0.0) is truth
     # A depth above rounding is a proof; a violation that is one shows below zero.
     assert truth or depth < safe_depth(size)
 

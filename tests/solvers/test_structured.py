@@ -11,7 +11,7 @@ from scipy import sparse
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.lmi_sdp import essential, interior_point, solve_sdp
 from sdp_vs_penalty.robot import compiled
-from sdp_vs_penalty.shootout.regular import chain_task
+from sdp_vs_penalty.shootout.regular import chain_task, shape_cones
 from sdp_vs_penalty.solvers import native
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 from sdp_vs_penalty.solvers.native import ORDER
@@ -55,6 +55,25 @@ def test_its_bound_is_below_the_optimum_whatever_the_multipliers(method: str) ->
     # A bound of twice the data is no bound of these: it would show if the data were not looked at.
     twice = replace(data, residual_norm=2.0 * data.residual_norm + np.sqrt(optimum))
     assert ours.solve(twice).lower > optimum
+
+
+@pytest.mark.parametrize("method", ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"])
+@pytest.mark.parametrize("links", [2, 3])
+def test_a_fit_by_it_is_proved_from_its_own_multipliers(method: str, links: int) -> None:
+    """Matrices, cones of a centre of mass that bind, signs and ranges; with a log det and without."""
+    task = chain_task(links)
+    cones = shape_cones(task)
+    task = replace(task, constraints=task.constraints.plus(cones))
+    posed = make_estimator(method).posed(task)  # type: ignore[attr-defined]
+    fit = solve_sdp(task, *posed, None, 1e-10)
+    reference = solve_sdp(task, *posed, "clarabel", 1e-10)
+    assert fit.details["solver"] == "native"
+    assert fit.gap <= 1e-8
+    assert fit.gap >= -1e-12
+    assert min(cone.margin(fit.theta) for cone in cones) < 1e-9
+    assert fit.objective.value(fit.theta) == pytest.approx(
+        reference.objective.value(reference.theta), rel=2e-8
+    )
 
 
 def test_numbers_that_are_not_finite_are_a_failure_and_no_hang() -> None:

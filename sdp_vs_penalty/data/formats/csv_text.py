@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Generator, Iterator
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -158,21 +159,27 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
                 if len(rest) == _LONGEST:
                     return row
                 text += rest
-                if native is None:
-                    table = _decimals(text, width)
-                else:
-                    cells = np.empty((text.count(b"\n") + 1, width))
-                    count = native.numbers(text, width, cells)
-                    table = None if count < 0 else cells[:count]
+                count = text.count(b"\n")
+                table = (
+                    _decimals(text, width)
+                    if native is None
+                    else _compiled(native, text, count + 1, width)
+                )
                 if table is None:
                     return row
                 yield table
-                row, found = row + text.count(b"\n"), True
+                row, found = row + count, True
     except OSError as error:
         raise unreadable(error, path) from error
     if not found:
         yield np.zeros((0, width))
     return None
+
+
+def _compiled(native: Any, text: bytes, most: int, width: int) -> Array | None:
+    table = np.empty((most, width))
+    count = native.numbers(text, width, table)
+    return None if count < 0 else table[:count]
 
 
 def _decimals(text: bytes, width: int) -> Array | None:

@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.fit import orthonormal
-from sdp_vs_penalty.diagnosis.library import build_library, spread_columns
+from sdp_vs_penalty.diagnosis.library import Candidacy, spread_columns
 from sdp_vs_penalty.diagnosis.rows import diagnosis_rows
 from sdp_vs_penalty.diagnosis.stage import model_columns, white_rows
 from sdp_vs_penalty.effects import parse_effects
@@ -43,7 +43,7 @@ def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) ->
     hidden = _white(logged, estimate, False, 0)
     rows, Q, M = hidden.rows, hidden.Q, len(hidden.rows.t)
     mine = slice(joint * M, (joint + 1) * M)
-    library = build_library(rows, estimate.model, False).whitened(hidden.noise, rows)
+    library = Candidacy(rows, estimate.model, False).white(hidden.noise, rows)
     best = 0.0
     for group in library.groups:
         if group.joint == joint:
