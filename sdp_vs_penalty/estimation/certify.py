@@ -55,18 +55,19 @@ def build_estimate(
     theta, certificate = certify(task, fit)
     certificate = dataclasses.replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
-    wide = with_sensitivities(task.model, theta)
+    wide, data = with_sensitivities(task.model, theta), regression
     if wide is not task.model and isinstance(measurements, Measurements):
-        regression = compress(measurements, wide, preprocessing, workers=workers)
+        data = compress(measurements, wide, preprocessing, workers=workers)
     uncertainty = of_regression(
         problem,
         task.model,
-        regression,
+        data,
         theta,
         base=base,
         weighting=weighting,
         constrained=certificate.worst == 0.0,
         gain_errors=gain_errors,
+        own=regression,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {

@@ -6,6 +6,7 @@ problem is solved from that triangle alone.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -151,25 +152,29 @@ class Reidentifier:
         run = Measurements(t, q, tau)
         p, squared, count, last = len(self._interior), 0.0, 0, self._counted
         parts: list[Array] = []
-        for rows in filtered_rows(run, self.model, self._settings):
-            new = rows.motion.t > self._counted
-            for joint, columns in enumerate(rows.columns):
-                wide = np.zeros((int(new.sum()), p + 1))
-                wide[:, columns.indices] = columns.columns[new]
-                wide[:, -1] = rows.torque[new, joint]
-                parts.append(self._weights[joint] * wide)
-                squared += float(np.sum(parts[-1][:, -1] ** 2))
-                count += len(wide)
-            last = float(rows.motion.t[-1])
+        with suppress(InputError):  # no rows: it stands still
+            for rows in filtered_rows(run, self.model, self._settings):
+                new = rows.motion.t > self._counted
+                for joint, columns in enumerate(rows.columns):
+                    wide = np.zeros((int(new.sum()), p + 1))
+                    wide[:, columns.indices] = columns.columns[new]
+                    wide[:, -1] = rows.torque[new, joint]
+                    parts.append(self._weights[joint] * wide)
+                    squared += float(np.sum(parts[-1][:, -1] ** 2))
+                    count += len(wide)
+                last = float(rows.motion.t[-1])
         fresh = last - max(self._counted, float(t[0]))  # seconds of motion, standing still aside
-        self._counted = last
+        # Earlier instants without rows stood still; those that later samples decide on lie within reach.
+        self._counted = max(last, float(t[-1]) - self.reach)
+        if not count:
+            return False
         fade = 1.0 if self._half_life is None else 0.5 ** (fresh / self._half_life)
         self._rows = _faded(self._rows, fade, parts, squared, count)
         self._data, scale = self._rows, self._task.joint_scale
         if self._prior > 0.0 and scale is not None:
             self._data = self._rows.with_prior(scale, self._prior)
         self._answer = None
-        return count > 0
+        return True
 
     def solve(self) -> Parameters:
         """The optimum for all samples so far, certified; the last one where there is nothing new.

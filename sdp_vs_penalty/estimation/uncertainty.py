@@ -140,6 +140,7 @@ class _Evidence:
     regression: Regression
     weighting: str
     white: bool = False
+    own: Regression | None = None
 
     @property
     def p(self) -> int:
@@ -152,7 +153,7 @@ class _Evidence:
     @cached_property
     def narrow(self) -> Regression:
         """Without the shape constants' columns."""
-        return self.regression.keeping(np.arange(self.regression.p) < self.p)
+        return self.own or self.regression.keeping(np.arange(self.regression.p) < self.p)
 
     @cached_property
     def weights(self) -> Array:
@@ -283,17 +284,18 @@ def of_regression(
     constrained: bool = False,
     gain_errors: Array | None = None,
     white: bool = False,
+    own: Regression | None = None,
 ) -> Uncertainty:
     """Intervals from compressed data.
 
-    regression : of the model, or of the model with :func:`with_sensitivities`. theta (p,) : the
-    estimate; default: least squares next to the nominal robot. base : the model's base parameters, where
-    the caller has them. constrained : whether it satisfies the
-    problem's constraints, and intervals are to; gain_errors (n, e) : a factor of the covariance of the
-    relative errors of the torque channels' gains; white : take the residual for white noise: what the
-    motion alone would show.
+    regression : of the model, or of the model with :func:`with_sensitivities`, and then ``own`` of the
+    model, where the caller has it. theta (p,) : the estimate; default: least squares next to the nominal
+    robot. base : the model's base parameters, where the caller has them. constrained : whether it
+    satisfies the problem's constraints, and intervals are to; gain_errors (n, e) : a factor of the
+    covariance of the relative errors of the torque channels' gains; white : take the residual for white
+    noise: what the motion alone would show.
     """
-    evidence = _Evidence(problem, model, regression, weighting, white)
+    evidence = _Evidence(problem, model, regression, weighting, white, own)
     value = evidence.centre if theta is None else np.asarray(theta, float)
     gains = evidence.known.gain_response(evidence.padded(value[None])[0])[: evidence.p]
     nothing = np.zeros((evidence.p, 0))

@@ -180,15 +180,6 @@ class Regression:
             factors.append(replace(f, indices=f.indices[~own] - k, triangle=rows))
         return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
 
-    def merge(self, other: Regression) -> Regression:
-        """The data of both, for the same model; runs of ``other`` count on after those of this."""
-        if [p.name for p in self.parameters] != [p.name for p in other.parameters]:
-            raise ValueError("Regressions of different models cannot be merged.")
-        runs = 1 + max((b.run for b in self.blocks), default=-1)
-        blocks = tuple(replace(b, run=b.run + runs) for b in other.blocks)
-        factors = tuple(replace(f, block=f.block + len(self.blocks)) for f in other.factors)
-        return replace(self, blocks=self.blocks + blocks, factors=self.factors + factors)
-
     @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
         """All blocks of each joint merged into one factor."""
@@ -243,10 +234,27 @@ def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) ->
 
 def triangular(parts: Sequence[Array]) -> Array:
     """The R factor of the stacked matrices, with a non-negative diagonal; at most square."""
-    r: Array = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
-    sign = np.where(np.diagonal(r) < 0, -1.0, 1.0)
-    r[: len(sign)] *= sign[:, None]
+    return _triangles(np.vstack(parts))
+
+
+def _triangles(stacks: Array) -> Array:
+    """The same of each matrix (..., m, p)."""
+    r: Array = np.asarray(np.linalg.qr(stacks, mode="r"))
+    sign = np.where(np.diagonal(r, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
+    r[..., : sign.shape[-1], :] *= sign[..., None]
     return r
+
+
+def _each_folded(parts: Sequence[Array]) -> list[Array]:
+    """Matrices of about as many rows, as triangles where one has more than that: by one call, since rows
+    of zeros add nothing."""
+    most, width = max(len(part) for part in parts), parts[0].shape[1]
+    if most <= width:
+        return list(parts)
+    stacks = np.zeros((len(parts), most, width))
+    for place, part in zip(stacks, parts, strict=True):
+        place[: len(part)] = part
+    return list(_triangles(stacks))
 
 
 def _folded(parts: Sequence[Array]) -> Array:
@@ -332,18 +340,19 @@ class _Growing:
         """Add rows, each to the block that ``owner`` (M,) says, or (M, n) for each joint."""
         owners = np.broadcast_to(owner.reshape(len(owner), -1), rows.torque.shape)
         for joint, columns in enumerate(rows.columns):
-            for b in np.unique(owners[:, joint]):
-                mine = owners[:, joint] == b
-                piece = np.column_stack([columns.columns[mine], rows.torque[mine, joint]])
-                old = self._factors.get((int(b), joint))
-                parts = [piece] if old is None else [old.triangle, piece]
-                self._factors[int(b), joint] = Factor(
-                    joint,
-                    0,
-                    columns.indices,
-                    _folded(parts),
-                    len(piece) + (0 if old is None else old.rows),
-                )
+            order = np.argsort(owners[:, joint], kind="stable")
+            both = np.column_stack([columns.columns, rows.torque[:, joint]])[order]
+            blocks, begin = np.unique(owners[order, joint], return_index=True)
+            keys = [(b, joint) for b in blocks.tolist()]
+            pieces = np.split(both, begin[1:])
+            counts = [len(piece) for piece in pieces]
+            if self._factors.keys().isdisjoint(keys):
+                pieces = _each_folded(pieces)
+            for key, piece, count in zip(keys, pieces, counts, strict=True):
+                old = self._factors.get(key)
+                if old is not None:
+                    piece, count = _folded([old.triangle, piece]), count + old.rows
+                self._factors[key] = Factor(joint, 0, columns.indices, piece, count)
 
     def blocks(self) -> list[tuple[int, list[Factor]]]:
         """The blocks that have rows, in order, with the factors of all joints."""

@@ -50,6 +50,24 @@ def test_old_rows_fade() -> None:
     assert ratio == pytest.approx(1.5, abs=0.05)
 
 
+def test_standing_still_neither_stops_it_nor_piles_up() -> None:
+    """Half a minute between two motions: no rows, no error, nothing kept, nothing forgotten."""
+    problem = load_problem("two_link")
+    run = experiment(problem).training_run(seed=0)
+    loop = Reidentifier(problem, run, half_life=1.0)
+    step = float(np.median(np.diff(run.t)))
+    end, before, kept = float(run.t[-1]), loop.solve(), []
+    for k in range(60):
+        t = end + 0.5 * k + np.arange(step, 0.5 + 0.5 * step, step)
+        still = np.repeat(run.q[-1:], len(t), axis=0), np.repeat(run.tau[-1:], len(t), axis=0)
+        assert not loop.take(t, *still)
+        kept.append(sum(len(part[0]) for part in loop._buffer))
+    assert max(kept) * step < 2.5 * loop.reach + 1.0
+    assert loop.solve() is before
+    assert loop.take(run.t + end + 31.0, run.q, run.tau)
+    assert loop.solve() is not before
+
+
 def test_samples_that_cannot_be_used_are_refused() -> None:
     problem = load_problem("two_link")
     run = experiment(problem).training_run(seed=0)

@@ -161,11 +161,16 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
                 if len(rest) == _LONGEST:
                     return row
                 text += rest
-                table = _decimals(text, width) if native is None else _compiled(native, text, width)
+                count = text.count(b"\n")
+                table = (
+                    _decimals(text, width)
+                    if native is None
+                    else _compiled(native, text, count + 1, width)
+                )
                 if table is None:
                     return row
                 yield table
-                row, found = row + text.count(b"\n"), True
+                row, found = row + count, True
     except OSError as error:
         raise unreadable(error, path) from error
     if not found:
@@ -173,8 +178,8 @@ def _fast(path: Path, width: int, first: int) -> Generator[Array, None, int | No
     return None
 
 
-def _compiled(native: Any, text: bytes, width: int) -> Array | None:
-    table = np.empty((text.count(b"\n") + 1, width))
+def _compiled(native: Any, text: bytes, most: int, width: int) -> Array | None:
+    table = np.empty((most, width))
     count = native.numbers(text, width, table)
     return None if count < 0 else table[:count]
 
