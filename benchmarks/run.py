@@ -39,6 +39,7 @@ PARTS = {
     "mujoco": "identification beside MuJoCo's toolbox: time, errors, consistency",
     "chain": "a chain of 60 links",
     "bootstrap": "1000 certified draws",
+    "loop": "an estimate renewed at the rate of a controller",
     "samples": "exponent in samples",
     "runs": "exponent in runs",
     "joints": "exponent in joints",
@@ -74,6 +75,8 @@ def measure(part: str, given: argparse.Namespace) -> dict[str, Any]:
         rows = growth.chain()
     elif part == "bootstrap":
         rows = growth.resamples()
+    elif part == "loop":
+        rows = growth.loop(run, problem)
     elif part == "memory":
         lines = growth.memory(run, problem, given.rows)
     else:

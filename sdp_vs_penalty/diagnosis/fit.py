@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from sdp_vs_penalty.diagnosis.extension import (
     Added,
@@ -230,7 +231,7 @@ class WhiteFit:
                 Q, target = self.Q[out], self.target[out]
                 # The estimate that they are beside is held by HELD of the rows: without it, what a fold
                 # alone determines would be anything there.
-                inverse = np.linalg.inv((1.0 + HELD) * np.eye(Q.shape[1]) - Q.T @ Q)
+                inverse = _inverse((1.0 + HELD) * np.eye(Q.shape[1]) - Q.T @ Q)
                 theta = inverse @ (self.Q.T @ self.target - Q.T @ target)
                 found.append(WithoutFold(out, Q, target, inverse, theta, target - Q @ theta))
             self._without[key] = found
@@ -315,6 +316,14 @@ class WhiteFit:
         degrees, least = (x.reshape(-1, *(1,) * (chi2.ndim - 1)) for x in known)
         variance = np.maximum(chi2 / degrees, least)
         return np.asarray(np.sum(degrees * np.log(variance) + chi2 / variance, axis=0))
+
+
+def _inverse(A: Array) -> Array:
+    """Of a positive definite matrix, by Cholesky's triangle: half the work."""
+    if not len(A):
+        return A
+    lower = lapack.dpotri(lapack.dpotrf(A, lower=1)[0], lower=1)[0]
+    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
 
 @dataclass(frozen=True)

@@ -79,12 +79,6 @@ class Library:
         default_factory=dict, init=False, repr=False, compare=False
     )
 
-    @classmethod
-    def of(cls, groups: Sequence[Group], joints: Sequence[Array], robot: Array) -> Library:
-        """From the columns (M, C_j) of groups on one joint, and those (n, M, C) of groups on several."""
-        parts = tuple(np.hstack(pair) for pair in zip(joints, robot, strict=True))
-        return cls(tuple(groups), parts, tuple(Z.shape[1] for Z in joints), _batches(groups))
-
     @cached_property
     def joints(self) -> tuple[Array, ...]:
         """(M, C_j) of the groups on one joint."""
@@ -127,18 +121,30 @@ class Library:
         plain = () if self.plain is None else self.plain.grams
         out = []
         for place, batch in enumerate(self.batches):
-            j, count, columns = batch.joint, len(batch.groups), batch.columns.ravel()
+            j, columns = batch.joint, batch.columns
             if j is None:
                 found = [
-                    plain[place][k] if plain and k not in self.bent else grams(Z[:, columns], count)
-                    for k, Z in enumerate(self.robot)
+                    plain[place][k] if plain and k not in self.bent else self._gram(k, own, columns)
+                    for k, own in enumerate(self.own)
                 ]
                 out.append(np.stack(found))
             elif plain and j not in self.bent:
                 out.append(plain[place])
             else:
-                out.append(grams(self.joints[j][:, columns], count))
+                out.append(self._gram(j, 0, columns))
         return tuple(out)
+
+    def _gram(self, joint: int, first: int, columns: NDArray[np.intp]) -> Array:
+        """(G, k, k) products of groups of a joint's columns (G, k), counted from the ``first`` one."""
+        if columns.shape[1] == 1:
+            return self._squares[joint][first + columns][:, :, None]
+        return grams(self.parts[joint][:, first + columns.ravel()], len(columns))
+
+    @cached_property
+    def _squares(self) -> dict[int, Array]:
+        """(C_j + C,) squared norms of the columns of the joints that are not ``plain``."""
+        every = enumerate(self.parts)
+        return {j: np.einsum("nc,nc->c", Z, Z) for j, Z in every if self.plain is None or j in self.bent}
 
     def divided(self, level: Array) -> Library:
         """The same with the columns of each joint divided by its level (n,)."""

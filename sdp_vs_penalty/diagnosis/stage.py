@@ -27,7 +27,7 @@ MISFIT = 1.3
 _BLOCKS = 60
 _PHASE_FOLDS = 5
 #: How many fits a stage keeps.
-_FITS = 6
+_FITS = 3
 
 
 def quiet(_: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -125,10 +126,12 @@ class Columns:
         known.append((asked, blocks))
         del known[:-_WIDTHS]
         if not among_many:
-            alone = kept.setdefault("alone", [])
-            alone.append((key, sum(b.columns.nbytes for b in blocks)))
-            while sum(size for _, size in alone) > _MOST_KEPT:
-                kept.pop(alone.pop(0)[0], None)
+            alone, sizes = kept.setdefault("alone", (deque(), deque([0])))
+            alone.append(key)
+            sizes.append(sizes[-1] + sum(b.columns.nbytes for b in blocks))
+            while sizes[-1] - sizes[0] > _MOST_KEPT:
+                sizes.popleft()
+                kept.pop(alone.popleft(), None)
 
 
 def _key(effect: Effect) -> Hashable:

@@ -18,7 +18,9 @@ def fitted(rng: np.random.Generator) -> tuple[WhiteFit, Library]:
     rows = RowLabels(n, np.arange(M) // 10, np.arange(M) // 100, np.full(n, float(M)))
     weighting = Weighting(np.array([0.5, 2.0]), np.zeros((n, ORDER)), (Pieces(()),) * n)
     joints = tuple(rng.normal(size=(M, 4)) for _ in range(n))
-    library = Library.of((), joints, rng.normal(size=(n, M, 3)))
+    several = rng.normal(size=(n, M, 3))
+    parts = tuple(np.hstack(pair) for pair in zip(joints, several, strict=True))
+    library = Library((), parts, tuple(Z.shape[1] for Z in joints), ())
     basis = orthonormal(rng.normal(size=(n * M, 5)))
     return Coloured.of(basis, rng.normal(size=n * M), weighting).fit(rows, weighting), library
 
