@@ -73,11 +73,6 @@ def finite(x: float) -> float | None:
     return float(x) if math.isfinite(x) else None
 
 
-def percent(share: float) -> str:
-    """A share as a percentage of three digits."""
-    return f"{100.0 * share:.3g} %"
-
-
 def words(items: Sequence[object]) -> str:
     """ "1", "1 and 2", "1, 2 and 3"."""
     texts = [str(item) for item in items]

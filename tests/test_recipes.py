@@ -12,7 +12,7 @@ import pytest
 
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
-from sdp_vs_penalty.cli.registry import listing
+from sdp_vs_penalty.cli.verbs.list import listing
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import estimator_types

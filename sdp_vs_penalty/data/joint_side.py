@@ -1,7 +1,5 @@
 """Channels that were logged at the motors, as those of the joints."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Whatever a user has measurements in, as :class:`Measurements`: the one place where that is decided."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -38,21 +36,15 @@ def as_measurements(
     Raises InputError naming what was given where it is no measurement, or cannot be used.
     """
     several = source if isinstance(source, list | tuple) else [source]
-    parts = [one for part in several for one in _files(part)]
+    paths = str, Path
+    parts = [x for part in several for x in (run_files(part) if isinstance(part, paths) else [part])]
     if not parts:
         raise InputError("no run is given", "pass at least one", what)
     runs = [_one(part, joints, names, what, k, usable) for k, part in enumerate(parts, start=1)]
     if usable:
-        labels = [
-            x if isinstance(x, str | Path) else r.names[0] for x, r in zip(parts, runs, strict=True)
-        ]
-        refuse_twice(labels, runs)
+        both = zip(parts, runs, strict=True)
+        refuse_twice([x if isinstance(x, paths) else r.names[0] for x, r in both], runs)
     return runs[0] if len(runs) == 1 else concatenate(runs)
-
-
-def _files(part: Any) -> list[Any]:
-    """A path as the files it stands for, anything else as it is."""
-    return list(run_files(part)) if isinstance(part, str | Path) else [part]
 
 
 def _one(

@@ -1,8 +1,7 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class Content:
     gains: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, estimate: Estimate) -> Content:
+    def of(cls, estimate: Estimate) -> Self:
         """Raises InputError for an inconsistent link, negative friction or a model without links."""
         model, robot = estimate.model, estimate.robot
         if not len(model.rigid_indices):
@@ -110,7 +109,7 @@ class Inertial:
     about_com: Array
 
     @classmethod
-    def of(cls, link: Array) -> Inertial:
+    def of(cls, link: Array) -> Self:
         if link[0] == 0.0:  # consistent and massless: nothing at all
             return cls(0.0, np.zeros(3), np.zeros((3, 3)))
         parts = inertia.barycentric_from_standard(link)

@@ -5,12 +5,10 @@ the changes are spliced into the original bytes. Writing the tree out again woul
 spaces inside tags, line ends and the declaration would change.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
@@ -19,6 +17,8 @@ from lxml import etree
 from sdp_vs_penalty.errors import InputError, unreadable
 from sdp_vs_penalty.files import opened
 
+#: A whole tag; a > inside quotes does not end it.
+_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 _ATTRIBUTE = re.compile(rb"""\s([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
@@ -34,7 +34,7 @@ class Document:
     _changes: list[tuple[int, int, bytes]] = field(default_factory=list)
 
     @classmethod
-    def read(cls, path: str | Path) -> Document:
+    def read(cls, path: str | Path) -> Self:
         """Raises InputError for a file that is no XML, has a document type, or is not ASCII-like."""
         path = Path(path)
         opened(path)
@@ -129,16 +129,11 @@ def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
     parser.Parse(source, True)
     out: list[tuple[int, int, int | None]] = []
     for k, start in enumerate(starts):
-        end = _tag_end(source, start)
+        found = _TAG.match(source, start)
+        assert found is not None  # the parser has accepted the file
+        end = found.end()
         out.append((start, end, None if source[end - 2 : end] == b"/>" else closings[k]))
     return out
-
-
-def _tag_end(source: bytes, start: int) -> int:
-    """Just behind the > that ends a tag; a > inside quotes does not."""
-    found = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""").match(source, start)
-    assert found is not None  # the parser has accepted the file
-    return found.end()
 
 
 def _same_numbers(old: str, new: str) -> bool:

@@ -4,8 +4,6 @@ Source: OpenUSD, schema UsdPhysics; of the links what MassAPI holds: mass [kg], 
 diagonalInertia [kg m^2] about it, and principalAxes, the quaternion of their directions.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 
@@ -87,7 +85,9 @@ def make_usd(robot: Robot, content: Content) -> bytes:
                 "write .urdf or .json instead",
             )
         parts.append(_link(f"link{i + 1}", content.links[link_of[i]], poses[i]))
-        about_axis = _from_x(joint.axis)
+        # A rotation that takes x to the axis.
+        turned, _ = Rotation.align_vectors(joint.axis[None, :], np.array([[1.0, 0.0, 0.0]]))
+        about_axis = np.asarray(turned.as_matrix())
         joined = _JOINT.format(
             kind=f"Physics{joint.kind.capitalize()}Joint",
             name=_identifier(joint.name, taken),
@@ -129,12 +129,6 @@ def _limits(joint: Joint) -> Iterator[str]:
     for which, value in (("lower", joint.lower), ("upper", joint.upper)):
         if np.isfinite(value):
             yield f"\n        float physics:{which}Limit = {number(scale * value)}"
-
-
-def _from_x(axis: Array) -> Array:
-    """(3, 3) a rotation that takes x to the unit vector ``axis``."""
-    turned, _ = Rotation.align_vectors(axis[None, :], np.array([[1.0, 0.0, 0.0]]))
-    return np.asarray(turned.as_matrix())
 
 
 def _tuple(values: Array) -> str:

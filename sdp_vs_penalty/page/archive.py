@@ -1,13 +1,10 @@
 """A session as one file: a zip of JSON and CSV, without pickles, of bounded sizes."""
 
-from __future__ import annotations
-
 import io
 import json
 import re
 import zipfile
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +81,3 @@ def _require(state: Mapping[str, Any]) -> None:
         raise ValueError("a robot of another kind")
     if gravity is not None:
         _ = [float(g) for g in gravity]
-
-
-def rung_state(rung: Any) -> dict[str, Any]:
-    """What a session.json says of a model beside its file."""
-    return {name: asdict(rung)[name] for name in RUNG}

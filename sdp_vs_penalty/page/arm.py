@@ -1,7 +1,5 @@
 """The arm in 3D: ellipsoids of the links, moved with a run; a simulated arm beside the measured one."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +8,7 @@ import numpy as np
 from nicegui import ui
 from scipy.spatial.transform import Rotation
 
-from sdp_vs_penalty.page.controls import button, tag
+from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.summary import Rung
 from sdp_vs_penalty.page.view import View
 
@@ -19,8 +17,6 @@ from sdp_vs_penalty.page.view import View
 _FULL = 4.0
 #: The camera's distance in radii of what it sees, at 75 degrees.
 _AWAY = 1.4
-
-
 #: Colours of the measured arm (where no error colours it) and of the simulated one, and how solid.
 _LOOKS = (("link", "#0072b2", 0.75), ("simulated", "#d55e00", 0.45))
 
@@ -33,6 +29,14 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
     the links that it carries.
     """
     joints, bodies = about["joints"], about["bodies"]
+
+    def clicked(event: Any) -> None:
+        for hit in event.hits:
+            name, _, link = hit.object_name.partition("-")
+            if name in ("link", "simulated") and link.isdigit():
+                view.look(joint=min(int(link), len(view.session.arm["joints"]) - 1))
+                return
+
     reach = sum(float(np.linalg.norm(j["at"])) for j in joints) or 0.5
     with tag("div", style="arm") as frame:
         with ui.scene(
@@ -40,7 +44,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             height=330,
             grid=False,
             background_color="#f8f9fb",
-            on_click=_clicked(view),
+            on_click=clicked,
         ) as scene:
             groups = [g for look in _LOOKS[:arms] for g in _one_arm(scene, about, reach, *look)]
         frame.props["data-arm"] = scene.id
@@ -54,9 +58,13 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
                 data_time=scene.id, aria_label="Time in the run",
             )  # fmt: skip
             tag("span", "0.0 s", "soft", data_clock="")
-        tag("p", f"Ellipsoids of uniform density; {said}. Click a link to see its joint.", "soft")
+        note(f"Ellipsoids of uniform density; {said}. Click a link to see its joint.")
 
     def load(read: Mapping[str, Any], errors: Any) -> None:
+        # Places and unit quaternions (x, y, z, w): (F, k, 7).
+        turned = Rotation.from_matrix(read["poses"][..., :3, :3].reshape(-1, 3, 3)).as_quat()
+        turned = turned.reshape(*read["poses"].shape[:2], 4)
+        placed = np.concatenate([read["poses"][..., :3, 3], turned], axis=-1)
         centre, radius = _around(read["poses"][:, : len(joints)], bodies)
         camera = centre + _AWAY * radius * np.array([0.58, -0.63, 0.52])
         (x, y, z), (a, b, c) = camera.tolist(), centre.tolist()
@@ -64,7 +72,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
         moves = {
             "groups": [g.id for g in groups],
             "t": np.round(read["tf"] - read["t"][0], 3).tolist(),
-            "poses": np.round(_quaternions(read["poses"]), 4).tolist(),
+            "poses": np.round(placed, 4).tolist(),
             "errors": errors.tolist(),
         }
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
@@ -104,18 +112,6 @@ def _around(poses: Any, bodies: list[dict[str, Any]]) -> tuple[Any, float]:
     return centre, float(np.max(np.linalg.norm(places - centre, axis=1) + np.concatenate(sizes)))
 
 
-def _clicked(view: View) -> Any:
-    def handle(event: Any) -> None:
-        for hit in event.hits:
-            name, _, link = hit.object_name.partition("-")
-            if name in ("link", "simulated") and link.isdigit():
-                joints = len(view.session.robot["joints"]) if view.session.robot else 1
-                view.look(joint=min(int(link), joints - 1))
-                return
-
-    return handle
-
-
 def torque_errors(model: Rung, read: Mapping[str, Any]) -> Any:
     """(F, n) torque errors at the instants of the poses, 0 to 1."""
     left = np.abs(read["torque"] - read["modelled"])
@@ -124,9 +120,3 @@ def torque_errors(model: Rung, read: Mapping[str, Any]) -> Any:
     scale = _FULL * np.array([max(f or x, 1e-12) for f, x in floors])
     at = np.searchsorted(read["t"], read["tf"]).clip(0, len(left) - 1)
     return np.round(np.clip(left[at] / scale, 0.0, 1.0), 2)
-
-
-def _quaternions(poses: Any) -> Any:
-    """(F, k, 7) places and unit quaternions (x, y, z, w) of poses (F, k, 4, 4)."""
-    turned = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()
-    return np.concatenate([poses[..., :3, 3], turned.reshape(*poses.shape[:2], 4)], axis=-1)

@@ -1,7 +1,5 @@
 """Plain HTML controls for NiceGUI: what a browser makes accessible by itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from html import escape
@@ -23,6 +21,11 @@ def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
     for key, value in attributes.items():
         made.props[key.rstrip("_").replace("_", "-")] = value
     return made
+
+
+def note(text: str) -> None:
+    """A paragraph beside the matter."""
+    tag("p", text, "soft")
 
 
 def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:

@@ -4,8 +4,6 @@ Every job loads what it needs from files of the session's folder and leaves its 
 a job that is killed has changed nothing.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -50,8 +48,8 @@ from sdp_vs_penalty.page.run_jobs import (
 )
 from sdp_vs_penalty.page.summary import summary, violation
 from sdp_vs_penalty.parallel import Workers
+from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
-from sdp_vs_penalty.problem.names import entries
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import report as write_report
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS

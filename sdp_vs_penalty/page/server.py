@@ -1,7 +1,5 @@
 """The local server: addresses, who may ask, start and end."""
 
-from __future__ import annotations
-
 import asyncio
 import atexit
 import contextlib
@@ -30,6 +28,7 @@ from sdp_vs_penalty.page import uploads
 from sdp_vs_penalty.page.gate import KEY, LOOPBACK, Gate
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.state import internal_error
 from sdp_vs_penalty.page.steps import STEPS
 from sdp_vs_penalty.page.steps.take_away import FILES, LOAD, MADE, MORE
 from sdp_vs_penalty.page.view import Forms, View
@@ -262,11 +261,7 @@ def _build(page: Page, session: Session) -> None:
         page.sessions.leave(session)
 
     client.on_delete(leave)
-    client.on_exception(
-        lambda error: session.say(
-            f"Internal error ({type(error).__name__}): nothing was changed; try again, and report it."
-        )
-    )
+    client.on_exception(lambda error: session.say(internal_error(error)))
 
 
 async def _keep(session: Session, request: Request, given: str, kind: str) -> Response:

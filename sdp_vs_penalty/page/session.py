@@ -1,7 +1,5 @@
 """Everything that can be done to what one tab has chosen, read and identified."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +10,7 @@ from sdp_vs_penalty.data.texts import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page import archive, uploads
-from sdp_vs_penalty.page.doing import Doing
-from sdp_vs_penalty.page.state import METHOD, Notice
+from sdp_vs_penalty.page.state import METHOD, Notice, TabState
 from sdp_vs_penalty.page.summary import Rung
 
 #: What belongs to a robot, and is put aside with it.
@@ -27,7 +24,7 @@ _LONG = 10.0
 
 
 @dataclass
-class Session(Doing):
+class Session(TabState):
     """What can be done to the state. Every verb starts its work in the background and returns."""
 
     def choose_robot(self, source: str, urdf: str | None = None) -> None:
@@ -237,7 +234,7 @@ class Session(Doing):
     def save(self, ready: Callable[[str], None]) -> None:
         """Everything as one file; ``ready`` hears its name."""
         state = {name: getattr(self, name) for name in archive.KEPT}
-        state["ladder"] = [archive.rung_state(rung) for rung in self.ladder]
+        state["ladder"] = [{k: getattr(rung, k) for k in archive.RUNG} for rung in self.ladder]
         state["findings"] = None if self.findings is None else self.findings.to_dict()
         models = [rung.file for rung in self.ladder]
         self.ask("save_session", "Saving the session", ready, state=state, models=models)

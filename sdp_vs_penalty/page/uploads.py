@@ -1,7 +1,5 @@
 """Files that people drop: kept under names of our own in the session's private folder."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import secrets
@@ -45,14 +43,6 @@ def shown_name(given: str) -> str:
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
 
 
-def suffix_of(name: str, allowed: tuple[str, ...]) -> str:
-    """The suffix that chooses the reader. Raises InputError where no reader knows it."""
-    suffix = Path(name).suffix.lower()
-    if suffix in allowed:
-        return suffix
-    raise InputError("files of this kind cannot be read", f"choose one of {', '.join(allowed)}", name)
-
-
 def too_large(name: str, size: int, largest: int = LARGEST_FILE) -> InputError:
     return InputError(
         f"{min(size, 10**15) // 2**20} MB; the page takes files up to {largest // 2**20} MB",
@@ -69,7 +59,11 @@ async def receive(
     name : as :func:`shown_name` made it; length : in bytes, as announced; kind : of SUFFIXES.
     Raises InputError for a suffix that nobody reads and for too many bytes or files.
     """
-    suffix = suffix_of(name, SUFFIXES.get(kind, ()))
+    suffix, allowed = Path(name).suffix.lower(), SUFFIXES.get(kind, ())
+    if suffix not in allowed:
+        raise InputError(
+            "files of this kind cannot be read", f"choose one of {', '.join(allowed)}", name
+        )
     if length is not None and length > LARGEST_FILE:
         raise too_large(name, length)
     kept = [p for p in folder.rglob("*") if p.is_file()]

@@ -1,7 +1,5 @@
 """The page of one tab: header, steps, and the dock that says what is going on."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import time
@@ -9,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from sdp_vs_penalty.page.controls import button, tag
+from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.steps import STEPS
 from sdp_vs_penalty.page.view import View
@@ -141,7 +139,7 @@ class Workbench:
             if ready:
                 step.draw(self.view)
             else:
-                tag("p", step.before, "soft")
+                note(step.before)
 
     def _redraw_end(self, step: Step, verdict: Verdict | None, ready: bool) -> None:
         """The sentence that a step ends in, and the way to the next one."""

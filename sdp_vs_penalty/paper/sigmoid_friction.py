@@ -8,10 +8,9 @@ fitted without friction would have swallowed some of it. phi_1 (N) and pi enter 
 problem in phi_2, phi_3 alone (variable projection) has few local minima: a coarse grid starts it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +138,7 @@ class _Data:
     torque: Array
 
     @classmethod
-    def of(cls, problem: Problem, rows_of: RowsOf) -> _Data:
+    def of(cls, problem: Problem, rows_of: RowsOf) -> Self:
         model = problem.model("rigid_body")
         rows = rows_of(model)
         wide = np.zeros((len(rows.torque), problem.robot.n, len(model.parameters)))
@@ -234,12 +233,6 @@ def _unpack(x: Array) -> Array:
 def _diagonal(columns: Array) -> Array:
     """(M, n, n) with each joint's column (M, n) on its own rows."""
     return np.asarray(columns[:, :, None] * np.eye(columns.shape[1]))
-
-
-def coverage(fits: Sequence[SigmoidFit], true: Array) -> Array:
-    """(3,) share of the intervals of phi_1, phi_2, phi_3, over joints and fits, that hold the truth."""
-    inside = [(fit.lower <= true) & (true <= fit.upper) for fit in fits]
-    return np.asarray(np.mean(inside, axis=(0, 1)))
 
 
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:

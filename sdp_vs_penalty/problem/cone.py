@@ -1,10 +1,8 @@
 """A cylinder or cone about an axis of a link in which its centre of mass lies."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +39,7 @@ class CentreOfMassCone:
         return {**vars(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> CentreOfMassCone:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
         axis, link = data["axis"], int(data["link"]) - 1
         if axis not in ("x", "y", "z"):

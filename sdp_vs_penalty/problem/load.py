@@ -1,23 +1,124 @@
-"""A problem from its name, its folder or a URDF file."""
+"""A problem from its name, a URDF file, or its folder: problem.toml, and the tables that it names."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.data.texts import numbers, pairs
 from sdp_vs_penalty.errors import InputError, given
-from sdp_vs_penalty.files import problems_folder
+from sdp_vs_penalty.files import problems_folder, read_table, read_toml
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.folder import load_folder
-from sdp_vs_penalty.problem.names import entries
-from sdp_vs_penalty.problem.nominal import plausible_links
+from sdp_vs_penalty.problem.cone import CentreOfMassCone
+from sdp_vs_penalty.problem.fields import check_fields, entries
+from sdp_vs_penalty.problem.nominal import ellipsoids_in_the_box, plausible_links
 from sdp_vs_penalty.problem.problem import DEFAULT_LINK_MASS, Problem, default_mass
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
+from sdp_vs_penalty.robot.mechanism import parse_mechanism
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.robot.structure import STANDARD_GRAVITY
+from sdp_vs_penalty.robot.transmission import parse_transmission
 from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+
+def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
+    check_fields(data)
+    kinematics = data["kinematics"]
+    given: Array | None = None
+    geometry = None
+    if "urdf" in kinematics:
+        robot, given = load_urdf(folder / kinematics["urdf"])
+        geometry = link_geometry(folder / kinematics["urdf"])
+        gravity = kinematics.get("gravity", STANDARD_GRAVITY)
+        robot = replace(robot, gravity=(float(gravity[0]), float(gravity[1]), float(gravity[2])))
+    else:
+        n = len(kinematics["a"])
+        keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
+        robot = Robot.from_dh(
+            folder.name,
+            kinematics["a"],
+            [np.pi * x for x in kinematics["alpha_over_pi"]],
+            kinematics["d"],
+            kinematics["convention"],
+            kinematics.get("gravity", STANDARD_GRAVITY),
+            [{k: float(kinematics[k][i]) for k in keys} for i in range(n)],
+        )
+    if "mechanism" in data:
+        if robot.mechanism is not None:
+            raise InputError("the URDF has mimic joints of its own", "leave out [mechanism]")
+        section = data["mechanism"]
+        massless = [int(k) for k in section.get("massless", ())]
+        joints, mechanism = parse_mechanism(robot.tree, section["joints"], massless)
+        robot = replace(robot, joints=joints, mechanism=mechanism, transmission=None)
+        kept = robot.link_joints
+        given = None if given is None else given[list(kept)]
+        geometry = None if geometry is None else [geometry[k] for k in kept]
+    if "transmission" in data:
+        robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
+    if data.get("links", robot.links) != robot.links:
+        raise InputError(
+            f"links = {data['links']}, the kinematics have {robot.links}",
+            "correct links, or leave it out",
+        )
+    bounds = data.get("bounds", {})
+    box = np.full((robot.links, 10, 2), (-np.inf, np.inf))
+    box[:, 0, 0] = 0.0
+    for table in bounds.get("tables", ()):
+        _fill_box(box, folder / table)
+    low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
+    cones = tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ())))
+    base = data.get("base_parameters", {}).get("independent")
+    settings = data.get("preprocessing", {})
+    problem = Problem(
+        folder.name,
+        data["title"],
+        robot,
+        box,
+        np.zeros((robot.links, 10)),
+        (low, high),
+        cones,
+        data.get("torque_side", "link"),
+        Preprocessing(**settings),
+        None if base is None else tuple(base),
+        folder,
+        tuple(data["effects"]) if "effects" in data else None,
+    )
+    known = np.zeros((robot.links, 10)) if given is None else given
+    bodies = link_bodies(robot, problem.centre_boxes, known, geometry)
+    in_the_box = given is None
+    given = ellipsoids_in_the_box(problem) if given is None else given
+    nominal, sources = plausible_links(robot, given, bodies)
+    if in_the_box:
+        sources = tuple("bounds" if source == "inertial" else source for source in sources)
+    return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
+
+
+def _fill_box(box: Array, path: Path) -> None:
+    """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
+    places = entries(len(box))
+    for number, row in enumerate(read_table(path), start=2):
+        name = row.get("parameter")
+        try:
+            place = places[name or ""]
+            lower, upper = float(row["lower"]), float(row["upper"])
+        except (ValueError, KeyError, TypeError):
+            raise InputError(
+                f"row {number}: {name!r} has no bounds, or is no parameter of a link of this robot",
+                "write m1, c1x or I1xx under parameter, and numbers under lower and upper",
+                path,
+            ) from None
+        if not lower <= upper:
+            raise InputError(
+                f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}",
+                "swap them",
+                path,
+            )
+        box[place] = lower, upper
 
 
 def problem_names() -> list[str]:
@@ -50,9 +151,9 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
     """
     path = Path(source)
     if str(source) in problem_names():
-        problem = load_folder(problems_folder() / str(source))
-    elif (path / "problem.toml").is_file():
-        problem = load_folder(path)
+        path = problems_folder() / str(source)
+    if (path / "problem.toml").is_file():
+        problem = read_toml(path / "problem.toml", partial(_from_toml, path))
     elif path.is_file():
         problem = _from_urdf(path)
     else:

@@ -44,7 +44,10 @@ def plausible_links(
         body = None if bodies is None else bodies[i]
         if body is not None and body.source == "geometry":
             second = (body.axes * _bare(body) ** 2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
-            centre, guess = body.centre, DEFAULT_DENSITY * _volume(body)
+            volume = body.volume
+            if volume is None:  # the surface is open
+                volume = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(_bare(body))))
+            centre, guess = body.centre, DEFAULT_DENSITY * volume
         else:
             carrier = robot.link_joints[i]
             children = [j.placement[:3, 3] for j in robot.tree if j.parent == carrier]
@@ -63,12 +66,6 @@ def plausible_links(
         pseudo[3, 3] = mass
         out[i] = inertia.from_pseudo_inertia(pseudo)
     return out, tuple(sources)
-
-
-def _volume(body: Body) -> float:
-    """Of the geometry [m^3], or half the ellipsoid where its surface is open."""
-    ellipsoid = 4.0 / 3.0 * np.pi * float(np.prod(_bare(body)))
-    return 0.5 * ellipsoid if body.volume is None else body.volume
 
 
 def _bare(body: Body) -> Array:

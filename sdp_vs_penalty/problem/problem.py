@@ -185,7 +185,10 @@ class Problem(Shown):
         if len(model.rigid_indices):
             for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
                 convex += self._link_constraints(link, indices)
-                nonconvex += self._barycentric_bounds(link, indices)
+                for entry, (lower, upper) in enumerate(self.box[link, 4:].tolist()):
+                    if np.isfinite(lower) or np.isfinite(upper):
+                        name = f"link {link + 1}"
+                        nonconvex.append(BarycentricBound(name, link, indices, entry, lower, upper))
             masses = model.rigid_indices[::10]
             if self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1]):
                 bounds = _interval(self.total_mass[0], self.total_mass[1])
@@ -310,13 +313,6 @@ class Problem(Shown):
             ball = build.ball(self.link_defaults[link, 1])
             out.append(build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball))
         return out
-
-    def _barycentric_bounds(self, link: int, indices: NDArray[np.intp]) -> list[BarycentricBound]:
-        return [
-            BarycentricBound(f"link {link + 1}", link, indices, entry, float(low), float(high))
-            for entry, (low, high) in enumerate(self.box[link, 4:])
-            if np.isfinite(low) or np.isfinite(high)
-        ]
 
 
 def default_mass(given: float) -> float:

@@ -4,8 +4,6 @@ The published tables (problems/<name>/published) are never edited. Where one con
 errata.toml beside them says so and, if a number is concerned, what follows from the other tables.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.names import barycentric_names
+from sdp_vs_penalty.problem.fields import barycentric_names
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array

@@ -4,8 +4,6 @@ The robot itself stands beside it in that file. What is not narrowed by the prob
 so that other defaults of a later version do not change the bounds of an old model.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,7 +13,7 @@ import numpy as np
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.cone import CentreOfMassCone
-from sdp_vs_penalty.problem.names import entries
+from sdp_vs_penalty.problem.fields import entries
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body

@@ -1,7 +1,5 @@
 """One self-contained HTML file about one or several models: :func:`report` is the verb."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +16,7 @@ from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.report import evidence, explorer, parameters, sections
-from sdp_vs_penalty.report.document import page
-from sdp_vs_penalty.report.section import Material
+from sdp_vs_penalty.report.section import Material, page
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.follow import Following, follow
 

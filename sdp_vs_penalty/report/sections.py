@@ -1,7 +1,5 @@
 """The sections of the report about how well the models predict."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -58,6 +56,9 @@ def summary(material: Material) -> Section:
 
 def torques(material: Material) -> Section:
     """Measured and modelled torque of each joint, and what is left."""
+    from plotly.graph_objects import Scatter
+
+    shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
     n, units = material.last.robot.n, material.last.robot.torque_units
     runs = [
         Curves(
@@ -78,8 +79,10 @@ def torques(material: Material) -> Section:
     bands = _bands(material)
     for j in range(n):
         plot = torque_figure(runs, j, units[j])
-        for t, half in bands:
-            _add_band(plot, t, half[:, j])
+        for t, half in bands:  # around a zero error, beside the errors
+            for bound, fill in ((half[:, j], None), (-half[:, j], "tonexty")):
+                band = Scatter(x=t, y=bound, fill=fill, fillcolor="rgba(128,128,128,0.25)", **shade)
+                plot.add_trace(band, row=1, col=2)
         body += figure(plot, "", JOINT_HEIGHT, "torques")
     return Section("torques", "Measured against modelled", body)
 
@@ -96,16 +99,6 @@ def _bands(material: Material) -> list[tuple[Array, Array]]:
         bands.append((t[keep], half))
         start = float(t[-1]) + 1.0
     return bands
-
-
-def _add_band(plot: Any, t: Array, half: Array) -> None:
-    """A band around a zero error, beside the errors."""
-    from plotly.graph_objects import Scatter
-
-    shade = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
-    for bound, fill in ((half, None), (-half, "tonexty")):
-        band = Scatter(x=t, y=bound, fill=fill, fillcolor="rgba(128,128,128,0.25)", **shade)
-        plot.add_trace(band, row=1, col=2)
 
 
 def ladder(material: Material) -> Section:

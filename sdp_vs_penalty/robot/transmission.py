@@ -86,10 +86,6 @@ class Transmission:
         motors = np.linalg.solve(self._torque_rows, np.asarray(channels, float).T)
         return np.asarray((self.matrix.T @ motors).T)
 
-    def motor_positions(self, q: ArrayLike) -> Array:
-        """(N, n) motor positions at joint positions (N, n)."""
-        return np.asarray(q) @ self.matrix.T + self.offset
-
     def to_dict(self) -> dict[str, Any]:
         return {
             "matrix": self.matrix.tolist(),

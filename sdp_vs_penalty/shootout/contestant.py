@@ -1,7 +1,5 @@
 """A participant of the shootout, and what our loop makes of one: an answer that proves itself."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,10 +19,6 @@ Solve = Callable[[Instance, float], Answer]
 Applies = Callable[[Instance], str | None]
 
 
-def _nothing() -> None:
-    pass
-
-
 @dataclass(frozen=True)
 class Contestant:
     """absent : why it is not here, or None; tunable : whether an accuracy can be asked for.
@@ -42,7 +36,7 @@ class Contestant:
     promise: float = DEFAULT_ACCURACY  # what is promised where no accuracy can be asked for
     #: What a first call pays for once (imports, compilation); it must not start a thread, because a
     #: forked child would wait for it for ever.
-    warm_up: Callable[[], None] = _nothing
+    warm_up: Callable[[], None] = lambda: None
     same_as: str | None = None
 
     def settings(self, accuracy: float) -> str:

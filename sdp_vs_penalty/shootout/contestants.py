@@ -1,7 +1,5 @@
 """Who takes part: every conic solver of the library, our default path, and what users do without one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import ModuleType
 
@@ -63,7 +61,8 @@ def _conic(name: str, module: ModuleType) -> Contestant:
     def solve(instance: Instance, accuracy: float | None) -> Answer:
         sdp = instance.sdp
         solution = module.solve(sdp.conic, accuracy)
-        multipliers = instance.all_multipliers(sdp.multipliers(solution))
+        sent = zip(instance.sent, sdp.multipliers(solution), strict=True)
+        multipliers = instance.all_multipliers(sent)
         seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
         return Answer(
             sdp.theta(solution),

@@ -3,8 +3,6 @@
 Each starts from the simulated Panda run with a minimum thickness and changes one thing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -42,13 +40,13 @@ def gram(mass: float, length: float) -> Change:
     return lambda made: replace(in_units(made, mass, length), formulation="gram")
 
 
+def posed_as(formulation: str) -> Change:
+    """What users write in place of our residual form."""
+    return lambda made: replace(made, formulation=formulation)
+
+
 def units(mass: float, length: float) -> Change:
     return lambda made: in_units(made, mass, length)
-
-
-def no_scaling(made: Instance) -> Instance:
-    """Our residual form without a centre and without scales."""
-    return replace(made, formulation="rows")
 
 
 def unidentifiable(made: Instance) -> Instance:
@@ -110,10 +108,6 @@ def float32_data(made: Instance) -> Instance:
     return _with_data(made, replace(data, R=R, rho=rho))
 
 
-def float32_gram(made: Instance) -> Instance:
-    return replace(made, formulation="gram in float32")
-
-
 def raw_rows(name: str) -> Instance:
     """Every filtered row instead of the factor, as users pass them; the same optimum."""
     problem = load_problem("panda")
@@ -144,7 +138,7 @@ CHANGES: dict[str, tuple[Change, str]] = {
     "gram t km": (gram(1e3, 1e3), "as the bare quadratic form, in tons and kilometres"),
     "units g mm": (units(1e-3, 1e-3), "in grams and millimetres"),
     "units t km": (units(1e3, 1e3), "in tons and kilometres"),
-    "no scaling": (no_scaling, "without a centre and without scales"),
+    "no scaling": (posed_as("rows"), "without a centre and without scales"),
     "unidentifiable links": (unidentifiable, "without bounds on size: the optima are unbounded"),
     "rank-deficient": (rank_deficient, "from twenty rows only"),
     "noise-free": (noise_free, "of exact torques: the optimum is zero"),
@@ -160,7 +154,7 @@ CHANGES: dict[str, tuple[Change, str]] = {
     "infeasible 1e-6": (total_mass_at_least(1e-6), "with a millionth more mass than the bounds allow"),
     "infeasible thickness": (thick_beyond_bounds, "with links thicker than their bounds allow"),
     "float32 data": (float32_data, "from data rounded to single precision"),
-    "float32 gram": (float32_gram, ""),
+    "float32 gram": (posed_as("gram in float32"), ""),
 }
 
 

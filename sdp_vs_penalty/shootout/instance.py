@@ -1,9 +1,7 @@
 """One problem of the shootout: the mathematical problem, and the form in which solvers get it."""
 
-from __future__ import annotations
-
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -96,9 +94,9 @@ class Instance:
         bound = self.task.bound
         return lower_bound(self.objective, self.constraints, multipliers, theta, bound, slopes)
 
-    def all_multipliers(self, sent: list[Array]) -> list[Array]:
-        """Multipliers of all constraints from those of the constraints that were sent."""
-        found = {id(c): m for c, m in zip(self.sent, sent, strict=True)}
+    def all_multipliers(self, sent: Iterable[tuple[Constraint, Array]]) -> list[Array]:
+        """Multipliers of all constraints from those of some of them."""
+        found = {id(c): m for c, m in sent}
         return [found.get(id(c), np.zeros_like(c.constant)) for c in self.constraints.convex]
 
     @cached_property

@@ -3,8 +3,6 @@
 The library is what `shootout --export` writes; the catalogue is what the shootout runs on by itself.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

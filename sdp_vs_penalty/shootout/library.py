@@ -6,10 +6,9 @@ proved bounds that lies, and a proof that `verify` checks in rational arithmetic
 all with sizes and SHA-256. The same version writes the same bytes on the same machine.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -77,13 +76,16 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     ):
         write_bytes(folder / name, content)
         sums[name] = hashlib.sha256(content).hexdigest()
-    gap = _gap(instance, interval)
+    low, high = map(float, interval) if interval else (0.0, np.inf)
+    gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)  # of the objective, never negative
+    difficulty = "easy" if gap <= _EASY else "medium" if gap <= _MEDIUM else "hard"
+    cones = Counter(cone.kind for cone in made.problem.cones)
     return {
         "name": item.name,
         "group": item.group,
         "folder": item.folder,
         "status": status,
-        "difficulty": _difficulty(status, gap),
+        "difficulty": difficulty if status == "optimum proved" else status,
         "lower": interval[0] if interval else "",
         "upper": interval[1] if interval else "",
         "relative_gap": f"{gap:.1e}" if interval else "",
@@ -91,7 +93,7 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
         "variables": len(made.problem.q),
         "rows": len(made.problem.b),
         "nonzeros": int(made.problem.A.nnz),
-        "cones": " ".join(f"{k}:{v}" for k, v in _cones(made.problem).items()),
+        "cones": " ".join(f"{k}:{v}" for k, v in cones.items()),
         "sentence": item.sentence,
         **{f"sha256 {name}": sums.get(name, "") for name in _FILES},
     }
@@ -112,27 +114,6 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
     except (InputError, ValueError, TypeError, np.linalg.LinAlgError):
         # Nothing in between: what the rational checker does not accept is not called proved.
         return "not proved", None
-
-
-def _gap(instance: Instance, interval: tuple[str, str] | None) -> float:
-    """Of the interval, relative to the objective, which is never negative."""
-    if interval is None:
-        return np.inf
-    low, high = map(float, interval)
-    return (high - low) / max(high, 1e-12 * instance.data.tau_squared)
-
-
-def _difficulty(status: str, gap: float) -> str:
-    if status != "optimum proved":
-        return status
-    return "easy" if gap <= _EASY else "medium" if gap <= _MEDIUM else "hard"
-
-
-def _cones(problem: ConicProblem) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for cone in problem.cones:
-        counts[cone.kind] = counts.get(cone.kind, 0) + 1
-    return counts
 
 
 def _arrays(problem: ConicProblem) -> dict[str, Any]:

@@ -3,8 +3,6 @@
 The same chart as :mod:`log_cholesky`, without a barrier of our own: IPOPT imposes what remains.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
@@ -121,8 +119,7 @@ def _multipliers(
     instance: Instance, rows: list[Constraint], slopes: Array, theta: Array, inside: Array
 ) -> list[Array]:
     """Of every constraint: IPOPT's for the rows, zero for the links, whose share the bound works out."""
-    found: dict[int, Array] = {}
-    at = 0
+    found, at = [], 0
     for c in rows:
         unit = _unit(c, inside)
         part = slopes[at : at + len(unit)] / unit
@@ -130,5 +127,5 @@ def _multipliers(
         if c.cone == "soc":
             v = c.value(theta)
             part = part[0] * np.append(1.0, -v[1:] / max(float(np.linalg.norm(v[1:])), 1e-12))
-        found[id(c)] = part
-    return [found.get(id(c), np.zeros_like(c.constant)) for c in instance.constraints.convex]
+        found.append((c, part))
+    return instance.all_multipliers(found)

@@ -8,11 +8,10 @@ interior: there is one stationary point, whatever the start. The Hessian is inde
 hence the damping. Rounding may end a run early; then it is started again from another point.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy.linalg
@@ -57,8 +56,7 @@ def solve(instance: Instance, accuracy: float, chart: type[LogCholesky | Geodesi
     assert best is not None
     theta = best.point.theta
     end = time.perf_counter()
-    sent = {id(c): barrier.size * best.weight * m for c, m in barrier.duals(theta)}
-    multipliers = [sent.get(id(c), np.zeros_like(c.constant)) for c in instance.constraints.convex]
+    sent = ((c, barrier.size * best.weight * m) for c, m in barrier.duals(theta))
     return Answer(
         theta,
         "optimal" if best.converged else "failed",
@@ -66,7 +64,7 @@ def solve(instance: Instance, accuracy: float, chart: type[LogCholesky | Geodesi
         steps,
         ready - start,
         end - ready,
-        multipliers,
+        instance.all_multipliers(sent),
         attempts=attempts,
     )
 
@@ -101,7 +99,7 @@ class Barrier:
     twice: Array
 
     @classmethod
-    def of(cls, instance: Instance, interior: Array) -> Barrier:
+    def of(cls, instance: Instance, interior: Array) -> Self:
         data = instance.data
         size = max(data.loss(instance.task.ols), 1e-9 * data.tau_squared, 1e-300)
         sent = ConstraintSet(tuple(instance.sent))

@@ -9,8 +9,6 @@ started, one that asks for too much memory or dies by a signal is told apart; th
 judges the numbers, and answers. Whoever holds the other end of the pipe may die: the nursery ends.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
@@ -63,13 +61,6 @@ def main() -> None:
         answers.flush()
 
 
-def _prepare_for(contestant: Contestant) -> None:
-    """What a contestant pays for on first use only, once, before its children are forked."""
-    if contestant.name not in _PREPARED:
-        _PREPARED.add(contestant.name)
-        contestant.warm_up()
-
-
 def _lines(handle: int) -> Any:
     """Lines of a file descriptor without reading ahead, so that whoever waits sees what is there."""
     buffer = b""
@@ -113,7 +104,9 @@ def _run(request: dict[str, Any], contestant: Contestant) -> dict[str, Any]:
     made = _checked(request)
     _prepare(made)
     _ = made.sdp if made.sent is not None else None
-    _prepare_for(contestant)
+    if contestant.name not in _PREPARED:  # what a first use pays for, before its children are forked
+        _PREPARED.add(contestant.name)
+        contestant.warm_up()
     known = Reference(**request["reference"])
     asked = float(request["accuracy"])
     kind, payload, seconds = in_child(

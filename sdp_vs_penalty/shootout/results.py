@@ -1,7 +1,5 @@
 """runs.csv: one row a run, written as runs end, read back to go on where a shootout stopped."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -32,10 +30,8 @@ _OUTWARD = {
     "violation": ROUND_CEILING,
 }
 
-Key = tuple[str, str, str, str]
 
-
-def key(row: Row) -> Key:
+def key(row: Row) -> tuple[str, str, str, str]:
     """What makes a run the same run: problem (and its hash), solver, settings."""
     return row["problem"], row["hash"], row["solver"], row["settings"]
 
@@ -97,18 +93,13 @@ class Results:
         write_text(self.path, table_text(COLUMNS, order))
 
     @property
-    def keys(self) -> set[Key]:
+    def keys(self) -> set[tuple[str, str, str, str]]:
         return {key(row) for row in self.rows}
 
 
 def table_text(columns: tuple[str, ...], rows: list[Row]) -> str:
     """Rows as CSV text."""
-    return as_csv(columns, (cells(columns, row) for row in rows))
-
-
-def cells(columns: tuple[str, ...], row: Row) -> list[str]:
-    """A row as text."""
-    return [cell(row.get(name, ""), _OUTWARD.get(name)) for name in columns]
+    return as_csv(columns, ([cell(r.get(c, ""), _OUTWARD.get(c)) for c in columns] for r in rows))
 
 
 def cell(value: Any, rounding: str | None = None) -> str:

@@ -1,7 +1,5 @@
 """What users do without an SDP solver of their own: CVXPY, the penalty, log-Cholesky variables."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import time
@@ -97,11 +95,6 @@ def _cvxpy(solver: str | None) -> Contestant:
         steps = int(stats.num_iters or 0)
 
         return Answer(value, claims, status, steps, total - inside, inside, dimacs=dimacs, own_error=own)
-
-    def package() -> str:
-        import cvxpy
-
-        return str(cvxpy.__version__)
 
     how = "prob.solve(), no options" if solver is None else f"prob.solve(solver={solver!r})"
     return Contestant(

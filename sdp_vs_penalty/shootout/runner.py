@@ -1,11 +1,9 @@
 """The shootout from names to runs.csv: proofs of the instances' intervals first, then every run."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -158,21 +156,14 @@ def _pending(
             if reason is not None:
                 left_out.append((entry.name, contestant.name, reason))
                 continue
-            pairs = [
-                (a, s)
-                for a, s in _asked(contestant, setup.accuracies)
-                if (entry.name, made.hash, contestant.name, s) not in done
-            ]
+            # From loose to tight; one for a contestant that cannot be asked.
+            asked = sorted(set(setup.accuracies), reverse=True)
+            asked = asked if contestant.tunable else [contestant.promise]
+            pairs = [(a, contestant.settings(a)) for a in asked]
+            pairs = [(a, s) for a, s in pairs if (entry.name, made.hash, contestant.name, s) not in done]
             if pairs:
                 accuracies, settings = zip(*pairs, strict=True)
                 known = references[entry.name]["reference"]
                 what = entry.name, contestant.name, accuracies, settings, made.hash, known
                 tasks.append(Assignment(*what, setup.time_limit, setup.memory))
     return tasks, left_out
-
-
-def _asked(contestant: Contestant, accuracies: Iterable[float]) -> list[tuple[float, str]]:
-    """(accuracy, settings) from loose to tight; one for a contestant that cannot be asked."""
-    if not contestant.tunable:
-        return [(contestant.promise, contestant.settings(contestant.promise))]
-    return [(a, contestant.settings(a)) for a in sorted(set(accuracies), reverse=True)]

@@ -4,8 +4,6 @@ The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms, over the 
 right, unsolved ones at the time limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -177,58 +175,24 @@ def write_summary(
     left_out: dict[tuple[str, str], int] = {}
     for _, solver, reason in not_applicable:
         left_out[solver, reason] = left_out.get((solver, reason), 0) + 1
-    machines = sorted({r["machine"] for r in rows})
-    text = [
-        "# Solver shootout",
-        "",
-        *(f"- {sentence}" for sentence in sentences(rows, time_limit)),
-        f"- All runs together took {sum(r['seconds'] for r in rows) / 60.0:.1f} minutes; the limit of "
-        f"each is {time_limit:g} s.",
-        "",
-        pages.answer(rows),
-        "## How runs are judged",
-        "",
-        "Every answer is judged by our own proved interval around the optimum, as it was "
-        "returned. error: distance of its objective from the interval; violation of the "
-        "constraints; dual gap from its own multipliers; DIMACS: the largest DIMACS error of the "
-        "conic problem that the solver saw. All are relative, medians over the answers called "
-        "optimal. right: error and violation are within 10 times what was asked. silently wrong: "
-        "a claim of success that is further off and also misses the solver's own promise, errors "
-        "of that conic problem relative to all terms, by a factor of 10; where it is kept the "
-        "answer is inaccurate. Contestants without a conic problem of their own (penalty, "
-        "log-cholesky, riemannian) have no such promise to measure: they are held to what was asked. "
-        f"Times are those of set-up and solve, a run that is not right counts {time_limit:g} s. A "
-        "solver alone finds the conic form and an interior point made when its clock starts; lmi-sdp, "
-        "the other loops, cvxpy and the penalty make theirs. Made by "
-        "`sdp-vs-penalty shootout`; the runs are in runs.csv.",
-        "",
-        "## Alone, and inside our loop",
-        "",
-        "SOLVER certified is the solver inside the loop that lmi-sdp is around Clarabel: scaled by an "
-        "interior point, certified, and where the certified gap is above 1e-8 solved again as seen from "
-        "the answer, up to four times (attempts), the tightest kept. So lmi-sdp has up to four attempts "
-        "where a solver alone has one. The penalty's loop starts again from other seeds. right: at the "
-        "tightest accuracy asked for.",
-        "",
-        pages.alone_and_in_the_loop(rows),
-        "## By solver",
-        "",
-        markdown(table, _COLUMNS),
-        "## By problem, at the tightest accuracy asked for",
-        "",
-        by_problem(rows),
-        "## Left out",
-        "",
-        *(f"- {name}: {reason}." for name, reason in sorted(absent.items())),
-        *(
-            f"- {s}: not applicable to {n} problem(s): {why}."
-            for (s, why), n in sorted(left_out.items())
-        ),
-        f"- Machine(s): {', '.join(machines)}.",
-        "",
-    ]
+    missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
+    for (solver, reason), count in sorted(left_out.items()):
+        missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
+    # The text is a file beside this one.
+    text = Path(__file__).with_suffix(".md").read_text()
+    said = text.format(
+        sentences="".join(f"- {sentence}\n" for sentence in sentences(rows, time_limit)),
+        minutes=sum(r["seconds"] for r in rows) / 60.0,
+        limit=time_limit,
+        answer=pages.answer(rows),
+        loop=pages.alone_and_in_the_loop(rows),
+        table=markdown(table, _COLUMNS),
+        problems=by_problem(rows),
+        left_out="".join(f"- {line}.\n" for line in missing),
+        machines=", ".join(sorted({r["machine"] for r in rows})),
+    )
     paths = [folder / name for name in ("summary.md", "summary.tex", "summary.csv")]
-    write_text(paths[0], "\n".join(text))
+    write_text(paths[0], said)
     write_text(paths[1], latex(table, _COLUMNS))
     write_text(paths[2], table_text(_COLUMNS, table))
     for group in sorted({r["group"] for r in rows}):

@@ -4,8 +4,6 @@ Described by simulation.toml in the problem's folder; a robot without one (a URD
 links as truth, mild friction, a random trajectory and white noise, all stated below.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -93,29 +91,25 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
             frequency=np.pi * float(motion["frequency_over_pi"]),
             blend=float(motion["blend"]),
         )
-    friction = truth.get("friction")
+    friction, sensor = truth.get("friction"), data["sensor"]
+    std = np.array(sensor["torque_std"], float)
     chosen = data.get("identification", {}).get("effects", problem.default_effects)
     return Experiment(
         problem,
         published_links(problem, truth["column"]),
         None if friction is None else published_friction(problem, friction),
         trajectory,
-        _sensor(data["sensor"]),
+        Sensor(
+            float(sensor["rate"]),
+            std,
+            np.array(sensor.get("torque_ar", np.zeros((len(std), 0))), float),
+            np.array(sensor.get("torque_step", np.zeros(len(std))), float),
+            np.array(sensor["position_step"], float),
+            sensor.get("log_step"),
+            float(sensor.get("log_jitter", 0.0)),
+        ),
         (int(limits["count"]), float(limits["duration"])),
         tuple(chosen),
-    )
-
-
-def _sensor(data: Mapping[str, Any]) -> Sensor:
-    std = np.array(data["torque_std"], float)
-    return Sensor(
-        float(data["rate"]),
-        std,
-        np.array(data.get("torque_ar", np.zeros((len(std), 0))), float),
-        np.array(data.get("torque_step", np.zeros(len(std))), float),
-        np.array(data["position_step"], float),
-        data.get("log_step"),
-        float(data.get("log_jitter", 0.0)),
     )
 
 

@@ -6,11 +6,9 @@ derivative loop on the measured motion acts beside the measured torque, so that 
 what the loop has to add is then the model's error as a torque.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +51,7 @@ class Ahead:
     naive: Array
 
     @classmethod
-    def of(cls, seconds: float, error: Array, naive: Array) -> Ahead:
+    def of(cls, seconds: float, error: Array, naive: Array) -> Self:
         band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
         return cls(seconds, _rms(error), band, _rms(naive))
 

@@ -4,8 +4,6 @@
 world, with what worlds can hide.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -182,7 +180,8 @@ def hidden_runs(
     for name, joints in effects:
         if name not in MAKERS:
             raise InputError(f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}")
-        for joint in joints or _all_joints(problem, name):
+        kind = effect_types()[name]
+        for joint in joints or ([0] if kind.whole_robot else kind(problem.robot).joints):
             one = MAKERS[name](world, joint, rng)
             sized = one.sized(world, coarse, factor)
             if sized is not one or not must_show:
@@ -201,11 +200,6 @@ def hidden_runs(
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
     return HiddenRuns(problem, world, logged, ideal, tuple(hidden), truth)
-
-
-def _all_joints(problem: Problem, name: str) -> Sequence[int]:
-    kind = effect_types()[name]
-    return [0] if kind.whole_robot else list(kind(problem.robot).joints)
 
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:

@@ -8,10 +8,9 @@ does to the truth: sampling, held values, coloured torque noise, quantisation, j
 Rigid-body torque comes from recursive Newton-Euler, not from the regressor that estimators use.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,6 @@ from scipy import signal
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -36,12 +34,6 @@ def rigid_body_torque(robot: Robot, links: ArrayLike) -> TorqueSource:
     """Newton-Euler torque of links (n, 10), standard parameters."""
     theta = np.asarray(links, float).ravel()
     return lambda motion: robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
-
-
-def model_torque(model: Model, theta: ArrayLike) -> TorqueSource:
-    """The torque of a model's effects with parameters theta (p,)."""
-    values = np.asarray(theta, float)
-    return lambda motion: model.torque(values, motion)
 
 
 def sigmoid_friction(phi: ArrayLike) -> TorqueSource:
@@ -88,13 +80,13 @@ class Sensor:
                 )
 
     @classmethod
-    def ideal(cls, n: int, rate: float = 1000.0) -> Sensor:
+    def ideal(cls, n: int, rate: float = 1000.0) -> Self:
         """No noise, no quantisation, no jitter."""
         zero = np.zeros(n)
         return cls(rate, zero, np.zeros((n, 0)), zero, zero)
 
     @classmethod
-    def white(cls, torque_std: ArrayLike, position_step: ArrayLike) -> Sensor:
+    def white(cls, torque_std: ArrayLike, position_step: ArrayLike) -> Self:
         """At 1 kHz, white torque noise (n,) [N m] and an encoder's step (n,) [rad]."""
         std = np.asarray(torque_std, float)
         n = len(std)

@@ -18,8 +18,9 @@ from small_runs import write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import __version__
-from sdp_vs_penalty.cli import console, registry
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.main import app, expand_many, main
+from sdp_vs_penalty.cli.verbs.list import listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.problem.problem import Problem
@@ -149,7 +150,7 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
     monkeypatch.setattr(console.out, "_width", 80)
     code, out, _ = run("list", "effects")
     assert code == 0
-    names = [row[0] for row in registry.listing("effects")[1]]
+    names = [row[0] for row in listing("effects")[1]]
     assert len(out.splitlines()) <= 2 * len(names)
     assert all(len(line) <= 80 for line in out.splitlines())
     for name in names:
@@ -169,7 +170,7 @@ def test_list_shows_every_registered_name(run: Run, kind: str) -> None:
     code, out, _ = run("list", kind)
     assert code == 0
     first_words = {line.split()[0] for line in out.splitlines() if line.split()}
-    names = {row[0] for row in registry.listing(kind)[1]}
+    names = {row[0] for row in listing(kind)[1]}
     assert names
     assert names <= first_words
 

@@ -30,12 +30,12 @@ NOT_RUN = {"tables", "figures", "excite", "shootout", "challenge", "fetch", "pag
 
 def test_every_file_of_verbs_is_in_the_programs_help(capsys: pytest.CaptureFixture[str]) -> None:
     files = {path.stem.replace("_", "-") for path in (ROOT / "cli" / "verbs").glob("[!_]*.py")}
-    assert set(EXAMPLES) == files, "VERBS of cli/group.py names each file of cli/verbs, and no other"
+    assert set(EXAMPLES) == files, "VERBS of cli/main.py names each file of cli/verbs, and no other"
     with pytest.raises(SystemExit):
         main(["--help"])
     lines = capsys.readouterr().out.splitlines()
     left = files - {line.split()[0] for line in lines if line.startswith("  ")}
-    assert not left, f"{left} have no line in cli/group.py"
+    assert not left, f"{left} have no line in cli/main.py"
     assert max(map(len, lines)) <= 80
 
 

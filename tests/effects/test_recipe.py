@@ -17,7 +17,7 @@ from hidden_contract import (
 from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects as folder
-from sdp_vs_penalty.cli import registry
+from sdp_vs_penalty.cli.verbs.list import details
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
@@ -86,7 +86,7 @@ def test_one_file_keeps_the_contracts_and_is_listed() -> None:
     check_units_are_those_of_the_columns(NAME)
     check_columns_are_the_hidden_torque(NAME)
     check_every_form_is_met(NAME)
-    _, row = registry.details("effects", NAME)
+    row = details("effects", NAME)
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")
 
 

@@ -10,7 +10,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.simulation.simulate import Sensor, model_torque, simulate
+from sdp_vs_penalty.simulation.simulate import Sensor, simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.001,torque_offset"
 
@@ -28,9 +28,9 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less() -> 
     theta[model.rigid_indices] = 95.0 / problem.nominal_links[0, 0] * problem.nominal_links.ravel()
     trajectory = random_trajectory(problem.robot, 3, 4.0)
     late = Sensor.ideal(1, 500.0)
-    clean = simulate(trajectory, [model_torque(model, theta)], late)
+    clean = simulate(trajectory, [lambda motion: model.torque(theta, motion)], late)
     spiky = lambda m: 15.0 * np.exp(-((m.dq / 0.01) ** 2)) * np.sin(400.0 * m.t)[:, None]  # noqa: E731
-    run = simulate(trajectory, [model_torque(model, theta), spiky], late)
+    run = simulate(trajectory, [lambda motion: model.torque(theta, motion), spiky], late)
     start = identify(problem, run, effects=EFFECTS)
     made = identify(problem, run, "output-error", effects=EFFECTS)
     before, after = made.details["simulation_rms"]

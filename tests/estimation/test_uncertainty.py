@@ -29,7 +29,7 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.simulation.experiment import experiment
-from sdp_vs_penalty.simulation.simulate import Sensor, model_torque, simulate
+from sdp_vs_penalty.simulation.simulate import Sensor, simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
@@ -47,7 +47,7 @@ def measured(
     """A run of exactly this model with white torque noise."""
     trajectory = random_trajectory(problem.robot, seed=3, duration=seconds)
     ideal = Sensor.ideal(problem.robot.n, rate=200.0)
-    clean = simulate(trajectory, [model_torque(model, theta)], ideal, seed)
+    clean = simulate(trajectory, [lambda motion: model.torque(theta, motion)], ideal, seed)
     noise = np.random.default_rng(seed).normal(size=clean.tau.shape) * 0.05 * clean.tau.std(axis=0)
     return replace(clean, tau=clean.tau + noise)
 

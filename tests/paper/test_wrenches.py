@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.paper.relaxed_retrieval import unfeasible_retrievals
+from sdp_vs_penalty.paper.tables.wrench_runs import unfeasible_retrievals
 from sdp_vs_penalty.paper.wrenches import (
     WrenchIntervals,
     equal_torques,

@@ -32,7 +32,7 @@ def test_joints_come_back_from_channels_of_either_side(seed: int) -> None:
     transmission, rng = drawn(seed)
     q, dq, motors = rng.normal(size=(3, 40, transmission.n))
     tau = motors @ transmission.matrix
-    turned = transmission.motor_positions(q)
+    turned = q @ transmission.matrix.T + transmission.offset
     at_motor = np.array(transmission.positions) == "motor"
     torque_at_motor = np.array(transmission.torques) == "motor"
     logged = Measurements(
@@ -103,9 +103,10 @@ def test_a_log_of_motors_is_recognised_by_the_robots_transmission() -> None:
     t = np.arange(0.0, 2.0, 0.01)
     q = 0.5 * np.sin(np.outer(t, np.arange(1, 7)))
     tau = np.ones_like(q)
+    turned = q @ robot.transmission.matrix.T + robot.transmission.offset
     check_plausible(robot, Measurements(t, q, tau))
     with pytest.raises(InputError, match=r"those of the motors.*convert --motor-side"):
-        check_plausible(robot, Measurements(t, robot.transmission.motor_positions(q), tau))
+        check_plausible(robot, Measurements(t, turned, tau))
     unknown = replace(robot, transmission=None)
     with pytest.raises(InputError, match=r"far outside.*convert --motors"):
-        check_plausible(unknown, Measurements(t, robot.transmission.motor_positions(q), tau))
+        check_plausible(unknown, Measurements(t, turned, tau))

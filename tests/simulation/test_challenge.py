@@ -19,8 +19,14 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.parallel import ALONE
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.simulation.challenge import judge
-from sdp_vs_penalty.simulation.challenge.case import Case, run_case, simulate_case
-from sdp_vs_penalty.simulation.challenge.challenge import VERSION, run_challenge, wanted
+from sdp_vs_penalty.simulation.challenge.challenge import (
+    VERSION,
+    Case,
+    run_case,
+    run_challenge,
+    simulate_case,
+    wanted,
+)
 from sdp_vs_penalty.simulation.challenge.classes import CLASSES, EFFECTS, USUAL
 from sdp_vs_penalty.simulation.challenge.report import csv_text, report_text
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
@@ -112,7 +118,7 @@ def test_findings_are_judged_beside_the_truth() -> None:
     right = record(spring, other, truth=[truth], energy=[100.0], deviation=[0.0])
     assert judge.first_right(right)
     assert judge.counted(right)
-    assert not judge.nothing_else(right)
+    assert judge.extras(right)
     wrist = {"effect": "transmission_friction", "joints": [5, 6], "shape": {"c5": 1.0, "c6": 2.0}}
     for ratio, named in ((2.0, True), (-2.0, False)):
         claim = found("transmission_friction", 5, 6, shape={"c5": 1.0, "c6": ratio, "law": 2.0})

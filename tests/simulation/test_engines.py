@@ -17,7 +17,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.trajectory import joint_limits
-from sdp_vs_penalty.simulation.engines import engine, engine_types
+from sdp_vs_penalty.simulation.engines import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import Sinusoids, inverse_dynamics_error, play
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
@@ -122,11 +122,6 @@ def test_sinusoids_stay_within_the_limits(panda: Problem) -> None:
     assert np.all(np.ptp(q, axis=0) > 0.85 * (upper - lower))
 
 
-def test_an_unknown_engine_is_refused() -> None:
-    with pytest.raises(InputError, match="unknown"):
-        engine("V-REP")
-
-
 def test_an_absent_engine_is_listed_as_absent(
     two_link: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,8 +133,6 @@ def test_an_absent_engine_is_listed_as_absent(
     assert result.run is None
     assert result.status.startswith("absent")
     assert "sdp-vs-penalty[engines]" in result.status
-    with pytest.raises(InputError, match="DART is absent"):
-        engine("DART")
 
 
 def test_a_rejected_robot_keeps_its_row_and_says_which_link(two_link: Problem) -> None:

@@ -14,7 +14,7 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.simulation.simulate import Sensor, model_torque, simulate
+from sdp_vs_penalty.simulation.simulate import Sensor, simulate
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.01,torque_offset"
 
@@ -28,7 +28,7 @@ def known() -> tuple[Estimate, Measurements]:
     theta = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
     theta[model.rigid_indices] = problem.nominal_links.ravel()
     trajectory = random_trajectory(problem.robot, 1, 6.0)
-    run = simulate(trajectory, [model_torque(model, theta)], Sensor.ideal(2, 250.0))
+    run = simulate(trajectory, [lambda motion: model.torque(theta, motion)], Sensor.ideal(2, 250.0))
     return replace(identify(problem, run, effects=EFFECTS), theta=theta), run
 
 

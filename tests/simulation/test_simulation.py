@@ -21,7 +21,6 @@ from sdp_vs_penalty.simulation.experiment import experiment
 from sdp_vs_penalty.simulation.simulate import (
     Sensor,
     innovation_share,
-    model_torque,
     sigmoid_friction,
     simulate,
 )
@@ -59,7 +58,7 @@ def step_size(values: Array) -> float:
 def test_an_ideal_sensor_shows_the_truth(panda: Problem) -> None:
     x = experiment(panda)
     model = panda.model(["rigid_body"])
-    m = simulate(x.trajectory, [model_torque(model, x.links.ravel())], Sensor.ideal(7))
+    m = simulate(x.trajectory, [lambda motion: model.torque(x.links.ravel(), motion)], Sensor.ideal(7))
     q, dq, ddq = x.trajectory.states(m.t)
     np.testing.assert_array_equal(m.q, q)
     # The regressor's torque against Newton-Euler's: two routes to the same number.

@@ -1,7 +1,5 @@
 """The verb export: a model for simulators and controllers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The verb fetch: public measurements."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The verb identify: a model from measured runs."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Annotated

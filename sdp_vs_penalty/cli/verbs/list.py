@@ -1,23 +1,18 @@
-"""The verb list: the names that the other verbs take."""
+"""The verb list: the names that the other verbs take, read from the folders that hold them."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from sdp_vs_penalty.errors import unknown
 
-class Kind(StrEnum):
-    """What can be listed."""
-
-    problems = "problems"
-    effects = "effects"
-    methods = "methods"
-    solvers = "solvers"
-    tables = "tables"
-    datasets = "datasets"
-    engines = "engines"
+Rows = list[tuple[str, ...]]
+Listing = tuple[tuple[str, ...], Rows]
+#: What can be listed.
+Kind = StrEnum("Kind", ["problems", "effects", "methods", "solvers", "tables", "datasets", "engines"])
 
 
 def verb(
@@ -28,13 +23,112 @@ def verb(
 
     Example: sdp-vs-penalty list effects presliding_hysteresis
     """
-    from sdp_vs_penalty.cli import console, registry
+    from sdp_vs_penalty.cli import console
 
+    headings, rows = listing(what)
     if name is not None:
-        console.details(*registry.details(what.value, name))
+        console.details(headings, details(what, name))
         return
-    whole = registry.listing(what.value)
-    headings, rows = registry.short(what.value, whole)
-    console.listing(headings, rows)
-    if len(headings) < len(whole[0]):
+    columns = _SHORT.get(what, range(len(headings)))
+    console.listing([headings[k] for k in columns], [[row[k] for k in columns] for row in rows])
+    if len(columns) < len(headings):
         console.say(f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}")
+
+
+#: Which columns of a long listing are shown beside each other; all of them are of a single name.
+_SHORT = {"effects": (0, 1), "solvers": (0, 1, 3), "engines": (0, 1, 3), "datasets": (0, 2, 3)}
+
+
+def listing(kind: str) -> Listing:
+    """Headings and rows of one kind of thing that can be chosen; names come first."""
+    return _KINDS[kind]()
+
+
+def details(kind: str, name: str) -> tuple[str, ...]:
+    """The whole row of one name; InputError where there is none."""
+    _, rows = listing(kind)
+    for row in rows:
+        if row[0] == name:
+            return row
+    raise unknown("", name, (row[0] for row in rows), where=kind)
+
+
+def _problems() -> Listing:
+    from sdp_vs_penalty.problem.load import load_problem, problem_names
+
+    found = map(load_problem, problem_names())
+    rows: Rows = [(p.name, str(p.robot.n), p.torque_side, p.title) for p in found]
+    return ("name", "joints", "torque side", "what it is"), rows
+
+
+def _effects() -> Listing:
+    from sdp_vs_penalty.effects import effect_types
+
+    rows: Rows = []
+    for name, kind in effect_types().items():
+        shape = ", ".join(f"{key}={s.default:g}" for key, s in kind.shapes.items())
+        acts = "whole robot" if kind.whole_robot else "joint by joint"
+        if kind.frozen_only:
+            acts += "; seen with --frozen only"
+        rows.append((name, kind.equation, shape, acts, kind.explanation, kind.reference))
+    return ("name", "torque", "shape constants", "acts on", "what it is", "reference"), rows
+
+
+def _methods() -> Listing:
+    """Read from the files' text: naming the methods needs nothing that they compute with."""
+    from sdp_vs_penalty.registration import written
+
+    here = Path(__file__).parents[2]
+    rows = [
+        *written([here / "estimators"], "name", "description"),
+        *written([here / "estimation"], "OUTPUT_ERROR", "DESCRIPTION"),
+    ]
+    return ("name", "what it is"), sorted(rows)
+
+
+def _solvers() -> Listing:
+    from sdp_vs_penalty.solvers import absent, installed_by, solver_modules
+
+    rows: Rows = []
+    for name, module in solver_modules().items():
+        here = "yes" if absent(module) is None else "absent"
+        rows.append((name, here, installed_by(module), (module.__doc__ or "").strip().splitlines()[0]))
+    return ("name", "here", "installed by", "what it is"), rows
+
+
+def _tables() -> Listing:
+    from sdp_vs_penalty.paper.tables import table_modules
+
+    rows: Rows = [
+        (name, ", ".join(getattr(home, "PROBLEMS", ())), (home.__doc__ or "").strip().splitlines()[0])
+        for name, home in table_modules().items()
+    ]
+    return ("name", "only for", "what it is"), rows
+
+
+def _datasets() -> Listing:
+    from sdp_vs_penalty.data.datasets import DATASETS
+
+    rows: Rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
+    return ("name", "problem", "licence", "what it is"), rows
+
+
+def _engines() -> Listing:
+    from sdp_vs_penalty.simulation.engines import engine_types
+
+    rows: Rows = [
+        (name, kind.version() or "absent", kind.install, kind.formulation)
+        for name, kind in engine_types().items()
+    ]
+    return ("name", "version here", "installed by", "formulation"), rows
+
+
+_KINDS: dict[str, Callable[[], Listing]] = {
+    "problems": _problems,
+    "effects": _effects,
+    "methods": _methods,
+    "solvers": _solvers,
+    "tables": _tables,
+    "datasets": _datasets,
+    "engines": _engines,
+}

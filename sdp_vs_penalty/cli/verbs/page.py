@@ -1,7 +1,5 @@
 """The verb page: the workbench in a browser."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The verb simulate: runs with a hidden effect, or a model run forward along measured runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """ROS bags that would fill the memory: what is compressed is unpacked in pieces, counted, not kept."""
 
-from __future__ import annotations
-
 import bz2
 import importlib
 import io
@@ -36,7 +34,10 @@ def check_bag(path: Path) -> None:
             _messages(file)
         elif file.suffix == ".zstd":
             with file.open("rb") as stream:
-                _count(file, _zstd(stream), file.stat().st_size)
+                total = 0
+                for piece in _zstd(stream):
+                    total += piece
+                    check_size(file, total, file.stat().st_size)
 
 
 def _mcap(file: Path) -> None:
@@ -89,7 +90,10 @@ def _fields(header: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 def _chunk(stream: io.BufferedReader, length: int, compression: bytes) -> Iterator[int]:
     """Sizes of the pieces that a chunk of a ROS 1 bag unpacks to."""
-    unpack, left = _unpacker(compression), length
+    unpack: Any = bz2.BZ2Decompressor() if compression == b"bz2" else None
+    if compression == b"lz4":
+        unpack = importlib.import_module("lz4.frame").LZ4FrameDecompressor()
+    left = length
     if unpack is None:
         yield length
         return
@@ -101,14 +105,6 @@ def _chunk(stream: io.BufferedReader, length: int, compression: bytes) -> Iterat
         yield len(unpack.decompress(packed, _PIECE))
         while not unpack.needs_input and not unpack.eof:
             yield len(unpack.decompress(b"", _PIECE))
-
-
-def _unpacker(compression: bytes) -> Any:
-    if compression == b"bz2":
-        return bz2.BZ2Decompressor()
-    if compression == b"lz4":
-        return importlib.import_module("lz4.frame").LZ4FrameDecompressor()
-    return None
 
 
 def _zstd(stream: Any) -> Iterator[int]:
@@ -130,10 +126,3 @@ def _messages(file: Path) -> None:
             for piece in _zstd(io.BytesIO(message)):
                 total += piece
                 check_size(file, total, file.stat().st_size)
-
-
-def _count(file: Path, pieces: Iterator[int], packed: int) -> None:
-    total = 0
-    for piece in pieces:
-        total += piece
-        check_size(file, total, packed)

@@ -1,7 +1,5 @@
 """What all formats share: named columns become a run, and no file unpacks to fill the memory."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Mapping, Sequence
@@ -177,7 +175,12 @@ def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
     if beyond is not None:
         raise InputError(f"column {beyond} has no q beside it", "give each joint a column q", path)
     if others:
-        warnings.warn(f"{path}: not used: {_listed(others)}{_why(others)}", Remark, stacklevel=2)
+        # Accelerations are the one kind of column that people expect to be read.
+        known = any(re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in others)
+        why = (
+            ". Accelerations are computed from q, with the same filter as the torque." if known else "."
+        )
+        warnings.warn(f"{path}: not used: {_listed(others)}{why}", Remark, stacklevel=2)
     return n, groups
 
 
@@ -185,10 +188,3 @@ def _listed(names: Sequence[str]) -> str:
     """At most six columns by name."""
     shown = ", ".join(name[:40] or "a column without a name" for name in names[:6])
     return f"{shown} and {len(names) - 6} more" if len(names) > 6 else shown
-
-
-def _why(names: Sequence[str]) -> str:
-    """Accelerations are the one kind of column that people expect to be read."""
-    if not any(re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in names):
-        return "."
-    return ". Accelerations are computed from q, with the same filter as the torque."

@@ -1,14 +1,12 @@
 """Which effects are missing, ranked, each to be added with a click."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.show import NOISE_UNKNOWN, event_lines
 from sdp_vs_penalty.page.charts import missing_chart
-from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, tag, text_field
+from sdp_vs_penalty.page.controls import button, chart, check, details, draw_form, note, tag, text_field
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
@@ -23,26 +21,20 @@ from sdp_vs_penalty.page.wording import (
 
 def _draw(view: View) -> None:
     session, found = view.session, view.session.findings
-
-    def freeze(on: bool) -> None:
-        session.frozen = on
-
     with tag("div", style="row"):
         again = "Diagnose" if found is None else "Diagnose again"
         button(again, session.diagnose, "diagnose", "primary" if found is None else "")
         check(
             "Keep the model fixed (the only way to see a payload)",
             session.frozen,
-            freeze,
+            partial(setattr, session, "frozen"),
             "frozen",
         )
     _by_hand(view)
     if found is None:
-        tag(
-            "p",
+        note(
             "Every effect of the library is tried on the error, and named only if it holds on data "
-            "that did not select it.",
-            "soft",
+            "that did not select it."
         )
         return
     tag("p", found.headline, f"verdict {found.verdict}")
@@ -52,12 +44,12 @@ def _draw(view: View) -> None:
         for k, finding in enumerate(found.effects):
             _card(view, found, k, finding.text in added)
     if found.beside:
-        tag("p", found.beside, "soft")
+        note(found.beside)
     _curves(view, found)
     if len(sure) > 1:
         button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
     _rest(found)
-    tag("p", f"Found in {session.found_in:.2g} s.", "soft")
+    note(f"Found in {session.found_in:.2g} s.")
 
 
 def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
@@ -82,9 +74,9 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         if finding.undecided is not None:
             _telling(view, finding.undecided, k)
         elif finding.cooled:
-            tag("p", f"Which run would tell: {finding.cooled}.", "soft")
+            note(f"Which run would tell: {finding.cooled}.")
         if finding.remarks:
-            tag("p", f"Weak: {'; '.join(finding.remarks)}.", "soft")
+            note(f"Weak: {'; '.join(finding.remarks)}.")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
         joint = (
             finding.joints[0] - 1
@@ -172,13 +164,13 @@ def _rest(found: Diagnosis) -> None:
             for line in every:
                 tag("li", f"{line.capitalize()}.")
     for remark in found.remarks:
-        tag("p", remark, "soft")
+        note(remark)
     share = ", ".join(f"{k}: {100 * max(x, 0.0):.0f} %" for k, x in enumerate(found.unexplained, 1))
     share = share if found.noise_source == "repetition" else "not known"
-    tag("p", f"Unexplained variance / noise variance, per joint: {share}.", "soft")
+    note(f"Unexplained variance / noise variance, per joint: {share}.")
     if found.invisible:
         with details("Not identifiable from these runs", "invisible"):
-            tag("p", "The model's existing parameters absorb the torque of:", "soft")
+            note("The model's existing parameters absorb the torque of:")
             with tag("ul"):
                 for item in found.invisible:
                     tag("li", f"{plain_name(item.effect)}, {where(item.joints)}")

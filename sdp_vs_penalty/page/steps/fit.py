@@ -1,7 +1,5 @@
 """Measured against modelled, joint by joint, and where the model fails."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, no_model_of, repeatability_warning
@@ -14,7 +12,7 @@ from sdp_vs_penalty.page.charts import (
     residual_chart,
     torque_chart,
 )
-from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, tag
+from sdp_vs_penalty.page.controls import button, chart, choice, figures, framed, note, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.summary import Rung
@@ -26,7 +24,11 @@ from sdp_vs_penalty.report.plots import SIGNALS
 def _draw(view: View) -> None:
     session, model, robot = view.session, view.session.current, view.session.arm
     comparison, units = model.comparison, robot["units"]
-    view.joint = min(view.joint, robot["n"] - 1) if view.joint is not None else _worst(comparison)
+    if view.joint is None:  # whose error is the most times its noise; without noise, the largest
+        both = zip(comparison["rmse"], comparison["noise_floor"], strict=True)
+        scaled = [e / f if f else e for e, f in both]
+        view.joint = scaled.index(max(scaled))
+    view.joint = min(view.joint, robot["n"] - 1)
     if view.run not in model.runs:
         view.run, view.span = model.runs[-1], None
     _figures(model)
@@ -64,9 +66,6 @@ def _draw(view: View) -> None:
         if not isinstance(span, bool):
             view.look(span=span)
 
-    def mark(event: Any) -> None:
-        view.look(marked=asked_instants(event.args))
-
     def follow() -> None:
         j = view.joint or 0
         for k in {seen.get("chip", j), j}:
@@ -103,25 +102,25 @@ def _draw(view: View) -> None:
         choice("Show", up, view.shown, lambda name: view.look(shown=name), "shown")
         choice("against", across, view.signal, lambda name: view.look(signal=name), "signal")
     parts["against"] = chart(against(), "Error of the joint against a signal")
-    parts["against"].on("plotly_selected", mark, js_handler=_INSTANTS)
+    parts["against"].on(
+        "plotly_selected", lambda e: view.look(marked=asked_instants(e.args)), js_handler=_INSTANTS
+    )
     parts["against"].on("plotly_deselect", lambda: view.look(marked=()))
     said = (
         "Drag over points: the same instants are ringed above; a double click ends that. Below, the "
         "correlation of the error with itself and with the velocity at later instants; grey: where 95 % "
         "of the correlations of unrelated signals lie."
     )
-    tag("p", said, "soft")
+    note(said)
     parts["correlated"] = chart(correlated(), "Correlations of the joint's error")
     seen: dict[str, Any] = {"chart": (view.joint, view.run, view.span, view.marked)}
     seen["against"] = view.joint, view.run, view.signal, view.shown, view.span
     view.followers["fit"], view.behind["fit"] = follow, follow_behind
     follow()
     if model.on_bounds:
-        tag(
-            "p",
+        note(
             f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}. "
-            "The step Model changes bounds.",
-            "soft",
+            "The step Model changes bounds."
         )
 
 
@@ -166,13 +165,6 @@ def _names(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{len(names)} runs"
 
 
-def _worst(comparison: dict[str, Any]) -> int:
-    """The joint whose error is the most times its noise; without noise, the largest error."""
-    floors = comparison["noise_floor"]
-    scaled = [e / f if f else e for e, f in zip(comparison["rmse"], floors, strict=True)]
-    return scaled.index(max(scaled))
-
-
 def _words(model: Rung, j: int, unit: str) -> str:
     """What can be said of a joint's error in a sentence or two."""
     error, floor = model.comparison["rmse"][j], model.comparison["noise_floor"][j]
@@ -194,11 +186,9 @@ _SHOWN_BY = {
 def _heat(view: View, failures: list[dict[str, Any]]) -> None:
     """Which quantity explains how much of each joint's error: darker is more."""
     tag("h3", "Where it fails")
-    tag(
-        "p",
+    note(
         "Share of each joint's error that a smooth function of a quantity explains on held-out data, "
-        "in per cent. Click a cell to see the joint.",
-        "soft",
+        "in per cent. Click a cell to see the joint."
     )
     heads = "".join(f'<th scope="col">{failure["joint"]}</th>' for failure in failures)
     rows = ""

@@ -1,14 +1,12 @@
 """The model run forward: how far ahead it says where the arm will be."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.page.arm import draw_arm
 from sdp_vs_penalty.page.charts import torque_chart
-from sdp_vs_penalty.page.controls import button, chart, choice, table, tag
+from sdp_vs_penalty.page.controls import button, chart, choice, note, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
@@ -30,16 +28,14 @@ def _draw(view: View) -> None:
     made = session.answer("forward")
     button("Run it forward", run, "forward", "primary" if made is None else "")
     if made is None:
-        tag(
-            "p",
+        note(
             "The model is started from measured states and driven by the torque of the runs that it is "
             "judged on: one sample, 0.1 s, and as long as it stays with the measured motion. Simulators "
-            "and predictive controllers need this; a model of torques can be good without it.",
-            "soft",
+            "and predictive controllers need this; a model of torques can be good without it."
         )
         return
     table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
-    tag("p", made["explained"], "soft")
+    note(made["explained"])
     if made["left_out"]:
         tag("p", f"Without meaning in a simulation, left out: {', '.join(made['left_out'])}.", "finding")
     _replay(view, made)

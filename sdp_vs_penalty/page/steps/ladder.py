@@ -1,13 +1,11 @@
 """The error of every joint from model to model, and one step back."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.show import risen
 from sdp_vs_penalty.page.charts import ladder_chart
-from sdp_vs_penalty.page.controls import button, chart, details, table, tag
+from sdp_vs_penalty.page.controls import button, chart, details, note, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
@@ -25,7 +23,7 @@ def _draw(view: View) -> None:
                 tag("span", f"{relative} % relative error, {model.parameters} parameters", "soft")
     _all_models(view)
     if len(ladder) == 1:
-        tag("p", "Add what is missing and watch the error of each joint fall here.", "soft")
+        note("Add what is missing and watch the error of each joint fall here.")
         return
     button("Undo the last step", session.undo, "undo")
     errors = [model.comparison["rmse"] for model in ladder]
@@ -44,7 +42,7 @@ def _draw(view: View) -> None:
     heads = ["joint", *(str(k) for k in range(1, len(ladder) + 1)), "change", "noise"]
     table(heads, rows, "RMS error of each joint, model by model", "numbers ladder")
     judged = ", ".join(ladder[-1].judged_on)
-    tag("p", f"RMS error on {judged}.", "soft")
+    note(f"RMS error on {judged}.")
 
 
 def _all_models(view: View) -> None:

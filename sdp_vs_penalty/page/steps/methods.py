@@ -1,8 +1,8 @@
 """The same effects by other methods."""
 
-from __future__ import annotations
+from functools import partial
 
-from sdp_vs_penalty.page.controls import button, check, table, tag
+from sdp_vs_penalty.page.controls import button, check, note, table, tag
 from sdp_vs_penalty.page.step import after_model
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.page.wording import figure, held
@@ -10,9 +10,6 @@ from sdp_vs_penalty.page.wording import figure, held
 
 def _draw(view: View) -> None:
     session, chosen = view.session, view.methods
-
-    def tick(name: str, on: bool) -> None:
-        (chosen.add if on else chosen.discard)(name)
 
     with tag("fieldset"):
         tag("legend", "With the effects of the current model")
@@ -22,7 +19,7 @@ def _draw(view: View) -> None:
                 check(
                     name,
                     name in chosen,
-                    lambda on, name=name: tick(name, on),  # type: ignore[misc]
+                    lambda on, name=name: (chosen.add if on else chosen.discard)(name),  # type: ignore[misc]
                     f"method-{name}",
                     method["description"],
                 )
@@ -31,13 +28,10 @@ def _draw(view: View) -> None:
         names = [m["name"] for m in view.catalogue["methods"] if m["name"] in chosen]
         session.ask("methods", "Comparing methods", methods=names, folds=view.folds)
 
-    def fold(on: bool) -> None:
-        view.folds = on
-
     check(
         "On unseen motion too: five folds, takes five times as long",
         view.folds,
-        fold,
+        partial(setattr, view, "folds"),
         "folds",
         "Each fold leaves out a stretch of the motion and all its repetitions",
     )
@@ -67,12 +61,10 @@ def _draw(view: View) -> None:
             ]
         )
     table(heads, rows, "Methods compared", "numbers methods")
-    tag(
-        "p",
+    note(
         "Relative torque error on the same runs; upper bounds on inertias about the centre of mass "
         "are not convex; zero thickness is unphysical, and so is a radius of gyration above 1 of what a "
-        "link's body reaches (widest link); a gap is shown only where a lower bound is certified.",
-        "soft",
+        "link's body reaches (widest link); a gap is shown only where a lower bound is certified."
     )
 
 

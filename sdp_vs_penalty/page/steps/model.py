@@ -1,8 +1,7 @@
 """What makes torque to begin with, and by which method."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from sdp_vs_penalty.page.controls import (
@@ -12,6 +11,7 @@ from sdp_vs_penalty.page.controls import (
     details,
     draw_form,
     drop,
+    note,
     number,
     table,
     tag,
@@ -63,34 +63,29 @@ def _draw(view: View) -> None:
         with details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects") as more:
             if chosen:
                 more.props["open"] = True
-            tag("p", "The step What is missing tells which are needed.", "soft")
+            note("The step What is missing tells which are needed.")
             with tag("div", style="checks"):
                 for name in rest:
                     box(name)
 
-    def put(name: str, value: Any) -> None:
-        setattr(session, name, value)
-
     with tag("div", style="fields"):
         options = [(m["name"], f"{m['name']}: {m['description']}") for m in view.catalogue["methods"]]
-        choice("Method", options, session.method, lambda v: put("method", v), "method")
-        number("Seed", session.seed, lambda v: put("seed", v), "seed")
+        choice("Method", options, session.method, partial(setattr, session, "method"), "method")
+        number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
     _bounds(view)
     _options(view)
     if session.meaningless:
         check(
             "Identify anyway (data check failed)",
             session.anyway,
-            lambda on: put("anyway", on),
+            partial(setattr, session, "anyway"),
             "anyway",
         )
     button("Identify", session.identify, "identify", "primary")
     with details("Or continue from a model.json", "open-model"):
-        tag(
-            "p",
+        note(
             "A model identified earlier, possibly from other runs: kept fixed, it shows what has "
-            "changed since, such as a payload.",
-            "soft",
+            "changed since, such as a payload."
         )
         drop("Your model.json", "drop a file here, or choose one", "model", SUFFIXES["model"], False)
 
@@ -125,7 +120,7 @@ def _bounds(view: View) -> None:
             text_field("To", "", lambda v: asked.update(high=v.strip()), "bound-high", "none")
         button("Set the bound", put, "bound-set")
         said = "Both ends empty: as before. c is the centre of mass, I the inertia about it; * is yours."
-        tag("p", said, "soft")
+        note(said)
         _bounds_table(session.arm["bounds"], own)
 
 
@@ -145,7 +140,7 @@ def _bounds_table(known: Sequence[Sequence[str]], own: Mapping[str, str]) -> Non
     heads = [f"{name.replace('1', '')} [{unit}]" for name, _, _, unit in links[0]]
     table(("link", *heads), rows, "Bounds of the links")
     if "total" in own:
-        tag("p", f"Total mass: {cell('total', '', '')} kg", "soft")
+        note(f"Total mass: {cell('total', '', '')} kg")
 
 
 def _options(view: View) -> None:

@@ -1,11 +1,9 @@
 """What was identified: links, parameters with intervals, friction."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sdp_vs_penalty.page.charts import friction_chart
-from sdp_vs_penalty.page.controls import button, chart, table, tag
+from sdp_vs_penalty.page.controls import button, chart, note, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.view import View
@@ -28,14 +26,12 @@ def _draw(view: View) -> None:
             return friction_chart(about["friction"][j], j, robot["units"][j])
 
         drawn = chart(options(), "Friction torque over velocity with its 95 % band")
-        tag("p", "Of the joint that is chosen under Measured against modelled; shaded: 95 %.", "soft")
+        note("Of the joint that is chosen under Measured against modelled; shaded: 95 %.")
         view.behind["parameters"] = lambda: drawn.update_figure(options())
     tag("h3", "Every parameter")
-    tag(
-        "p",
+    note(
         "Values with 95 % intervals beside the nominal ones. Those marked prior or bounds are not "
-        "measured: the data leave them open.",
-        "soft",
+        "measured: the data leave them open."
     )
     rows = [cells(row) for row in about["rows"]]
     with tag("div", style="tall"):

@@ -1,8 +1,6 @@
 """What is certified of the model, and its proof in exact arithmetic."""
 
-from __future__ import annotations
-
-from sdp_vs_penalty.page.controls import button, drop, table, tag
+from sdp_vs_penalty.page.controls import button, drop, note, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model
 from sdp_vs_penalty.page.uploads import SUFFIXES
@@ -13,15 +11,13 @@ from sdp_vs_penalty.report.evidence import CERTIFICATE
 
 def _draw(view: View) -> None:
     session, model = view.session, view.session.current
-    tag("p", CERTIFICATE, "soft")
+    note(CERTIFICATE)
     table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
     proved, told = session.answer("prove"), session.answers.get("verify")
     tag("h3", "Proof")
-    tag(
-        "p",
+    note(
         "The model is identified again with a proof of its optimum, which a checker in pure Python "
-        "then verifies in rational arithmetic, as the command verify does.",
-        "soft",
+        "then verifies in rational arithmetic, as the command verify does."
     )
     button(
         "Prove the optimum",

@@ -1,13 +1,11 @@
 """Which robot."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.check.urdf import HEADS
-from sdp_vs_penalty.page.controls import button, details, drop, table, tag, text_field
+from sdp_vs_penalty.page.controls import button, details, drop, note, table, tag, text_field
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import ROBOT_SUFFIXES
@@ -36,7 +34,7 @@ def _draw(view: View) -> None:
     if robot is not None and robot["file"]:
         tag("p", f"{robot['file']}: {robot['name']}, {robot['title']}", "chosen")
     if robot is not None:
-        tag("p", f"{_joints(robot)} {robot['known']}", "soft")
+        note(f"{_joints(robot)} {robot['known']}")
         (gravity,) = view.forms.get("robot", [None])
         if gravity is not None:
             now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])

@@ -1,13 +1,21 @@
 """Which measurements."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.catalogue import DATASETS
-from sdp_vs_penalty.page.controls import button, check, choice, details, draw_form, drop, number, tag
+from sdp_vs_penalty.page.controls import (
+    button,
+    check,
+    choice,
+    details,
+    draw_form,
+    drop,
+    note,
+    number,
+    tag,
+)
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Step, Verdict
 from sdp_vs_penalty.page.uploads import RUN_SUFFIXES
@@ -38,10 +46,10 @@ def _draw(view: View) -> None:
                 RUN_SUFFIXES,
                 True,
             )
-            tag("p", "They stay on this computer.", "soft")
+            note("They stay on this computer.")
             with details("Other column names, motors, ROS topics", "reading"):
                 draw_form(view.forms.get("read", ()), view.session.reading)
-                tag("p", "Applies to the files that are read next.", "soft")
+                note("Applies to the files that are read next.")
             _from_folder(view)
         with tag("section", style="way"):
             tag("h3", "Simulated, with a hidden effect")
@@ -83,16 +91,19 @@ def _simulated(view: View) -> None:
         hiding.joint = int(robot["n"])
     names = [("none", "Nothing hidden"), *((n, plain_name(n)) for n in view.catalogue["hideable"])]
 
-    def put(name: str, value: Any) -> None:
-        setattr(hiding, name, value)
-
     with tag("div", style="fields"):
-        choice("Effect", names, hiding.effect, lambda v: put("effect", v), "hide-effect")
+        choice("Effect", names, hiding.effect, partial(setattr, hiding, "effect"), "hide-effect")
         joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
-        choice("On joint", joints, str(hiding.joint), lambda v: put("joint", int(v)), "hide-joint")
+        choice(
+            "On joint",
+            joints,
+            str(hiding.joint),
+            lambda v: setattr(hiding, "joint", int(v)),
+            "hide-joint",
+        )
         levels = [(level, level) for level in view.catalogue["levels"]]
-        choice("Level", levels, hiding.level, lambda v: put("level", v), "hide-level")
-        number("Seed", hiding.seed, lambda v: put("seed", v), "hide-seed")
+        choice("Level", levels, hiding.level, partial(setattr, hiding, "level"), "hide-level")
+        number("Seed", hiding.seed, partial(setattr, hiding, "seed"), "hide-seed")
 
     def simulate() -> None:
         whole = hiding.effect in view.catalogue["whole_robot"]
@@ -105,13 +116,13 @@ def _real(view: View) -> None:
     robot = view.session.arm
     title = view.catalogue["real"].get(robot["source"])
     if title is not None:
-        tag("p", title, "soft")
+        note(title)
         button("Use the real runs", view.session.real, "real")
     elif robot["source"] in DATASETS:
-        tag("p", "Not downloaded. Run:", "soft")
+        note("Not downloaded. Run:")
         tag("code", f"sdp-vs-penalty fetch {robot['source']}")
     else:
-        tag("p", f"Public measurements exist for {show.words(list(DATASETS))}.", "soft")
+        note(f"Public measurements exist for {show.words(list(DATASETS))}.")
 
 
 def _list(view: View) -> None:
@@ -156,11 +167,9 @@ def _list(view: View) -> None:
                 f"mend-{run['file']}",
             )
     if session.runs and all(run["use"] == "train" for run in session.runs):
-        tag(
-            "p",
+        note(
             "No run is kept for testing: the errors below are training errors, and a diagnosis "
-            "holds out parts of the runs, which takes longer.",
-            "soft",
+            "holds out parts of the runs, which takes longer."
         )
 
 

@@ -1,7 +1,5 @@
 """The paper's figures."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -50,7 +48,11 @@ def make_figures(
             raise InputError(
                 f"figure {number} is not made{why}", f"choose from {', '.join(map(str, FIGURES))}"
             )
-    _require_matplotlib()
+    try:
+        import matplotlib
+    except ImportError:
+        raise missing_extra("Figures need matplotlib,", "plot") from None
+    matplotlib.use("Agg")
     studies: dict[str, Study] = {}
     paths = []
     for number in numbers or FIGURES:
@@ -76,11 +78,3 @@ def save(figure: Any, base: Path) -> list[Path]:
         paths.append(path)
     plt.close(figure)
     return paths
-
-
-def _require_matplotlib() -> None:
-    try:
-        import matplotlib
-    except ImportError:
-        raise missing_extra("Figures need matplotlib,", "plot") from None
-    matplotlib.use("Agg")

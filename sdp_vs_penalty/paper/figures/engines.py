@@ -1,7 +1,5 @@
 """Figures 5 to 7: physics engines against the identified model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -52,12 +50,14 @@ def draw_engines(
         axis.tick_params(labelbottom=True)
 
 
-def legend_in_last(axes: Any) -> None:
-    """The legend in the panel that seven joints leave free in four rows of two."""
+def finished(figure: Any, axes: Any, text: str, results: Sequence[EngineResult]) -> Any:
+    """With a title, and the legend in the panel that seven joints leave free in four rows of two."""
     handles, labels = axes.flat[0].get_legend_handles_labels()
     last = axes.flat[-1]
     last.axis("off")
     last.legend(handles, labels, loc="center", frameon=False, handlelength=5)
+    title(figure, engines_title(text, results))
+    return figure
 
 
 def engine_torques(study: Study) -> Any:
@@ -68,9 +68,7 @@ def engine_torques(study: Study) -> Any:
         for j in range(n):
             axes.flat[j].plot(run.t, run.model[:, j], label="identified model", **LOOKS["model"])
     draw_engines(axes, study, results, lambda run, j: run.followed.torque[:, j], "torque")
-    legend_in_last(axes)
-    title(figure, engines_title("Torques of physics engines on sinusoidal velocities", results))
-    return figure
+    return finished(figure, axes, "Torques of physics engines on sinusoidal velocities", results)
 
 
 def engine_torque_errors(study: Study) -> Any:
@@ -86,9 +84,7 @@ def engine_torque_errors(study: Study) -> Any:
             "symlog", linthresh=max(1e-3 * 10 ** np.floor(np.log10(largest / 1e-2)), 1e-5)
         )
         axes.flat[j].set_ylim(-1.5 * largest, 1.5 * largest)
-    legend_in_last(axes)
-    title(figure, engines_title("Torque of the engine less that of the identified model", results))
-    return figure
+    return finished(figure, axes, "Torque of the engine less that of the identified model", results)
 
 
 def engine_poses(study: Study) -> Any:

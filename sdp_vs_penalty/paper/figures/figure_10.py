@@ -1,7 +1,5 @@
 """Figure 10: internal wrenches of the 2R: real, feasible, unfeasible, and all that are possible."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -39,7 +37,9 @@ def draw(study: Study) -> Any:
                     w.t, values[:, j, k], color=RED, linewidth=0.8, linestyle=":", label="unfeasible"
                 )
             axis.plot(w.t, w.true[:, j, k], color=BLACK, linewidth=1.4, label="p_real")
-            _window(axis, w.intervals.lower[:, j, k], w.intervals.upper[:, j, k])
+            # Room around the interval; unfeasible wrenches may leave it by orders of magnitude.
+            low, high = w.intervals.lower[:, j, k].min(), w.intervals.upper[:, j, k].max()
+            axis.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
             what = " = torque" if component == "nz" else ""
             axis.set_ylabel(f"{_NAMES[component]}{what} [{plain_unit(UNITS[k])}]")
             axis.margins(x=0)
@@ -56,10 +56,3 @@ def draw(study: Study) -> Any:
         f"and leave the\npanels (worst here {worst:.1e}; without bounds there is no largest)",
     )
     return figure
-
-
-def _window(axis: Any, lower: Any, upper: Any) -> None:
-    """Room around the interval; unfeasible wrenches may leave it by orders of magnitude."""
-    low, high = float(lower.min()), float(upper.max())
-    room = 0.3 * (high - low)
-    axis.set_ylim(low - room, high + room)

@@ -1,7 +1,5 @@
 """Figure 8: the 2R drawn from its parameters: shapes, frames, centres of mass, inertia ellipsoids."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -106,15 +104,9 @@ def _robot(axis: Any, problem: Problem) -> None:
         axis.plot_surface(*np.moveaxis(points, 2, 0), color="#cccccc", alpha=0.5, linewidth=0)
         _frame(axis, link_pose, str(k + 1))
     axis.set_box_aspect((1, 1, 1.6))
-    axis.set_xlim(-0.6, 0.6)
-    axis.set_ylim(-0.6, 0.6)
-    axis.set_zlim(0.0, 1.92)
-    axis.set_xticks([-0.5, 0.0, 0.5])
-    axis.set_yticks([-0.5, 0.0, 0.5])
-    axis.set_xlabel("x [m]")
-    axis.set_ylabel("y [m]")
-    axis.set_zticks([0.0, 0.5, 1.0, 1.5])
-    axis.set_zlabel("z [m]")
+    axis.set(xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), zlim=(0.0, 1.92))
+    axis.set(xticks=[-0.5, 0.0, 0.5], yticks=[-0.5, 0.0, 0.5], zticks=[0.0, 0.5, 1.0, 1.5])
+    axis.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axis.view_init(elev=18, azim=-65)
 
 

@@ -1,9 +1,7 @@
 """Figures 1, 2, 3 and 9: motions, measured and estimated torques, and the errors beside them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -34,7 +32,7 @@ class Torques:
     estimated: dict[str, Array]
 
     @classmethod
-    def of(cls, study: Study, data: Data, run: Measurements, methods: tuple[str, ...]) -> Torques:
+    def of(cls, study: Study, data: Data, run: Measurements, methods: tuple[str, ...]) -> Self:
         rows = filtered_torque(run, data.model, data.preprocessing)
         estimated = {m: predicted(rows, study.result(m, data).theta) for m in methods}
         return cls(rows.motion.t - run.t[0], rows.torque, estimated)

@@ -1,10 +1,7 @@
 """Data table: how much measured motion each method needs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -46,20 +43,8 @@ _CELL = 0.5
 _WINDOWS = 6
 
 
-@dataclass(frozen=True)
-class _Errors:
-    """Held-out errors [%] of one method over the windows: as estimated, and of the links alone."""
-
-    whole: list[float]
-    links: list[float]
-
-
-@dataclass(frozen=True)
-class _Window:
-    """Rows to train on, and rows of other motion to judge on."""
-
-    train: Regression
-    test: Regression
+#: Rows to train on, and rows of other motion to judge on.
+_Window = tuple[Regression, Regression]
 
 
 def build(study: Study) -> Table:
@@ -69,17 +54,9 @@ def build(study: Study) -> Table:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             for method in _ESTIMATORS:
-                errors = _errors(study, data, windows, method)
-                rows.append(
-                    (
-                        data.label,
-                        length,
-                        len(windows),
-                        method,
-                        *_spread(errors.whole),
-                        *_spread(errors.links),
-                    )
-                )
+                whole, links = _errors(study, data, windows, method)
+                spreads = (*_spread(whole), *_spread(links))
+                rows.append((data.label, length, len(windows), method, *spreads))
     names = ["data", "seconds", "windows", "method"]
     names += [f"error_percent_{which}" for which in ("median", "min", "max")]
     names += [f"links_error_percent_{which}" for which in ("median", "min", "max")]
@@ -127,7 +104,7 @@ def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
 
     def simulated(length: int) -> list[_Window]:
         chosen = training_windows(blocks, length)
-        return [_Window(blocks.select(w), data.test_regression) for w in chosen]
+        return [(blocks.select(w), data.test_regression) for w in chosen]
 
     if not study.folds:
         return [(data, simulated)]
@@ -154,7 +131,7 @@ def _phase_windows(real: PhaseFold, cells: Regression, length: int) -> list[_Win
     for start in np.linspace(0, count, _WINDOWS, endpoint=False).round().astype(int):
         around = (start + np.arange(count)) % count
         train, test = around[:size], around[size + clear : count - clear]
-        out.append(_Window(cells.select(train), cells.select(test)))
+        out.append((cells.select(train), cells.select(test)))
     return out
 
 
@@ -172,14 +149,17 @@ def training_windows(blocks: Regression, length: int) -> list[list[int]]:
     return [list(range(start, start + length)) for start in starts]
 
 
-def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> _Errors:
-    estimator, whole, links = _ESTIMATORS[method], [], []
-    for window in windows:
-        task = make_task(study.problem, data.model, window.train, seed=study.seed)
-        theta = estimator.fit(task).theta
-        whole.append(torque_errors(window.test, theta)[1])
-        links.append(torque_errors(window.test, refit_others(window.test, theta, data.model))[1])
-    return _Errors(whole, links)
+def _errors(
+    study: Study, data: Data, windows: list[_Window], method: str
+) -> tuple[list[float], list[float]]:
+    """Held-out errors [%] of one method over the windows: as estimated, and of the links alone."""
+    whole, links = [], []
+    for train, test in windows:
+        task = make_task(study.problem, data.model, train, seed=study.seed)
+        theta = _ESTIMATORS[method].fit(task).theta
+        whole.append(torque_errors(test, theta)[1])
+        links.append(torque_errors(test, refit_others(test, theta, data.model))[1])
+    return whole, links
 
 
 def _spread(values: list[float]) -> tuple[Cell, ...]:

@@ -1,7 +1,5 @@
 """What Table V and Figures 5 to 7 share: every engine at hand along the same motions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -10,7 +8,7 @@ import numpy as np
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Rows, filtered_torque
+from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.simulation.engines import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import (
     EngineRun,
@@ -22,8 +20,8 @@ from sdp_vs_penalty.simulation.engines.comparison import (
 
 #: Of the sinusoidal motion [s].
 DURATION = {"quick": 10.0, "paper": 30.0}
-#: Time step along the real run [s].
-MEASURED_STEP = 2e-3
+#: Time step along the real run, and what is left out of the comparison at its start [s].
+MEASURED_STEP, _SETTLE = 2e-3, 0.1
 #: The method whose links the engines get.
 METHOD = "lmi-sdp"
 
@@ -62,14 +60,19 @@ def measured_runs(study: Study) -> tuple[EngineResult, ...]:
     data = study.measured
     if data is None:
         return ()
-    links, rows = study.links(METHOD, data), measured_rows(study)
+    links = study.links(METHOD, data)
+    # Decimated: dense enough for splines through the positions.
+    rows = filtered_torque(data.train, data.model, data.preprocessing)
+    theta = study.result(METHOD, data).theta.copy()
+    theta[data.model.rigid_indices] = 0.0
+    friction = np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
     t = rows.motion.t - rows.motion.t[0]
     motion = PlayedMotion(t, rows.motion.q)
     out = []
     for name in engine_types():
         result = _result(study, name, "measured", links, motion, float(t[-1]), MEASURED_STEP)
         if result.run is not None:
-            reference = rows.torque - friction_torque(study)
+            reference = rows.torque - friction
             at = np.column_stack([np.interp(result.run.t, t, column) for column in reference.T])
             error = result.run.followed.torque - at
             # From rest to the run's velocity, within the first steps, is no motion of the robot's.
@@ -77,27 +80,6 @@ def measured_runs(study: Study) -> tuple[EngineResult, ...]:
             result = replace(result, torque_error=error[moving])
         out.append(result)
     return tuple(out)
-
-
-#: Left out of the comparison at the start of the real run [s].
-_SETTLE = 0.1
-
-
-@lru_cache(maxsize=4)
-def measured_rows(study: Study) -> Rows:
-    """Filtered rows of the real run, decimated: dense enough for splines through the positions."""
-    data = study.measured
-    assert data is not None
-    return filtered_torque(data.train, data.model, data.preprocessing)
-
-
-def friction_torque(study: Study) -> Array:
-    """(M, n) everything but the rigid links' torque, as identified from the real run."""
-    data = study.measured
-    assert data is not None
-    theta = study.result(METHOD, data).theta.copy()
-    theta[data.model.rigid_indices] = 0.0
-    return np.column_stack([c.columns @ theta[c.indices] for c in measured_rows(study).columns])
 
 
 def _result(

@@ -1,9 +1,5 @@
 """Errata: where the paper contradicts itself, with the numbers that show it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study
@@ -25,7 +21,7 @@ def build(study: Study) -> Table:
     for name in PROBLEMS:
         problem = load_problem(name)
         for erratum in errata(problem):
-            shown = _EVIDENCE[erratum.number](problem)
+            shown = _EVIDENCE[erratum.number - 1](problem)
             rows.append((erratum.number, erratum.where, erratum.printed, erratum.corrected, shown))
     return Table(
         NAME,
@@ -117,13 +113,5 @@ def _cylinder(problem: Problem) -> str:
     )
 
 
-_EVIDENCE: dict[int, Callable[[Problem], str]] = {
-    1: _c6z,
-    2: _row_17,
-    3: _square,
-    4: _cylinder,
-    5: _row_2,
-    6: _delta,
-    7: _authors_bound,
-    8: _empty_rows,
-}
+#: In the order of the errata's numbers, from 1.
+_EVIDENCE = (_c6z, _row_17, _square, _cylinder, _row_2, _delta, _authors_bound, _empty_rows)

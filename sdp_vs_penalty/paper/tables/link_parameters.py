@@ -1,7 +1,5 @@
 """What Tables VII, VIII and IX share: links' parameters about their centres of mass, row by row."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -17,14 +15,6 @@ from sdp_vs_penalty.robot.arrays import Array
 #: Of a parameter's size, or of the mass, for numerical derivatives.
 _STEP = 1e-4
 _UNITS = ("kg", "m", "m", "m", *("kg*m^2",) * 6)
-
-
-def is_mass_or_centre(name: str) -> bool:
-    return name[0] in "mc"
-
-
-def is_inertia(name: str) -> bool:
-    return name[0] == "I"
 
 
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
@@ -62,7 +52,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         f"named source: whether the data or that pull know an entry better, at {DEFAULT_METHOD}'s "
         "estimate and to first order.",
     ]
-    if any(is_inertia(key) for key in keys):
+    if any(key[0] == "I" for key in keys):
         notes += _bounds_received(study)
     for erratum in errata(problem):
         if erratum.cell and erratum.cell["row"] in keys:

@@ -1,7 +1,5 @@
 """Method table: every method on every data set, judged by the same independent figures."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -15,28 +13,6 @@ from sdp_vs_penalty.robot import inertia
 NAME = "methods"
 SLOW = True
 
-_COLUMNS = (
-    "data",
-    "method",
-    "excess_loss_percent",
-    "worst_violation",
-    "violated_family",
-    "smallest_eigenvalue",
-    "smallest_thickness_mm",
-    "unseen_error_percent",
-    "worst_fold_error_percent",
-    "repeatability_error_percent",
-    "positive_definite_percent",
-    "seconds",
-    "runs",
-    "feasible_runs",
-    "run_excess_loss_percent_min",
-    "run_excess_loss_percent_median",
-    "run_excess_loss_percent_max",
-    "run_violation_min",
-    "run_violation_max",
-)
-
 
 def build(study: Study) -> Table:
     rows = []
@@ -44,19 +20,20 @@ def build(study: Study) -> Table:
         optimum = certified_optimum(study, data)
         for method, kind in estimator_types().items():
             if kind.needs_black_box:
-                links = study.reverse_engineered.theta.reshape(-1, 10)
-                result = _with_links(study, data, links)
+                found = study.reverse_engineered
+                theta = study.frozen_links(found.theta.reshape(-1, 10), data)
+                result = Result(theta, found.certificate, found.seconds, {})
             else:
                 result = study.result(method, data)
             rows.append(_row(study, data, method, result, optimum))
-    last = [row for row in rows if row[0] == rows[-1][0]]
-    errors = [f"{row[1]} {row[_COLUMNS.index('unseen_error_percent')]:.3g} %" for row in last]
+    last = [row for row in rows if row["data"] == rows[-1]["data"]]
+    errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
     return Table(
         NAME,
         f"Methods compared on {study.problem.title}",
         sentence(study),
-        tuple(Column(name, digits=3) for name in _COLUMNS),
-        tuple(rows),
+        tuple(Column(name, digits=3) for name in rows[0]),
+        tuple(tuple(row.values()) for row in rows),
         (
             "excess_loss_percent: loss over the certified lower bound of the constrained optimum (that "
             "of lmi-sdp-plain); negative only for what is not feasible. penalty-two-step and "
@@ -79,7 +56,7 @@ def build(study: Study) -> Table:
             "runs: independent starts of one fit; feasible_runs end with every violation below 1e-6; "
             f"budget {study.budget}.",
         ),
-        f"On unseen motion ({last[0][0]}): {', '.join(errors)}.",
+        f"On unseen motion ({last[0]['data']}): {', '.join(errors)}.",
     )
 
 
@@ -90,18 +67,11 @@ def certified_optimum(study: Study, data: Data) -> float:
     return lower
 
 
-def _with_links(study: Study, data: Data, links: np.ndarray) -> Result:
-    theta = study.frozen_links(links, data)
-    found = study.reverse_engineered
-    return Result(theta, found.certificate, found.seconds, {})
-
-
 def _errors(study: Study, data: Data, method: str, result: Result) -> tuple[Cell, Cell, Cell]:
     """On unseen motion, of the worst fold, and on the training motion again."""
     error = data.errors(result.theta)[1]
     if data is study.simulated:
         return error, None, None
-
     if estimator_types()[method].needs_black_box:
         links = study.reverse_engineered.theta.reshape(-1, 10)
         unseen = study.unseen(partial(study.frozen_links, links))
@@ -110,45 +80,38 @@ def _errors(study: Study, data: Data, method: str, result: Result) -> tuple[Cell
     return unseen.relative, max(unseen.folds), error
 
 
-def _row(study: Study, data: Data, method: str, result: Result, optimum: float) -> tuple[Cell, ...]:
+def _row(study: Study, data: Data, method: str, result: Result, optimum: float) -> dict[str, Cell]:
     task = study.task(data)
     links = result.theta[task.links]
     violations = task.constraints.worst(result.theta)
     family = max(violations, key=lambda name: violations[name])
     worst = violations[family]
-    errors = _errors(study, data, method, result)
+    unseen, fold, again = _errors(study, data, method, result)
     share = 1.0 if consistent(links) else positive_mass_matrices(study.problem.robot, links)
-    return (
-        data.label,
-        method,
-        _excess(task.data.loss(result.theta), optimum),
-        worst,
-        family if worst >= ROUNDING else None,
-        float(inertia.consistency_margin(links).min()),
-        1e3 * float(inertia.thickness(links).min()),
-        *errors,
-        100.0 * share,
-        result.seconds,
-        *_runs(result, optimum),
-    )
-
-
-def _runs(result: Result, optimum: float) -> tuple[Cell, ...]:
-    """How the independent runs of a multi-start method ended."""
-    runs = result.details.get("runs")
-    if not runs:
-        return (None,) * 7
+    runs = result.details.get("runs") or []  # the independent ones of a multi-start method
     excess = [_excess(run["loss"], optimum) for run in runs]
-    violations = [float(run["violation"]) for run in runs]
-    return (
-        len(runs),
-        sum(v < 1e-6 for v in violations),
-        min(excess),
-        float(np.median(excess)),
-        max(excess),
-        min(violations),
-        max(violations),
-    )
+    broken = [float(run["violation"]) for run in runs]
+    return {
+        "data": data.label,
+        "method": method,
+        "excess_loss_percent": _excess(task.data.loss(result.theta), optimum),
+        "worst_violation": worst,
+        "violated_family": family if worst >= ROUNDING else None,
+        "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
+        "smallest_thickness_mm": 1e3 * float(inertia.thickness(links).min()),
+        "unseen_error_percent": unseen,
+        "worst_fold_error_percent": fold,
+        "repeatability_error_percent": again,
+        "positive_definite_percent": 100.0 * share,
+        "seconds": result.seconds,
+        "runs": len(runs) or None,
+        "feasible_runs": sum(v < 1e-6 for v in broken) if runs else None,
+        "run_excess_loss_percent_min": min(excess, default=None),
+        "run_excess_loss_percent_median": float(np.median(excess)) if runs else None,
+        "run_excess_loss_percent_max": max(excess, default=None),
+        "run_violation_min": min(broken, default=None),
+        "run_violation_max": max(broken, default=None),
+    }
 
 
 def _excess(loss: float, optimum: float) -> float:

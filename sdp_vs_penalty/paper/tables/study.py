@@ -1,7 +1,5 @@
 """What several tables share: the data of a problem and every method's estimate, computed once."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
@@ -23,7 +20,6 @@ from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, QUICK_BUDGET, 
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.problem.real_data import measured_run, real_file
 from sdp_vs_penalty.registration import by_word
 from sdp_vs_penalty.regression.base_parameters import base_parameters
@@ -285,14 +281,6 @@ class Study:
         theta = np.zeros(len(data.model.parameters))
         theta[data.model.rigid_indices] = links.ravel()
         return refit_others(data.regression, theta, data.model)
-
-    def published_links(self, column: str) -> Array:
-        return published_links(self.problem, column)
-
-    def model_with(self, *effects: Effect) -> Model:
-        """Rigid links and given effects only."""
-        rigid = self.problem.model("rigid_body").effects
-        return Model(self.problem.robot, (*rigid, *effects))
 
 
 def _estimated(given: tuple[Estimator, Task]) -> Result:

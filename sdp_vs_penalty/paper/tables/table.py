@@ -121,11 +121,12 @@ class Table:
             column = [row[k] for row in cells]
             layout.append(number_column(column) if is_number else _text_column(column))
         header = " & ".join(_latex_header(column.name) for column in self.columns)
+        infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
         body = []
         for row in cells:
-            body.append(
-                " & ".join(_latex_cell(c, n) for c, n in zip(row, numeric, strict=True)) + r" \\"
-            )
+            both = zip(row, numeric, strict=True)
+            written = (infinite.get(c, c) if n else escape_latex(c) for c, n in both)
+            body.append(" & ".join(written) + r" \\")
         caption = " ".join([self.caption, *self.notes])
         return "\n".join(
             [
@@ -237,13 +238,6 @@ def _numeric_columns(cells: Sequence[Sequence[str]], count: int) -> list[bool]:
         filled = [row[k] for row in cells if row[k] not in ("", "inf", "-inf")]
         out.append(bool(filled) and all(_NUMBER.fullmatch(cell) for cell in filled))
     return out
-
-
-def _latex_cell(cell: str, numeric: bool) -> str:
-    if not numeric:
-        return escape_latex(cell)
-    infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
-    return infinite.get(cell, cell)
 
 
 def _markdown_row(cells: Sequence[str], escape: bool = True) -> str:

@@ -1,7 +1,5 @@
 """Table I: the sigmoid friction of every joint, published and fitted."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
@@ -10,7 +8,6 @@ from sdp_vs_penalty.effects.presliding_hysteresis import PreslidingHysteresis
 from sdp_vs_penalty.paper.sigmoid_friction import (
     RowsOf,
     SigmoidFit,
-    coverage,
     exact_rows,
     fit_sigmoid,
     residual_rms,
@@ -39,8 +36,13 @@ def build(study: Study) -> Table:
     rows: list[tuple[Cell, ...]] = [(*row.values(), "published", None) for row in published]
     rows += _values("simulated, without noise", _exact(study).phi)
     fits = _replicates(study)
-    share = coverage(fits, _truth(study))
+    truth = study.experiment.friction
+    assert truth is not None
+    # Share of the intervals of phi_1, phi_2, phi_3, over joints and fits, that hold the truth.
+    share = np.mean([(fit.lower <= truth) & (truth <= fit.upper) for fit in fits], axis=(0, 1))
     rows += _with_interval("simulated", fits[0], 100.0 * share)
+    # Half width [%] of the 95 % range of a share counted from so many intervals.
+    expected = 196.0 * float(np.sqrt(0.95 * 0.05 / (len(fits) * n)))
     notes = [_identifiability("simulated", fits[0])]
     if study.measured is not None:
         study.progress("sigmoid friction of the real run")
@@ -63,18 +65,12 @@ def build(study: Study) -> Table:
             "f = phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)).",
             "lower, upper: 95 % intervals from the Jacobian of the whole fit. covered_percent: how many "
             f"of them hold the truth, over all joints and {len(fits)} simulated runs with different "
-            f"noise ({len(fits) * n} intervals: 95 % +- {_binomial(len(fits) * n):.0f} % expected).",
+            f"noise ({len(fits) * n} intervals: 95 % +- {expected:.0f} % expected).",
             *notes,
             "Held out: the residual of each friction model on the judged data, fitted on the training "
             "part by ordinary least squares; shapes too are chosen on the training part.",
         ),
     )
-
-
-def _truth(study: Study) -> Array:
-    friction = study.experiment.friction
-    assert friction is not None
-    return friction
 
 
 def _exact(study: Study) -> SigmoidFit:
@@ -132,11 +128,6 @@ def _identifiability(what: str, fit: SigmoidFit) -> str:
     )
 
 
-def _binomial(count: int) -> float:
-    """Half width [%] of the 95 % range of a share counted from so many intervals."""
-    return 196.0 * float(np.sqrt(0.95 * 0.05 / count))
-
-
 def _fit(study: Study, data: Data, run: Measurements) -> SigmoidFit:
     """The sigmoid and the base parameters from one run behind the filters of a data set."""
     repeats = rows_per_sample(run, data.preprocessing)
@@ -152,16 +143,12 @@ def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
     grid = PreslidingHysteresis.shapes["d"].grid
     tried = [_ordinary(study, data, f"{_LINEAR},presliding_hysteresis@d={d}") for d in grid]
     best = min(range(len(grid)), key=lambda k: tried[k][0])
+    held_out = [_rows(data, run) for run in data.test.runs()]
     return [
         ("linear friction", linear),
-        ("sigmoid friction", residual_rms(study.problem, _runs_rows(data), fit)),
+        ("sigmoid friction", residual_rms(study.problem, held_out, fit)),
         (f"presliding hysteresis (d = {grid[best]:g} rad)", tried[best][1]),
     ]
-
-
-def _runs_rows(data: Data) -> list[RowsOf]:
-    assert data.test is not None
-    return [_rows(data, run) for run in data.test.runs()]
 
 
 def _ordinary(study: Study, data: Data, effects: str) -> tuple[float, Array]:

@@ -1,7 +1,5 @@
 """Table II: the exciting trajectory, published, as commanded, and better conditioned ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Table III: base parameters and friction, published and ours."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +8,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.paper.tables.study import METHODS, Data, Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.problem.published import box_tables
+from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameter_names, base_parameter_symbols
 
 NAME = "III"
@@ -109,7 +107,7 @@ def _own_rows(study: Study, keys: list[str]) -> tuple[list[Column], list[list[Ce
     tables = box_tables(study.problem)
     for column in ("p_real", "p_hat", "delta"):
         if tables and column in study.problem.published[tables[0]][0]:
-            pi = study.base @ study.published_links(column).ravel()
+            pi = study.base @ published_links(study.problem, column).ravel()
             columns.append(Column(f"pi_{column}"))
             for k, row in enumerate(rows):
                 row.append(float(pi[k]) if k < len(pi) else None)

@@ -1,16 +1,14 @@
 """Table IV: torque error of each joint on motion that no estimate was made from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.paper.tables.butterworth import ORDER, Butterworth
 from sdp_vs_penalty.paper.tables.study import (
     FOLDS,
     METHODS,
@@ -21,9 +19,61 @@ from sdp_vs_penalty.paper.tables.study import (
     sentence,
 )
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.problem.published import box_tables
+from sdp_vs_penalty.problem.published import box_tables, published_links
+from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.runs import sample_rate
 from sdp_vs_penalty.simulation.simulate import sigmoid_friction
+
+#: Of the Butterworth filters: what the errors owe to another filter than ours.
+ORDER = 4
+#: Rows a period of the cut-off, and periods at either end that the filter's start spoils.
+_ROWS, _SPOILT = 4.0, 4.0
+
+
+@dataclass(frozen=True)
+class Butterworth(Data):
+    """A run behind zero-phase Butterworth filters (forward and back) at the cut-offs of its
+    preprocessing: positions at the one of states, whose derivatives are differences; torque and columns
+    at their own."""
+
+    @property
+    def key(self) -> str:
+        settings = self.preprocessing
+        return f"{self.train.data_hash}, Butterworth {settings.state_cutoff} {settings.torque_cutoff}"
+
+    @cached_property
+    def regression(self) -> Regression:
+        return self._rows(self.train, self.model)
+
+    def test_with(self, model: Model) -> Regression:
+        assert self.test is not None
+        return self._rows(self.test, model)
+
+    def _rows(self, run: Measurements, model: Model) -> Regression:
+        from scipy import signal
+
+        state, torque = self.preprocessing.state_cutoff, self.preprocessing.torque_cutoff
+        assert state is not None
+        assert torque is not None
+        rate = sample_rate(run)
+        t = np.arange(run.t[0], run.t[-1], 1.0 / rate)
+        q, tau = (np.column_stack([np.interp(t, run.t, x) for x in y.T]) for y in (run.q, run.tau))
+        smooth = signal.sosfiltfilt(signal.butter(ORDER, state, fs=rate, output="sos"), q, axis=0)
+        dq = np.gradient(smooth, 1.0 / rate, axis=0)
+        motion = Motion(t, smooth, dq, np.gradient(dq, 1.0 / rate, axis=0))
+        low_pass = signal.butter(ORDER, torque, fs=rate, output="sos")
+        edge = int(_SPOILT * rate / min(state, torque))
+        rows = slice(edge, len(t) - edge, max(1, int(rate / (_ROWS * torque))))
+        measured = signal.sosfiltfilt(low_pass, tau, axis=0)[rows]
+        factors = []
+        for j, block in enumerate(model.columns(motion)):
+            columns = signal.sosfiltfilt(low_pass, block.columns, axis=0)[rows]
+            triangle = triangular([np.column_stack([columns, measured[:, j]])])
+            factors.append(Factor(j, 0, block.indices, triangle, len(columns)))
+        blocks = (TimeBlock(0, float(t[0]), float(t[-1])),)
+        return Regression(model.parameters, model.robot.n, blocks, tuple(factors))
+
 
 NAME = "IV"
 #: Rows whose sensitivity to the filter is told, and both cut-offs of a second Butterworth filter [Hz].
@@ -106,13 +156,15 @@ def _estimates(study: Study) -> dict[str, _Estimate]:
     links: dict[str, Array] = {}
     for table in box_tables(study.problem)[:1]:
         header = study.problem.published[table][0]
-        links = {c: study.published_links(c) for c in ("p_real", "p_hat", "delta") if c in header}
+        columns = [c for c in ("p_real", "p_hat", "delta") if c in header]
+        links = {c: published_links(study.problem, c) for c in columns}
     for column, values in links.items():
         out[column] = _Estimate(partial(study.frozen_links, values))
     friction = study.experiment.friction
     if friction is not None and "p_hat" in links:
         theta = np.concatenate([links["p_hat"].ravel(), np.ones(study.problem.robot.n)])
-        known = study.model_with(KnownFriction(study.problem.robot, friction))
+        robot, rigid = study.problem.robot, study.problem.model("rigid_body").effects
+        known = Model(robot, (*rigid, KnownFriction(robot, friction)))
         out["p_hat_table_I"] = _Estimate(lambda _: theta, known)
     for name, method in METHODS.items():
         out[name] = _Estimate(partial(study.fitted, method))

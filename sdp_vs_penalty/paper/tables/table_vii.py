@@ -1,14 +1,9 @@
 """Table VII: all parameters of the 2R toy robot, published and ours."""
 
-from __future__ import annotations
+from functools import partial
 
 from sdp_vs_penalty.paper.tables.link_parameters import link_table
-from sdp_vs_penalty.paper.tables.study import Study
-from sdp_vs_penalty.paper.tables.table import Table
 
 NAME = "VII"
 PROBLEMS = ("two_link",)
-
-
-def build(study: Study) -> Table:
-    return link_table(study, NAME, "parameters", lambda _: True)
+build = partial(link_table, name=NAME, title="parameters", chosen=lambda _: True)

@@ -1,12 +1,10 @@
 """How far internal wrenches differ between parameters that make the same torques."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.study import Study, sentence
 from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
-from sdp_vs_penalty.paper.tables.wrench_runs import WrenchStudy, wrench_study
+from sdp_vs_penalty.paper.tables.wrench_runs import wrench_study
 from sdp_vs_penalty.paper.wrenches import COMPONENTS, UNITS, spread
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -22,7 +20,8 @@ def build(study: Study) -> Table:
         "true": np.abs(w.true).max(axis=0),
         "interval_mean_width": (interval.upper - interval.lower).mean(axis=0),
         "interval_max_width": (interval.upper - interval.lower).max(axis=0),
-        "interval_deviation": _beyond(w).max(axis=0),
+        # How far feasible parameters of equal torque can be from the true wrench.
+        "interval_deviation": np.maximum(interval.upper - w.true, w.true - interval.lower).max(axis=0),
     }
     columns |= {name: np.abs(value - w.true).max(axis=0) for name, value in w.feasible.items()}
     columns["spread_of_penalty_runs"] = spread(w.penalty_runs).max(axis=0)
@@ -67,8 +66,3 @@ def build(study: Study) -> Table:
             "not see.",
         ),
     )
-
-
-def _beyond(w: WrenchStudy) -> Array:
-    """(M, n, 6) how far feasible parameters of equal torque can be from the true wrench."""
-    return np.asarray(np.maximum(w.intervals.upper - w.true, w.true - w.intervals.lower))

@@ -1,11 +1,11 @@
 """Weight table: where the paper's penalty weight xi makes its penalties exact."""
 
-from __future__ import annotations
+from typing import Any
 
 from sdp_vs_penalty.estimators.penalty_paper import QUICK_BUDGET, PenaltyPaper
 from sdp_vs_penalty.paper.tables.methods import certified_optimum
 from sdp_vs_penalty.paper.tables.study import Study, sentence
-from sdp_vs_penalty.paper.tables.table import Cell, Column, Table
+from sdp_vs_penalty.paper.tables.table import Column, Table
 
 NAME = "weight"
 SLOW = True
@@ -18,7 +18,7 @@ _FEASIBLE = 1e-6
 
 
 def build(study: Study) -> Table:
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Any]] = []
     for data in study.judged:
         optimum = certified_optimum(study, data)
         for weight in WEIGHTS:
@@ -30,25 +30,21 @@ def build(study: Study) -> Table:
                 runs = method.fit(task).details["runs"]
                 best = min(runs, key=lambda run: run["penalised"])
                 rows.append(
-                    (
-                        data.label,
-                        weight,
-                        budget,
-                        sum(run["violation"] < _FEASIBLE for run in runs),
-                        float(best["violation"]),
-                        100.0 * (float(best["loss"]) / optimum - 1.0),
-                    )
+                    {
+                        "data": data.label,
+                        "weight_xi": weight,
+                        "evaluations": budget,
+                        "feasible_runs": sum(run["violation"] < _FEASIBLE for run in runs),
+                        "violation": float(best["violation"]),
+                        "excess_loss_percent": 100.0 * (float(best["loss"]) / optimum - 1.0),
+                    }
                 )
-    names = (
-        *("data", "weight_xi", "evaluations", "feasible_runs", "violation"),
-        "excess_loss_percent",
-    )
     return Table(
         NAME,
         f"The penalty method's weight on {study.problem.title}",
         sentence(study),
-        tuple(Column(name, digits=3) for name in names),
-        tuple(rows),
+        tuple(Column(name, digits=3) for name in rows[0]),
+        tuple(tuple(row.values()) for row in rows),
         (
             f"penalty-paper with the weights 0, xi/4, xi/2, 3 xi/4, xi, {_RUNS} runs each, of which the "
             "one of least penalised loss is shown; the authors' xi is 40. violation: the worst of the "
@@ -61,12 +57,12 @@ def build(study: Study) -> Table:
     )
 
 
-def _gist(rows: list[tuple[Cell, ...]]) -> str:
+def _gist(rows: list[dict[str, Any]]) -> str:
     """The authors' weight and the smallest feasible one, on the last data and budget."""
-    last = [row for row in rows if row[0] == rows[-1][0] and row[2] == rows[-1][2]]
-    said = f"at xi = {last[0][1]:g} the violation is {last[0][4]:.2g}"
+    last = [r for r in rows if all(r[k] == rows[-1][k] for k in ("data", "evaluations"))]
+    said = f"at xi = {last[0]['weight_xi']:g} the violation is {last[0]['violation']:.2g}"
     for row in last:
-        if row[3] == _RUNS:
-            found = f"from xi = {row[1]:g} on all runs are feasible"
-            return f"{said}; {found}, {row[5]:.2g} % over the optimum."
+        if row["feasible_runs"] == _RUNS:
+            found = f"from xi = {row['weight_xi']:g} on all runs are feasible"
+            return f"{said}; {found}, {row['excess_loss_percent']:.2g} % over the optimum."
     return f"{said}; no weight makes all runs feasible."

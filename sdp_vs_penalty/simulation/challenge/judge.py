@@ -1,7 +1,5 @@
 """Is a diagnosis right? Answers of yes and no about the record of one case, and Wilson's interval."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -82,10 +80,6 @@ def all_named(record: Record) -> bool:
     return all(any(same(f, t) for f in record["found"]) for t in record["truth"])
 
 
-def nothing_else(record: Record) -> bool:
-    return not extras(record)
-
-
 def nothing_else_confident(record: Record) -> bool:
     return not any(f["confidence"] == "confident" for f in extras(record))
 
@@ -109,16 +103,8 @@ def found_in_time(record: Record) -> bool:
     )
 
 
-def has_events(record: Record) -> bool:
-    return bool(record["events"])
-
-
 def has_curves(record: Record) -> bool:
     return bool(record.get("curves"))
-
-
-def no_curves(record: Record) -> bool:
-    return not has_curves(record)
 
 
 def right_variables(record: Record) -> bool:
@@ -129,14 +115,6 @@ def right_variables(record: Record) -> bool:
 def mostly_removed(record: Record) -> bool:
     """Most of the missing energy, on a motion that nothing was fitted to."""
     return bool(record.get("curve", {}).get("removed", 0.0) >= 0.8)
-
-
-def band_holds(record: Record) -> bool:
-    return bool((record["curve"]["covered"] or 0.0) >= 0.93)
-
-
-def right_formula(record: Record) -> bool:
-    return bool(record["curve"]["formula"])
 
 
 def false_claim(record: Record) -> bool:

@@ -4,9 +4,8 @@ The paper's experiment (its Table V, Figs. 5 to 7): joints follow velocities, th
 torque that took, the identified model says which it should have taken.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +45,7 @@ class Sinusoids:
     frequency: Array  # rad/s
 
     @classmethod
-    def over_range(cls, robot: Robot) -> Sinusoids:
+    def over_range(cls, robot: Robot) -> Self:
         """90 % of every joint's range, as fast as half its velocity limit allows."""
         lower, upper, velocity = joint_limits(robot)
         amplitude = 0.5 * _RANGE_SHARE * (upper - lower)

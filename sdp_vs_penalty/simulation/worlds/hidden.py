@@ -17,6 +17,7 @@ from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
+
 Change = Callable[[World, TrueMotion, float], Array]
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 

@@ -1,7 +1,5 @@
 """Friction that can be hidden on a joint; equations and signs as in the sources that are named."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,6 +13,7 @@ from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
+
 Generator = np.random.Generator
 
 
@@ -32,10 +31,6 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
         vs=vs,
         delta=2.0,
     )
-
-
-def _presliding(w: World, j: int, rng: Generator) -> Hidden:
-    return _dahl("presliding_hysteresis", w, j, log_uniform(rng, 0.001, 0.01))
 
 
 def stiction(w: World, j: int, rng: Generator) -> Hidden:
@@ -194,7 +189,9 @@ FRICTION: Mapping[str, Maker] = {
         "asymmetric_coulomb_friction", lambda w, j, m: np.abs(sign(w, j, m)), signed=True
     ),
     "stribeck_friction": _stribeck,
-    "presliding_hysteresis": _presliding,
+    "presliding_hysteresis": lambda w, j, rng: _dahl(
+        "presliding_hysteresis", w, j, log_uniform(rng, 0.001, 0.01)
+    ),
     "sigmoid_friction": _sigmoid,
     "power_law_friction": _power,
     # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS 2010.

@@ -1,7 +1,5 @@
 """What else a machine does to its torque: gears, springs, sensors, mounting, loads."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -24,6 +22,7 @@ from sdp_vs_penalty.simulation.worlds.motion import TrueMotion
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
+
 Generator = np.random.Generator
 
 
@@ -50,14 +49,6 @@ def _late(channels: list[int], joints: tuple[int, ...], effect: str) -> Hidden:
         return out
 
     return Hidden(effect, joints, change, size=1e-3)
-
-
-def _delay(w: World, j: int, rng: Generator) -> Hidden:
-    return _late([j], (j,), "torque_delay")
-
-
-def _global_delay(w: World, j: int, rng: Generator) -> Hidden:
-    return _late(list(range(w.arm.n)), (), "global_delay")
 
 
 def _filter(w: World, j: int, rng: Generator) -> Hidden:
@@ -170,8 +161,8 @@ MACHINE: Mapping[str, Maker] = {
     "torque_ripple": _ripple,
     "rotor_inertia": plain("rotor_inertia", lambda w, j, m: m.ddq[:, j]),
     "torque_gain": plain("torque_gain", lambda w, j, m: w.torque(m)[:, j], signed=True),
-    "torque_delay": _delay,
-    "global_delay": _global_delay,
+    "torque_delay": lambda w, j, rng: _late([j], (j,), "torque_delay"),
+    "global_delay": lambda w, j, rng: _late(list(range(w.arm.n)), (), "global_delay"),
     "torque_filter": _filter,
     "joint_zero_error": _zero_error,
     "joint_elasticity": _elasticity,

@@ -1,7 +1,5 @@
 """What no effect of the library is: torques of the state, and what happens beside the motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -14,6 +12,7 @@ from sdp_vs_penalty.simulation.worlds.runs import LEAD, start_of
 from sdp_vs_penalty.simulation.worlds.world import World
 
 Array = NDArray[np.float64]
+
 Generator = np.random.Generator
 
 

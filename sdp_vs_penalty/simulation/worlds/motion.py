@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.simulation.worlds.arm import Arm
 
 Array = NDArray[np.float64]
+
 States = tuple[Array, Array, Array]
 
 #: Shares of the position and velocity limits that a motion uses, and the farthest swing [rad].
