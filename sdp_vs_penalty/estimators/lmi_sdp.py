@@ -230,7 +230,8 @@ def _solved(
         if not np.all(np.isfinite(solution.x)):
             continue
         theta = repair(constraints, problem.theta(solution), interior)
-        multipliers = _aligned(constraints, sent, problem.multipliers(solution))
+        own = {id(c): m for c, m in zip(sent, problem.multipliers(solution), strict=True)}
+        multipliers = [own.get(id(c), np.zeros_like(c.constant)) for c in constraints.convex]
         slopes = problem.entropy_slopes(solution)
         details = {"solver": solver_name, "solver_said": said}
         fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
@@ -268,14 +269,6 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
                 continue
         kept.append(c)
     return kept
-
-
-def _aligned(
-    constraints: ConstraintSet, sent: Sequence[Constraint], multipliers: Sequence[Array]
-) -> list[Array]:
-    """Multipliers for all constraints: zero for those that were not sent."""
-    by_identity = {id(c): m for c, m in zip(sent, multipliers, strict=True)}
-    return [by_identity.get(id(c), np.zeros_like(c.constant)) for c in constraints.convex]
 
 
 def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "clarabel") -> Array:
