@@ -4,6 +4,8 @@ A verb prints its verdict, then what to do next, then tables; three significant 
 headings.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import shlex

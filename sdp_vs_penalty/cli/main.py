@@ -3,6 +3,8 @@
 The files that a verb is given are protected before it runs.
 """
 
+from __future__ import annotations
+
 import gc
 import inspect
 import os

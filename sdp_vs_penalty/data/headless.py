@@ -1,5 +1,7 @@
 """Tables without header and clock, as research code writes them: q1..qn, dq1..dqn, tau1..taun."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

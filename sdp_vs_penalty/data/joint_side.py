@@ -1,5 +1,7 @@
 """Channels that were logged at the motors, as those of the joints."""
 
+from __future__ import annotations
+
 import tomllib
 from dataclasses import replace
 

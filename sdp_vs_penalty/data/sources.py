@@ -1,5 +1,7 @@
 """Whatever a user has measurements in, as :class:`Measurements`: the one place where that is decided."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias

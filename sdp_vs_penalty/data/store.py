@@ -6,6 +6,8 @@ ends; it lies in $TMPDIR, else in /var/tmp, which is on a disk where /tmp may no
 of a mapped array stays in memory until it is released, or until something else needs the memory.
 """
 
+from __future__ import annotations
+
 import mmap
 import os
 import tempfile

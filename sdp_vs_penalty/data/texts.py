@@ -1,5 +1,7 @@
 """How what a user writes in a word becomes values: numbers, pairs, windows of time."""
 
+from __future__ import annotations
+
 from sdp_vs_penalty.errors import InputError
 
 

@@ -1,5 +1,7 @@
 """Take a model elsewhere: simulators, controllers, tables; :func:`export` is the verb."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Inverse dynamics as one C header without dependencies, for a controller's real-time loop."""
 
+from __future__ import annotations
+
 import re
 
 from sdp_vs_penalty.errors import InputError

@@ -4,6 +4,8 @@ Kept are functions whole, and of a class those members whose name is read as an 
 what is kept. Docstrings and annotations are left out.
 """
 
+from __future__ import annotations
+
 import ast
 import inspect
 import sys

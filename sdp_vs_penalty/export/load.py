@@ -1,5 +1,7 @@
 """A payload as the makers' controllers take it: Franka's endeffector-config.json, UR's set_payload."""
 
+from __future__ import annotations
+
 import json
 
 import numpy as np

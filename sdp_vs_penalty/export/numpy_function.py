@@ -5,6 +5,8 @@ classes of the model's effects with whatever functions they call. So an exported
 model, for every effect, not a second implementation of it.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import cached_property
 from types import SimpleNamespace

@@ -7,6 +7,8 @@ parameters, vectorised over samples. All functions take complex numbers, so that
 exact to rounding by the complex step.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any

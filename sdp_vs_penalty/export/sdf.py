@@ -1,5 +1,7 @@
 """A model in SDFormat, for Gazebo and Drake: links on their joints, damping and dry friction."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

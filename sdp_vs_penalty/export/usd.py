@@ -4,6 +4,8 @@ Source: OpenUSD, schema UsdPhysics; of the links what MassAPI holds: mass [kg], 
 diagonalInertia [kg m^2] about it, and principalAxes, the quaternion of their directions.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator
 

@@ -1,5 +1,7 @@
 """A session as one file: a zip of JSON and CSV, without pickles, of bounded sizes."""
 
+from __future__ import annotations
+
 import io
 import json
 import re

@@ -1,5 +1,7 @@
 """The arm in 3D: ellipsoids of the links, moved with a run; a simulated arm beside the measured one."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
 from typing import Any

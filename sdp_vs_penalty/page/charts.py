@@ -1,5 +1,7 @@
 """The page's charts as what plotly's script takes; the figures are those of the report."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any

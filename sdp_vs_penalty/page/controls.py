@@ -1,5 +1,7 @@
 """Plain HTML controls for NiceGUI: what a browser makes accessible by itself."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from html import escape

@@ -1,5 +1,7 @@
 """Who may talk to the page: whoever has the printed address, from the page itself, and nobody else."""
 
+from __future__ import annotations
+
 import hmac
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any

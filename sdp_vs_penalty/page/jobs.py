@@ -4,6 +4,8 @@ Every job loads what it needs from files of the session's folder and leaves its 
 a job that is killed has changed nothing.
 """
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
 from dataclasses import asdict

@@ -1,5 +1,7 @@
 """Jobs about a model or a robot's file that change nothing: run forward, proved, posed, checked."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 

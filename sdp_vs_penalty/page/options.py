@@ -1,5 +1,7 @@
 """Options of the command line as fields of the page: made from its verbs, not listed again."""
 
+from __future__ import annotations
+
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Jobs about runs: read, made, checked, repaired; and what another job gets of them."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace

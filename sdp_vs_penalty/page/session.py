@@ -1,5 +1,7 @@
 """Everything that can be done to what one tab has chosen, read and identified."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,5 +1,7 @@
 """All tabs of a server: sessions by their secret names, kept a while after a tab is closed."""
 
+from __future__ import annotations
+
 import secrets
 import shutil
 import tempfile

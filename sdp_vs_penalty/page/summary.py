@@ -1,5 +1,7 @@
 """What the page shows of a model: errors beside the noise, where it fails, its torques as curves."""
 
+from __future__ import annotations
+
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Files that people drop: kept under names of our own in the session's private folder."""
 
+from __future__ import annotations
+
 import contextlib
 import os
 import secrets

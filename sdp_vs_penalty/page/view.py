@@ -1,5 +1,7 @@
 """View state of one tab (selected joint, run, methods), and what the steps may ask of the tab."""
 
+from __future__ import annotations
+
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,5 +1,7 @@
 """How numbers, units and names are written on the page."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 

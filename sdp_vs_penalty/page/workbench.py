@@ -1,5 +1,7 @@
 """The page of one tab: header, steps, and the dock that says what is going on."""
 
+from __future__ import annotations
+
 import itertools
 import json
 import time

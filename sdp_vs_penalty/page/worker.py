@@ -4,6 +4,8 @@ It is started before it is needed, with everything loaded (see workshop.py), and
 whatever happens to that.
 """
 
+from __future__ import annotations
+
 import contextlib
 import json
 import multiprocessing

@@ -1,5 +1,7 @@
 """Workers, one per job: the next one is always started in advance; cancelling a job kills its worker."""
 
+from __future__ import annotations
+
 import asyncio
 import contextlib
 import json

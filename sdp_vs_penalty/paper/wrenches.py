@@ -8,6 +8,8 @@ torque is a function of the base parameters: estimates with equal torques can be
 wrenches. How different is answered by :func:`wrench_intervals`, over all feasible parameters at once.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -6,6 +6,8 @@ has a link's inertial, and balls around the joints that it bears and the corners
 least 10 cm, or 1 m where nothing but the joints is known.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

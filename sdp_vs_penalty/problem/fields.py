@@ -3,6 +3,8 @@
 And the names of a link's bounds in tables and files: m1, c1x, I1xx, as the paper prints them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

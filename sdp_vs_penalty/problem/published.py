@@ -4,6 +4,8 @@ The published tables (problems/<name>/published) are never edited. Where one con
 errata.toml beside them says so and, if a number is concerned, what follows from the other tables.
 """
 
+from __future__ import annotations
+
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass

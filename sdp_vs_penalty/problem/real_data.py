@@ -1,5 +1,7 @@
 """The real measurements that the tables use where they are at hand; never replaced silently."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 

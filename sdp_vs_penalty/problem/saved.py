@@ -4,6 +4,8 @@ The robot itself stands beside it in that file. What is not narrowed by the prob
 so that other defaults of a later version do not change the bounds of an old model.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

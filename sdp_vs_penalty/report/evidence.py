@@ -1,5 +1,7 @@
 """The sections of the report about what can be relied on: certificate, data check, provenance."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from html import escape
 

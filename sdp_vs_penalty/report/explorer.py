@@ -1,5 +1,7 @@
 """The sections of the report that show the error itself: against any signal, and as measured curves."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,5 +1,7 @@
 """Plotly figures that the report and the workbench page share; light to import."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,5 +1,7 @@
 """The sections of the report about how well the models predict."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

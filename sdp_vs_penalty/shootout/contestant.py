@@ -1,5 +1,7 @@
 """A participant of the shootout, and what our loop makes of one: an answer that proves itself."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Who takes part: every conic solver of the library, our default path, and what users do without one."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from types import ModuleType
 

@@ -3,6 +3,8 @@
 Each starts from the simulated Panda run with a minimum thickness and changes one thing.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -3,6 +3,8 @@
 The library is what `shootout --export` writes; the catalogue is what the shootout runs on by itself.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -17,6 +17,8 @@ failed           says so
 timeout, crash   ended by the clock, or by a signal
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

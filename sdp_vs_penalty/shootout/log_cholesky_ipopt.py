@@ -3,6 +3,8 @@
 The same chart as :mod:`log_cholesky`, without a barrier of our own: IPOPT imposes what remains.
 """
 
+from __future__ import annotations
+
 import time
 from typing import Any
 

@@ -9,6 +9,8 @@ started, one that asks for too much memory or dies by a signal is told apart; th
 judges the numbers, and answers. Whoever holds the other end of the pipe may die: the nursery ends.
 """
 
+from __future__ import annotations
+
 import contextlib
 import json
 import math

@@ -1,5 +1,7 @@
 """A page for each class of problem, and the answer to the question that most readers come with."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 

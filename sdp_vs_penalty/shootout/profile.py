@@ -5,6 +5,8 @@ fastest solver that did. A run counts by its figures, whatever it was asked for:
 violation at most ten times the accuracy, and a claim of success; or infeasibility, rightly claimed.
 """
 
+from __future__ import annotations
+
 import importlib.util
 import io
 from collections.abc import Sequence

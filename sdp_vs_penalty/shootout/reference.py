@@ -1,5 +1,7 @@
 """The interval that contains an instance's optimum, proved once, or the proof that there is none."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Instances as they come: simulated and measured robots, and random serial chains."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,5 +1,7 @@
 """runs.csv: one row a run, written as runs end, read back to go on where a shootout stopped."""
 
+from __future__ import annotations
+
 import csv
 import io
 import math

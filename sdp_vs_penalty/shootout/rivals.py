@@ -1,5 +1,7 @@
 """What users do without an SDP solver of their own: CVXPY, the penalty, log-Cholesky variables."""
 
+from __future__ import annotations
+
 import importlib
 import importlib.util
 import time

@@ -4,6 +4,8 @@ The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms, over the 
 right, unsolved ones at the time limit.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
 

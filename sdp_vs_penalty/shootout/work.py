@@ -5,6 +5,8 @@ there. A task is all accuracies of one solver on one problem, from loose to tigh
 limit at one accuracy would exceed it at every tighter one.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import subprocess

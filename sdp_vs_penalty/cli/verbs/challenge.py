@@ -1,5 +1,7 @@
 """The verb challenge: how often the diagnosis is right."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The verb check-urdf: which inertials are possible."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from typing import Annotated

@@ -1,5 +1,7 @@
 """The verb compare: models against runs."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The verb convert: measurements of another program."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The verb diagnose: which effects a model is missing."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from typing import Annotated

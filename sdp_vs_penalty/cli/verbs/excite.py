@@ -1,5 +1,7 @@
 """The verb excite: an exciting trajectory."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,5 +1,7 @@
 """The verb export: a model for simulators and controllers."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The verb export-sdp: the optimisation problem as a file."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The verb fetch: public measurements."""
 
+from __future__ import annotations
+
 import shlex
 import sys
 from pathlib import Path

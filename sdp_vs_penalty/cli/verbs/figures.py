@@ -1,5 +1,7 @@
 """The verb figures: the paper's figures."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The verb identify: a model from measured runs."""
 
+from __future__ import annotations
+
 import time
 from pathlib import Path
 from typing import Annotated

@@ -1,5 +1,7 @@
 """The verb list: the names that the other verbs take, read from the folders that hold them."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path

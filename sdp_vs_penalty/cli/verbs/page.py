@@ -1,5 +1,7 @@
 """The verb page: the workbench in a browser."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

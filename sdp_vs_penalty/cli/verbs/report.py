@@ -1,5 +1,7 @@
 """The verb report: one self-contained HTML file."""
 
+from __future__ import annotations
+
 import shlex
 import sys
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The verb shootout: solvers judged by a proved interval."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

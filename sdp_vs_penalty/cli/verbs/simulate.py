@@ -1,5 +1,7 @@
 """The verb simulate: runs with a hidden effect, or a model run forward along measured runs."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

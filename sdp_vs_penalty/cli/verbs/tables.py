@@ -1,5 +1,7 @@
 """The verb tables: the paper's tables made again."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """The verb verify: proofs of optima, checked in exact arithmetic."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """ROS 2 bags and MCAP files (and ROS 1 bags) with sensor_msgs/JointState (extra [formats])."""
 
+from __future__ import annotations
+
 from array import array
 from collections.abc import Sequence
 from pathlib import Path

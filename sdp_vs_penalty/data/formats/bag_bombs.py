@@ -1,5 +1,7 @@
 """ROS bags that would fill the memory: what is compressed is unpacked in pieces, counted, not kept."""
 
+from __future__ import annotations
+
 import bz2
 import importlib
 import io

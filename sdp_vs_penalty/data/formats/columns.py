@@ -1,5 +1,7 @@
 """What all formats share: named columns become a run, and no file unpacks to fill the memory."""
 
+from __future__ import annotations
+
 import re
 import warnings
 from collections.abc import Mapping, Sequence

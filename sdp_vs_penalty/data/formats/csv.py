@@ -1,5 +1,7 @@
 """CSV: RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun, one row a sample."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from pathlib import Path
 

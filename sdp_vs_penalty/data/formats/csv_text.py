@@ -1,5 +1,7 @@
 """CSV files line by line: memory for the numbers and for one line, however long the file."""
 
+from __future__ import annotations
+
 import re
 import warnings
 from collections.abc import Generator, Iterator

@@ -1,5 +1,7 @@
 """MATLAB .mat files (versions 4 to 7) with variables t, q, tau (dq optional), or q1, q2, ..."""
 
+from __future__ import annotations
+
 import io
 import struct
 import zlib

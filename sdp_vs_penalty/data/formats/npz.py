@@ -1,5 +1,7 @@
 """NPZ: NumPy's own archive of arrays t, q1..qn, dq1..dqn, tau1..taun, or whole q, dq, tau (N, n)."""
 
+from __future__ import annotations
+
 import math
 import zipfile
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The authors' Panda log: a folder with four text files, one number a line, sample-major."""
 
+from __future__ import annotations
+
 import warnings
 from pathlib import Path
 

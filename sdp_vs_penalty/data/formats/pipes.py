@@ -1,5 +1,7 @@
 """Pipes and process substitutions: what can be read once only is kept in a file while it is read."""
 
+from __future__ import annotations
+
 import os
 import select
 import stat

@@ -1,5 +1,7 @@
 """Which effects are missing, ranked, each to be added with a click."""
 
+from __future__ import annotations
+
 from functools import partial
 
 from sdp_vs_penalty import show

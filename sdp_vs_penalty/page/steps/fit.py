@@ -1,5 +1,7 @@
 """Measured against modelled, joint by joint, and where the model fails."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from sdp_vs_penalty.diagnosis.show import fit_level, new_motion, no_model_of, repeatability_warning

@@ -1,5 +1,7 @@
 """The model run forward: how far ahead it says where the arm will be."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The error of every joint from model to model, and one step back."""
 
+from __future__ import annotations
+
 from functools import partial
 from typing import Any
 

@@ -1,5 +1,7 @@
 """The same effects by other methods."""
 
+from __future__ import annotations
+
 from functools import partial
 
 from sdp_vs_penalty.page.controls import button, check, note, table, tag

@@ -1,5 +1,7 @@
 """What makes torque to begin with, and by which method."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any

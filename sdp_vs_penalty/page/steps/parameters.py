@@ -1,5 +1,7 @@
 """What was identified: links, parameters with intervals, friction."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from sdp_vs_penalty.page.charts import friction_chart

@@ -1,5 +1,7 @@
 """What is certified of the model, and its proof in exact arithmetic."""
 
+from __future__ import annotations
+
 from sdp_vs_penalty.page.controls import button, drop, note, table, tag
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.step import Verdict, after_model

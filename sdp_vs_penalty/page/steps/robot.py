@@ -1,5 +1,7 @@
 """Which robot."""
 
+from __future__ import annotations
+
 from functools import partial
 from typing import Any
 

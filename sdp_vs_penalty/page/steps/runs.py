@@ -1,5 +1,7 @@
 """Which measurements."""
 
+from __future__ import annotations
+
 from functools import partial
 from typing import Any
 

@@ -1,5 +1,7 @@
 """The model, for a simulator, a controller or a colleague."""
 
+from __future__ import annotations
+
 from functools import partial
 
 from sdp_vs_penalty.page.controls import button, details, tag, text_field

@@ -1,5 +1,7 @@
 """Figures 5 to 7: physics engines against the identified model."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import Any
 

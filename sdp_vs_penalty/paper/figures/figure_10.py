@@ -1,5 +1,7 @@
 """Figure 10: internal wrenches of the 2R: real, feasible, unfeasible, and all that are possible."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

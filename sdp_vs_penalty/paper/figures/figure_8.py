@@ -1,5 +1,7 @@
 """Figure 8: the 2R drawn from its parameters: shapes, frames, centres of mass, inertia ellipsoids."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -4,6 +4,8 @@ A module defines NAME ("III"), build(study) -> Table, and where it applies only 
 PROBLEMS, a tuple of their names.
 """
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Sequence
 from functools import cache

@@ -1,5 +1,7 @@
 """Data table: how much measured motion each method needs."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from functools import partial

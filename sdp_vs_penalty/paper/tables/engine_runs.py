@@ -1,5 +1,7 @@
 """What Table V and Figures 5 to 7 share: every engine at hand along the same motions."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import lru_cache
 

@@ -1,5 +1,7 @@
 """What Tables VII, VIII and IX share: links' parameters about their centres of mass, row by row."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Method table: every method on every data set, judged by the same independent figures."""
 
+from __future__ import annotations
+
 from functools import partial
 
 import numpy as np

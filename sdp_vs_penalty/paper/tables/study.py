@@ -1,5 +1,7 @@
 """What several tables share: the data of a problem and every method's estimate, computed once."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

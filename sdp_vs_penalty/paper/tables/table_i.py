@@ -1,5 +1,7 @@
 """Table I: the sigmoid friction of every joint, published and fitted."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements

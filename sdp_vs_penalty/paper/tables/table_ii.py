@@ -1,5 +1,7 @@
 """Table II: the exciting trajectory, published, as commanded, and better conditioned ones."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Table IV: torque error of each joint on motion that no estimate was made from."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

@@ -1,5 +1,7 @@
 """Table IX: inertias about the centres of mass, published and ours."""
 
+from __future__ import annotations
+
 from functools import partial
 
 from sdp_vs_penalty.paper.tables.link_parameters import link_table

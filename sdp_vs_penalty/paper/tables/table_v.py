@@ -1,5 +1,7 @@
 """Table V: torque errors of physics engines, published ones and those at hand."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from sdp_vs_penalty.paper.tables.engine_runs import (

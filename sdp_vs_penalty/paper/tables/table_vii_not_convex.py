@@ -1,5 +1,7 @@
 """Table VII's bounds taken seriously: what is not convex, by penalty and by certified convex pieces."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

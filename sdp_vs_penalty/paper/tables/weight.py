@@ -1,5 +1,7 @@
 """Weight table: where the paper's penalty weight xi makes its penalties exact."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from sdp_vs_penalty.estimators.penalty_paper import QUICK_BUDGET, PenaltyPaper

@@ -5,6 +5,8 @@ matters: parameters that reproduce every torque can still bear impossible loads 
 come from the relaxed retrieval: given torques and no physics.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -4,6 +4,8 @@ And whether a measured curve is right: its variables, band, formula, and what ad
 motion.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

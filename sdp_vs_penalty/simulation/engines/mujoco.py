@@ -1,5 +1,7 @@
 """MuJoCo (Todorov, Erez, Tassa, IROS 2012): generalised coordinates."""
 
+from __future__ import annotations
+
 import re
 from typing import Any
 

@@ -1,5 +1,7 @@
 """What lies between a torque and its log, an angle and its log: filters, delay, noise, steps."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

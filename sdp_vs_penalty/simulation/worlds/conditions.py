@@ -3,6 +3,8 @@
 What a nuisance makes fair to name is stated here, before any case is run.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 

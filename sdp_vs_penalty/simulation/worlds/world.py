@@ -1,5 +1,7 @@
 """A true robot under conditions."""
 
+from __future__ import annotations
+
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from typing import Any
