@@ -134,8 +134,8 @@ def headline() -> str:
             "[benchmarks](results/benchmarks.md), made by `benchmarks/run.py`):",
             markdown(["what", "this program", "the other way", "ratio"], speed()),
             "How often `diagnose` is right in simulated worlds that share no code with the library, "
-            "under twenty nuisances: three clean cases of each and three of every other class, far too few "
-            "for a rate, with Wilson's 95 % intervals (from "
+            "under twenty nuisances: three clean cases of each and three of every other class, far too "
+            "few for a rate, with Wilson's 95 % intervals (from "
             "[challenge](results/challenge.md)):",
             markdown(["class", "counted", "cases", "share", "interval", "to reach"], challenge()),
             "![Error on unseen motion against seconds of training data](results/data.png)",
