@@ -134,7 +134,7 @@ def headline() -> str:
             "[benchmarks](results/benchmarks.md), made by `benchmarks/run.py`):",
             markdown(["what", "this program", "the other way", "ratio"], speed()),
             "How often `diagnose` is right in simulated worlds that share no code with the library, "
-            "under twenty nuisances: a clean case of each and one case of every other class, far too "
+            "under twenty nuisances: three clean cases of each and three of every other class, far too "
             "few for a rate, with Wilson's 95 % intervals (from "
             "[challenge](results/challenge.md)):",
             markdown(["class", "counted", "cases", "share", "interval", "to reach"], challenge()),
