@@ -246,14 +246,11 @@ class Resampler:
             multipliers = [found.get(id(c), np.zeros_like(c.constant)) for c in constraints.convex]
             lower = lower_bound(objective, constraints, multipliers, theta, self.task.bound)
             loss = data.loss(theta)
-            gap = (loss - lower) / max(loss, 1e-12 * data.tau_squared)
+            gap = data.gap(loss, lower, theta)
             if gap <= _TIGHT:
                 return theta, loss, gap, False
         fit = solve_sdp(replace(self.task, data=data), objective, constraints, "clarabel", _ACCURACY)
-        assert fit.multipliers is not None
-        loss = data.loss(fit.theta)
-        lower = lower_bound(objective, constraints, fit.multipliers, fit.theta, self.task.bound)
-        return fit.theta, loss, (loss - lower) / max(loss, 1e-12 * data.tau_squared), True
+        return fit.theta, data.loss(fit.theta), fit.gap, True
 
 
 def bootstrap(

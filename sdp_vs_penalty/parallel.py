@@ -96,13 +96,15 @@ class Workers:
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Results in the order of the items, however they come; errors as of :func:`spread`."""
-        todo = list(items)
-        if self.scheduler is None and min(self.jobs, len(todo)) < 2:
-            return [function(item) for item in todo]
+        todo, work = list(items), Numbered(function)
         found: dict[int, Result] = {}
-        for k, result in spread(Numbered(function), enumerate(todo), self.scheduler, self.jobs):
+        results: Iterable[tuple[int, Result]] = map(work, enumerate(todo))
+        if self.scheduler is not None or min(self.jobs, len(todo)) > 1:
+            results = spread(work, enumerate(todo), self.scheduler, self.jobs)
+        for k, result in results:
             found[k] = result
-            self.progress(f"{len(found)} of {len(todo)} done")
+            if len(todo) > 1:
+                self.progress(f"{len(found)} of {len(todo)} done")
         return [found[k] for k in range(len(todo))]
 
 

@@ -75,7 +75,12 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(
 
 def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs: Measurements) -> None:
     problem = load_problem("two_link")
-    alone, several = (cross_validate(problem, runs, folds=3, workers=w) for w in (ALONE, Workers(2)))
+    said: list[str] = []
+    alone, several = (
+        cross_validate(problem, runs, folds=3, workers=w, progress=said.append)
+        for w in (ALONE, Workers(2))
+    )
+    assert said == 2 * ["1 of 3 done", "2 of 3 done", "3 of 3 done"]
     assert len(alone.folds) == 3
     for a, b in zip(alone.folds, several.folds, strict=True):
         np.testing.assert_array_equal(a.theta, b.theta)

@@ -191,9 +191,9 @@ def cross_validate(
     common = compress_cells(runs, model.reference_free, settings, split)
     if not all(common.select(split.training(k)).factors for k in range(folds)):
         raise _too_short(runs.names[0], split)
-    progress(show.count(folds, "fold"))
     sent = tuple(run.sent for run in runs.runs())
     judging = _Judging(problem, model, estimator, sent, settings, split, common, weighting, seed)
+    workers = replace(workers, progress=progress)
     judged = [fold for fold in workers.map(judging, range(folds)) if fold is not None]
     if not judged:
         raise _too_short(runs.names[0], split)

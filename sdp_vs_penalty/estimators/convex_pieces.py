@@ -156,8 +156,7 @@ class _Search:
         upper, theta, _ = self.best
         if not np.isfinite(upper):
             return np.inf
-        scale = max(self.task.data.loss(theta), 1e-12 * self.task.data.tau_squared)
-        return float((upper - lower) / scale)
+        return self.task.data.gap(upper, lower, theta)
 
     def _tightened(self, allowed: ConstraintSet, cells: Array) -> Array:
         """Cells that still hold every centre of mass with a loss below the best one found.

@@ -140,9 +140,8 @@ class Fit:
     @cached_property
     def gap(self) -> float:
         """From the lower bound to the objective, relative to the loss."""
-        data = self.objective.least_squares
-        scale = max(data.loss(self.theta), 1e-12 * data.tau_squared)
-        return (self.objective.value(self.theta) - self.lower) / scale if scale > 0.0 else 0.0
+        upper = self.objective.value(self.theta)
+        return self.objective.least_squares.gap(upper, self.lower, self.theta)
 
 
 class Estimator(ABC):

@@ -88,6 +88,15 @@ class LeastSquares:
         residual = self.R @ np.asarray(theta, float) - self.rho
         return float(residual @ residual) + self.residual_norm**2
 
+    def loss_scale(self, theta: ArrayLike) -> float:
+        """What a gap is relative to: the loss, and of exact data 1e-12 of |tau|^2."""
+        return max(self.loss(theta), 1e-12 * self.tau_squared)
+
+    def gap(self, upper: float, lower: float, theta: ArrayLike) -> float:
+        """From a lower bound to the objective at theta, relative to the loss there."""
+        scale = self.loss_scale(theta)
+        return (upper - lower) / scale if scale > 0.0 else 0.0
+
     def gradient(self, theta: ArrayLike) -> Array:
         return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
 

@@ -89,7 +89,7 @@ def certified_gap(instance: Instance, fit: Fit) -> float:
         fit.objective, fit.constraints, fit.multipliers, fit.theta, bound, fit.entropy_slopes
     )
     upper = fit.objective.value(repair(fit.constraints, fit.theta, fit.interior))
-    scale = max(instance.data.loss(fit.theta), 1e-12 * instance.data.tau_squared, 1e-300)
+    scale = max(instance.data.loss_scale(fit.theta), 1e-300)
     return (upper - lower) / scale
 
 

@@ -146,7 +146,7 @@ class Barrier:
             point, promised, taken = self._newton(point, weight)
             steps += taken
             theta = point.theta
-            goal = max(data.loss(theta), 1e-12 * data.tau_squared) / self.size
+            goal = data.loss_scale(theta) / self.size
             last = 0.1 * accuracy * goal / self.order
             solved = 0.0 <= promised <= _ENOUGH * self.order * weight
             if not solved or weight <= last:

@@ -51,7 +51,7 @@ def reference(instance: Instance) -> Reference:
             value = verified.upper_bound(instance.objective, point)
             if value < upper:
                 upper, best = value, point
-        scale = max(instance.data.loss(best), 1e-12 * instance.data.tau_squared, 1e-300)
+        scale = max(instance.data.loss_scale(best), 1e-300)
         if (upper - lower) / scale <= _NARROW:
             break
     return Reference("feasible", lower, upper, scale)
@@ -72,7 +72,7 @@ def _attempts(instance: Instance, interior: Array):  # type: ignore[no-untyped-d
     sent = list(instance.constraints.convex)
     for fine in (True, False):
         for accuracy in (1e-9, 1e-12, 1e-7):
-            least = max(data.loss(around), 1e-12 * data.tau_squared)
+            least = data.loss_scale(around)
             sdp = least_squares_sdp(objective, sent, interior, task.bound, around, fine, least)
             solution = clarabel.solve(sdp.conic, accuracy)
             theta = sdp.theta(solution)

@@ -128,8 +128,7 @@ class Structured:
         theta, args = found.theta, (data.R, data.rho, data.residual_norm)
         lower = self.core.lower_bound(*args, theta, found.multipliers)
         value = self.core.value(*args, theta)
-        scale = max(data.loss(theta), 1e-12 * data.tau_squared)
-        gap = (value - lower) / scale if scale > 0.0 else 0.0
+        gap = data.gap(value, lower, theta)
         return Certified(theta, value, lower, gap, self.judge.inside(theta), found.iterations)
 
     def multipliers(self, found: Optimum) -> tuple[list[Array], Array | None]:

@@ -48,7 +48,7 @@ def verb(
             folds=folds,
             seed=seed,
             progress=progress,
-            workers=Workers(jobs, scheduler, progress),
+            workers=Workers(jobs, scheduler),
         )
     console.say(result.verdict, style="bold")
     console.explain(result.how)

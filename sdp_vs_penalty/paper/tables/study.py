@@ -237,7 +237,8 @@ class Study:
             self.task(data)
             self.progress(f"{method} on {data.label} data")
         tasks = [(self.estimator(m), self._tasks[key]) for m, key in new]
-        self._results.update(zip(new, self.workers.map(_estimated, tasks), strict=True))
+        workers = replace(self.workers, progress=self.progress)
+        self._results.update(zip(new, workers.map(_estimated, tasks), strict=True))
 
     def fitted(self, method: str, data: Data) -> Array:
         """theta of a method's estimate."""
