@@ -19,8 +19,8 @@ def verb(
     method: Annotated[
         str | None,
         typer.Option(
-            help="Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic; default: lmi-sdp, for .dat-s, "
-            "which has no exponential cones, lmi-sdp-thickness."
+            help="Method: lmi-sdp or lmi-sdp-thickness, -plain, -entropic; default: lmi-sdp, or "
+            "lmi-sdp-thickness for .dat-s, which has no exponential cones."
         ),
     ] = None,
     effects: options.Effects = None,
