@@ -11,6 +11,7 @@ from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.export.c_header import make_c_header
 from sdp_vs_penalty.export.content import Content, require_plausible
 from sdp_vs_penalty.export.friction_table import make_friction_table
+from sdp_vs_penalty.export.header import with_verdict
 from sdp_vs_penalty.export.load import FRANKA, make_franka, make_set_payload
 from sdp_vs_penalty.export.mjcf import make_mjcf
 from sdp_vs_penalty.export.numpy_function import make_function
@@ -64,7 +65,8 @@ def export(
 
     estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
-        other byte is kept; for ``out`` with the suffix .urdf only.
+        other byte is kept; for ``out`` with the suffix .urdf only. Formats with comments begin with the
+        model's verdict.
     flange : where the flange lies in the last joint's frame [m], for a payload.
     force : a link whose mass lies farther out than its body reaches is exported all the same.
     Returns the effects that the format has no place for (they are in the .json and the .py).
@@ -80,21 +82,24 @@ def export(
     if urdf is not None and suffix != ".urdf":
         raise InputError("an edited URDF must end in .urdf", "rename it, or leave the URDF out", out)
     if out.name.endswith(FRANKA) or suffix == ".script":
-        write_bytes(out, (make_set_payload if suffix == ".script" else make_franka)(estimate, flange))
+        made = (make_set_payload if suffix == ".script" else make_franka)(estimate, flange)
+        write_bytes(out, with_verdict(made, suffix, estimate))
         return ()
     if suffix in _OTHERS:
         made, left_out = _OTHERS[suffix](estimate)
-        write_bytes(out, made)
+        write_bytes(out, with_verdict(made, suffix, estimate))
         return left_out
     content = Content.of(estimate)
     if not force:
         require_plausible(estimate)
     if suffix in _SIMULATORS:
-        write_bytes(out, _SIMULATORS[suffix](estimate.robot, content))
+        made = _SIMULATORS[suffix](estimate.robot, content)
+        write_bytes(out, with_verdict(made, suffix, estimate))
         return content.left_out(armature=suffix == ".xml", friction=suffix != ".usda")
     drake = urdf is None and out.name.lower().endswith(".drake.urdf")
     if urdf is None:
-        write_bytes(out, make_urdf(estimate.robot, content, drake))
+        made = make_urdf(estimate.robot, content, drake)
     else:
-        write_bytes(out, edit_urdf(urdf, estimate.robot, content))
+        made = edit_urdf(urdf, estimate.robot, content)
+    write_bytes(out, with_verdict(made, suffix, estimate))
     return content.left_out(armature=drake)

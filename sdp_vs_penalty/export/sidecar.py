@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.export.header import verdict_line
 from sdp_vs_penalty.robot import inertia
 
 #: Which effects the other formats hold, for whoever reads a sidecar beside one of them.
@@ -43,6 +44,7 @@ def make_sidecar(estimate: Estimate) -> bytes:
             form: [e.name for e in model.effects if e.name in names] for form, names in HELD_BY.items()
         },
         "method": estimate.method,
+        "verdict": verdict_line(estimate),
         "provenance": estimate.provenance,
     }
     return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()

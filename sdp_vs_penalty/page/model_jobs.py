@@ -46,7 +46,6 @@ def forward(request: Request, progress: Progress) -> Answer:
         "file": str(file),
         "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
         "verdict": made.verdict,
-        "grade": made.grade,
         "explained": made.explained,
         "units": list(made.units),
         "heads": heads,

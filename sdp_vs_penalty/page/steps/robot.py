@@ -86,7 +86,7 @@ def _verdict(session: Session) -> Verdict | None:
     robot = session.robot
     if robot is None:
         return None
-    return Verdict("good", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
+    return Verdict("", f"{robot['file'] or robot['name']} has {show.count(robot['n'], 'joint')}.")
 
 
 ROBOT = Step("robot", "Robot", "", lambda session: True, _depends, _draw, _verdict)

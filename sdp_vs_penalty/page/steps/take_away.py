@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from sdp_vs_penalty.page.controls import button, details, tag, text_field
-from sdp_vs_penalty.page.step import after_model
+from sdp_vs_penalty.page.step import after_model, model_verdict
 from sdp_vs_penalty.page.view import View
 
 #: Files and what they are for.
@@ -38,6 +38,8 @@ MADE = (
 
 def _draw(view: View) -> None:
     session = view.session
+    verdict = model_verdict(session.current)
+    tag("p", f"{verdict.word}. {verdict.text}", f"verdict {verdict.level}")
 
     flange = {"flange": ""}
 
