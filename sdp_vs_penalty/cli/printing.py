@@ -71,9 +71,9 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
 
 
 def verdict(said: Verdict, name: str = "") -> None:
-    """The grade with its reason, then the three lines, weakest first."""
+    """The grade with its reason, the weakest of three lines, then the other two."""
     say(f"{name}: {said.headline}" if name else said.headline, style="bold")
-    for line in said.lines:
+    for line in said.lines[1:]:
         explain(f"{line.about} ({line.grade}): {line.text}")
     if said.remark:
         explain(said.remark)

@@ -65,8 +65,8 @@ def export(
 
     estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
-        other byte is kept; for ``out`` with the suffix .urdf only. Formats with comments begin with the
-        model's verdict.
+        other byte is kept; for ``out`` with the suffix .urdf only. Other files with comments begin with
+        the model's verdict.
     flange : where the flange lies in the last joint's frame [m], for a payload.
     force : a link whose mass lies farther out than its body reaches is exported all the same.
     Returns the effects that the format has no place for (they are in the .json and the .py).
@@ -99,7 +99,7 @@ def export(
     drake = urdf is None and out.name.lower().endswith(".drake.urdf")
     if urdf is None:
         made = make_urdf(estimate.robot, content, drake)
+        write_bytes(out, with_verdict(made, suffix, estimate))
     else:
-        made = edit_urdf(urdf, estimate.robot, content)
-    write_bytes(out, with_verdict(made, suffix, estimate))
+        write_bytes(out, edit_urdf(urdf, estimate.robot, content))
     return content.left_out(armature=drake)

@@ -401,7 +401,7 @@ def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "endeffector-config.json").read_text())
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())
     export(estimate, tmp_path / "load.script")
-    line = (tmp_path / "load.script").read_text().splitlines()[0]
+    line = (tmp_path / "load.script").read_text().splitlines()[1]
     figures = [float(x) for x in re.findall(r"-?[0-9.]+(?:e-?[0-9]+)?", line)]
     assert figures == pytest.approx([mass, *com, *np.diag(tensor), 0.0, 0.0, 0.0], abs=1e-12)
     with pytest.raises(InputError, match="no payload"):
