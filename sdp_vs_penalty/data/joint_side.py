@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from functools import partial
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
@@ -26,11 +27,18 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
             measurements.names[0],
         )
     dq = measurements.dq
+    ways = {
+        "qcmd": transmission.joint_positions,
+        "dqcmd": partial(transmission.joint_positions, rates=True),
+        "tauff": transmission.joint_torques,
+    }
+    told = {k: ways[k](x) if k in ways else x for k, x in measurements.commanded.items()}
     return replace(
         measurements,
         q=transmission.joint_positions(measurements.q),
         tau=transmission.joint_torques(measurements.tau),
         dq=None if dq is None else transmission.joint_positions(dq, rates=True),
+        commanded=told,
     )
 
 
