@@ -167,7 +167,9 @@ def groups_of(path: Path, names: Sequence[str]) -> tuple[int, list[str]]:
         raise InputError("row 1 names no column q1", f"write the header {HEADER}", path)
     n = max(found)
     there = {g for g in GROUPS if any(re.fullmatch(rf"{g}[0-9]+", name) for name in names)}
-    there -= {g for g in COMMANDED if g in _WHOLE and not {f"{g}{j + 1}" for j in range(n)} <= set(names)}
+    for group in ("current", "voltage"):  # currents of some joints are none of the others
+        if not {f"{group}{j + 1}" for j in range(n)} <= set(names):
+            there.discard(group)
     needed = {"q", "tau"} if "qcmd" not in there else {"q"}
     groups = [g for g in GROUPS if g in there | needed]
     wanted = ["t", *(f"{group}{j + 1}" for group in groups for j in range(n))]
