@@ -69,7 +69,7 @@ def from_columns(
     remedy: str | None = None,
     what: str | None = None,
 ) -> Measurements:
-    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau, temp, qcmd, ...; no others.
+    """A run from named columns (N,) or blocks (N, n): t, q or q1..qn, dq, tau, ...; no others.
 
     path : names the run; what : how messages call it (default: the path); remedy : what to do about
     missing columns (default: the `convert` command for the file).
