@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
-from functools import partial
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.data.measurements import Measurements
@@ -27,12 +26,11 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
             measurements.names[0],
         )
     dq = measurements.dq
-    ways = {
-        "qcmd": transmission.joint_positions,
-        "dqcmd": partial(transmission.joint_positions, rates=True),
-        "tauff": transmission.joint_torques,
-    }
-    told = {k: ways[k](x) if k in ways else x for k, x in measurements.commanded.items()}
+    told = dict(measurements.commanded)
+    for name in told.keys() & {"qcmd", "dqcmd"}:
+        told[name] = transmission.joint_positions(told[name], rates=name == "dqcmd")
+    if "tauff" in told:
+        told["tauff"] = transmission.joint_torques(told["tauff"])
     return replace(
         measurements,
         q=transmission.joint_positions(measurements.q),
