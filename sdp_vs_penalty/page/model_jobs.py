@@ -12,7 +12,7 @@ from sdp_vs_penalty.data.files import windowed
 from sdp_vs_penalty.data.texts import time_windows
 from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.export import sdp
+from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.page.run_jobs import Answer, Progress, Request, runs_of
 from sdp_vs_penalty.page.summary import placed, save_arrays
 from sdp_vs_penalty.simulation.follow import follow

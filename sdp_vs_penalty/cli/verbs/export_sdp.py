@@ -29,7 +29,7 @@ def verb(
     interval of that. Example: sdp-vs-penalty export-sdp panda --data run1.csv --out panda.cbf
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.export import sdp
+    from sdp_vs_penalty.exporters import sdp
 
     told = sdp.write_posed(problem, data, out, method, effects)
     console.written(out, f"{told['variables']} variables, {told['rows']} rows")
