@@ -13,8 +13,8 @@ from sdp_vs_penalty.effects.dry_friction import Contacts, dry_step
 from sdp_vs_penalty.effects.effect import Array
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.export.content import Content
-from sdp_vs_penalty.export.mjcf import make_mjcf
+from sdp_vs_penalty.exporters.content import Content
+from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot import inertia
 

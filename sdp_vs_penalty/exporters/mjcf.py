@@ -9,13 +9,22 @@ from lxml import etree
 from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.export.content import Content, Inertial, number, numbers
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Content, Inertial, Options, number, numbers
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: MuJoCo's mjMINVAL: moving bodies need a mass and moments of inertia above it.
 _SMALLEST = 1e-15
+
+ENDING, FILE, ABOUT = ".xml", "robot.xml", "MuJoCo's MJCF: links, armature, damping, dry friction, gears"
+
+
+def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+    """Links, damping, dry friction and armature."""
+    content = Content.plausible(estimate, options)
+    return make_mjcf(estimate.robot, content), content.left_out(armature=True)
 
 
 def make_mjcf(robot: Robot, content: Content) -> bytes:

@@ -3,41 +3,36 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import json
 import re
 import shutil
 import subprocess
-import sys
 import tempfile
-import timeit
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import random_robots
-import usd_reader
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sdp_vs_penalty.check.urdf import check_urdf, massless_links, nearest_inertia
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.cli.main import main
-from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
-from sdp_vs_penalty.export import export, plain_robot
-from sdp_vs_penalty.export.content import Inertial, number
-from sdp_vs_penalty.export.mjcf import quaternion
-from sdp_vs_penalty.export.urdf import rpy_of
+from sdp_vs_penalty.exporters.content import Inertial, Options, number
+from sdp_vs_penalty.exporters.export import export, formats
+from sdp_vs_penalty.exporters.mjcf import quaternion
+from sdp_vs_penalty.exporters.urdf import rpy_of
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.robot import inertia
@@ -321,66 +316,6 @@ def test_mjcf_makes_the_same_torques(name: str, tmp_path: Path) -> None:
     check_mjcf_parity(estimate_of(robots(tmp_path)[name], FULL, 3), tmp_path)
 
 
-def imported(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("exported_model", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["exported_model"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.mark.parametrize("name", [*NAMES])
-def test_numpy_function_makes_the_same_torques(name: str, tmp_path: Path) -> None:
-    estimate = estimate_of(robots(tmp_path)[name], f"{FULL},torque_offset", 3)
-    out = tmp_path / "model.py"
-    assert export(estimate, out) == ()
-    q, dq, ddq = states(estimate.robot)
-    torque = imported(out).torque
-    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
-    assert np.abs(torque(q, dq, ddq) - expected).max() <= PARITY
-    assert np.abs(torque(q[4], dq[4], ddq[4]) - expected[4]).max() <= PARITY
-
-
-CURVES = [f"measured_curve:1@x={x}@xhigh=3@v1=-1@v2=2" for x in ("dq@xi=2@xc=-2", "phase@xk=7")]
-
-
-@pytest.mark.parametrize("effect", [*(e for e in effect_types() if e != "rigid_body"), *CURVES])
-def test_numpy_function_holds_every_effect(effect: str, tmp_path: Path) -> None:
-    """The contract of a new effect: it can be taken along as plain NumPy."""
-    robot = load_problem("two_link").robot
-    estimate = estimate_of(robot, f"rigid_body,{effect}", 7)
-    out = tmp_path / "model.py"
-    export(estimate, out)
-    t = np.arange(300) * 0.01
-    motion = random_robots.sines(np.random.default_rng(2), robot.n, t, 0.2)
-    motion = replace(motion, temperature=30.0 + 0.1 * np.outer(t, [1.0, 2.0]))
-    made = imported(out).torque(motion.q, motion.dq, motion.ddq, t, motion.temperature)
-    expected = estimate.torque(motion)
-    assert np.abs(made - expected).max() <= PARITY * max(1.0, np.abs(expected).max())
-
-
-def test_the_function_of_a_plain_model_is_short_and_quick(tmp_path: Path) -> None:
-    estimate = estimate_of(load_problem("panda").robot, f"{FULL},torque_offset", 3)
-    export(estimate, tmp_path / "model.py")
-    assert len((tmp_path / "model.py").read_text().splitlines()) <= 150
-    torque = imported(tmp_path / "model.py").torque
-    state = np.random.default_rng(0).normal(size=(3, 7))
-    seconds = min(timeit.repeat(lambda: torque(*state), number=50, repeat=5)) / 50
-    assert seconds < 300e-6  # 40 microseconds where nothing else runs
-
-
-def test_the_function_of_any_model_holds_only_what_a_torque_reaches(tmp_path: Path) -> None:
-    robot = load_problem("panda").robot
-    effects = f"{FULL},torque_offset,presliding_hysteresis:4+7,torque_gain:6,load_dependent_friction:2"
-    export(estimate_of(robot, effects, 3), tmp_path / "model.py")
-    text = (tmp_path / "model.py").read_text()
-    assert len(text.splitlines()) <= 500  # 1195 with every word and method of the effects
-    for unneeded in ("class Shape", "def constraints", "explanation", "def placement_derivatives"):
-        assert unneeded not in text
-
-
 def test_a_payload_for_the_makers_controllers(tmp_path: Path) -> None:
     """Mass, centre from the flange, inertia about the centre: the body's own, whoever writes it."""
     robot = load_problem("panda").robot
@@ -427,81 +362,6 @@ def test_sdf_and_drakes_urdf_hold_links_and_rotors(tmp_path: Path) -> None:
     q, dq, ddq = states(robot)
     wanted = estimate.robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
     np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), q, dq, ddq), wanted, atol=PARITY)
-
-
-def test_numpy_function_loads_without_being_registered(tmp_path: Path) -> None:
-    estimate = estimate_of(robots(tmp_path)[NAMES[0]], FULL, 3)
-    export(estimate, tmp_path / "model.py")
-    spec = importlib.util.spec_from_file_location("by_hand", tmp_path / "model.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert "by_hand" not in sys.modules
-    q, dq, ddq = states(estimate.robot)
-    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
-    assert np.abs(module.torque(q, dq, ddq) - expected).max() <= PARITY
-
-
-def test_numpy_function_needs_numpy_only(tmp_path: Path) -> None:
-    estimate = estimate_of(load_problem("panda").robot, f"{FULL},torque_offset,presliding_hysteresis", 3)
-    export(estimate, tmp_path / "model.py")
-    code = (
-        "import sys, numpy as np, model\n"
-        "model.torque(np.zeros(7), np.zeros(7), np.zeros(7))\n"
-        "bad = {m.split('.')[0] for m in sys.modules} & {'sdp_vs_penalty', 'pinocchio', 'scipy'}\n"
-        "sys.exit(str(bad) if bad else 0)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-
-
-def test_no_text_of_a_model_becomes_code(tmp_path: Path) -> None:
-    """A model.json may come from anybody: names and versions stay inside the docstring."""
-    estimate = estimate_of(load_problem("two_link").robot, FULL, 3)
-    bad = '1"""\\\nraise SystemExit\n"""'
-    robot = estimate.robot
-    joints = tuple(replace(joint, name=f"{bad}{k}") for k, joint in enumerate(robot.joints))
-    estimate = estimate_of(replace(robot, name=bad, joints=joints), FULL, 3)
-    estimate = replace(estimate, provenance={"versions": {"sdp_vs_penalty": bad}})
-    export(estimate, tmp_path / "model.py")
-    assert str(imported(tmp_path / "model.py").__doc__).count("raise SystemExit") == 4
-
-
-def test_numpy_function_says_when_it_needs_time(tmp_path: Path) -> None:
-    estimate = estimate_of(load_problem("two_link").robot, "rigid_body,global_delay", 3)
-    export(estimate, tmp_path / "model.py")
-    module = imported(tmp_path / "model.py")
-    with pytest.raises(ValueError, match="global_delay"):
-        module.torque(np.zeros(2), np.zeros(2), np.zeros(2))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_plain_robot_against_pinocchio(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    robot = random_robots.tree(rng, 6, link_frames=True)
-    plain = plain_robot.Robot(tuple(SimpleNamespace(**vars(j)) for j in robot.joints), robot.gravity)
-    theta = np.concatenate([random_robots.link_parameters(rng, 0.3) for _ in range(6)])
-    q, dq, ddq = rng.normal(size=(3, 20, 6))
-    pairs = [
-        (plain.regressor(q, dq, ddq), robot.regressor(q, dq, ddq)),
-        (plain.inverse_dynamics(theta, q, dq, ddq), robot.inverse_dynamics(theta, q, dq, ddq)),
-        (plain.jacobians(q, 5), robot.jacobians(q, 5)),
-        *zip(
-            plain.inverse_dynamics_derivatives(theta, q, dq, ddq),
-            robot.inverse_dynamics_derivatives(theta, q, dq, ddq),
-            strict=True,
-        ),
-    ]
-    for mine, theirs in pairs:
-        assert np.abs(mine - theirs).max() <= 1e-11
-    assert plain.subtree == robot.subtree
 
 
 def test_sidecar_holds_what_a_urdf_cannot(tmp_path: Path) -> None:
@@ -771,7 +631,7 @@ def test_c_header_makes_the_same_torques(name: str, tmp_path: Path) -> None:
     estimate = estimate_of(robots(tmp_path)[name], effects, 3)
     robot, header, source = estimate.robot, tmp_path / "arm.h", tmp_path / "arm.c"
     assert export(estimate, header) == ()
-    (function,) = re.findall(r"static void (\w+_torque)\(", header.read_text())
+    (function,) = re.findall(r"static inline void (\w+_torque)\(", header.read_text())
     assert function == f"{re.sub(r'[^a-zA-Z0-9]', '_', robot.name)}_torque"
     source.write_text(
         '#include "arm.h"\nvoid torque(double *q, double *v, double *a, double *t) '
@@ -806,39 +666,22 @@ def test_friction_table_holds_what_follows_the_velocity(tmp_path: Path) -> None:
         np.testing.assert_allclose(torque[at], (expected + turned * np.tanh(v / 0.01))[at], rtol=1e-4)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_usd_file_makes_the_same_torques(name: str, tmp_path: Path) -> None:
-    robot = robots(tmp_path)[name]
-    estimate = estimate_of(robot, FULL, 4)
-    left_out = export(estimate, tmp_path / "robot.usda")
-    assert left_out == ("viscous_friction", "coulomb_friction", "rotor_inertia")
-    q, dq, ddq = states(robot)
-    found = usd_reader.torques(tmp_path / "robot.usda", robot, q, dq, ddq)
-    expected = robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
-    assert np.abs(found - expected).max() <= PARITY
-
-
-def test_openusd_reads_the_same(tmp_path: Path) -> None:
-    usd = pytest.importorskip("pxr.Usd", reason="needs usd-core")
-    from pxr import UsdPhysics, UsdValidation
-
-    robot = robots(tmp_path)["panda"]
-    estimate = estimate_of(robot, "rigid_body", 4)
-    export(estimate, tmp_path / "robot.usda")
-    stage = usd.Stage.Open(str(tmp_path / "robot.usda"))
-    masses = [
-        UsdPhysics.MassAPI(p).GetMassAttr().Get() for p in stage.Traverse() if "link" in p.GetName()
-    ]
-    assert masses[1:] == pytest.approx(estimate.links[:, 0].tolist(), rel=1e-6)  # single precision
-    every = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert not UsdValidation.ValidationContext(every).Validate(stage)
-
-
-def test_what_usd_would_make_up_is_refused(tmp_path: Path) -> None:
-    robot = robots(tmp_path)["two_link"]
-    point = np.zeros((2, 10))
-    point[:, 0] = 1.0  # a point mass in its frame has no moments of inertia
-    with pytest.raises(InputError, match="which USD would make up"):
-        export(estimate_of(robot, "rigid_body", 0, point), tmp_path / "robot.usda")
-    rod = np.tile(inertia.standard_from_barycentric([1, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0]), (2, 1))
-    assert export(estimate_of(robot, "rigid_body", 0, rod), tmp_path / "robot.usda") == ()
+@pytest.mark.parametrize("ending", formats())
+def test_every_export_keeps_the_contract(ending: str, tmp_path: Path) -> None:
+    """A file that reads back the same numbers, twice the same bytes, and says what it leaves out."""
+    effects = f"{FULL},torque_offset,presliding_hysteresis,payload"
+    estimate = estimate_of(load_problem("two_link").robot, effects, 3)
+    theta = estimate.theta.copy()
+    theta[-10:] = inertia.standard_from_barycentric([1.3, 0.01, 0.02, 0.1, 4e-3, 0, 5e-3, 0, 0, 3e-3])
+    estimate = replace(estimate, theta=theta)
+    home = formats()[ending]
+    assert home.FILE.endswith(ending)
+    assert home.ABOUT
+    left_out = export(estimate, tmp_path / home.FILE)
+    made = (tmp_path / home.FILE).read_bytes()
+    assert made == home.write(estimate, Options())[0]
+    assert home.ABOUT.startswith("payload") or ending == ".json" or "presliding" in " ".join(left_out)
+    if home.FILE.endswith((".urdf", ".xml", ".sdf")):
+        ElementTree.fromstring(made)
+    elif ending.endswith("json"):
+        json.loads(made)

@@ -1,6 +1,7 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -19,6 +20,15 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
+class Options:
+    """How a user wants a file: the arguments of :func:`export`."""
+
+    urdf: str | Path | None = None
+    force: bool = False
+    flange: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Content:
     """links : (links, 10) standard parameters about each *joint* frame; damping [N m s/rad, N s/m],
     friction [N m, N], armature [kg m^2, kg]: (n,), zero where the model has none.
@@ -34,6 +44,14 @@ class Content:
     gains: tuple[float, ...] = ()
 
     @classmethod
+    def plausible(cls, estimate: Estimate, options: Options) -> Self:
+        """:meth:`of`; InputError, too, for a link that lies outside of its body, unless forced."""
+        content = cls.of(estimate)
+        if not options.force:
+            require_plausible(estimate)
+        return content
+
+    @classmethod
     def of(cls, estimate: Estimate) -> Self:
         """Raises InputError for an inconsistent link, negative friction or a model without links."""
         model, robot = estimate.model, estimate.robot
@@ -41,7 +59,7 @@ class Content:
             raise InputError(
                 f"model {estimate.problem.name}: the model has no rigid_body effect, so there "
                 "are no inertias to export",
-                "write .json or .py instead",
+                "write .json instead",
             )
         links = np.stack(
             [
@@ -67,10 +85,9 @@ class Content:
         others = tuple(e.brief for e in model.effects if e.name not in (*_PLACES, "rigid_body"))
         return cls(links, others=others, gains=model.gains or (), **values)
 
-    def left_out(self, *, armature: bool, friction: bool = True) -> tuple[str, ...]:
-        """Effects that are lost in a file with, or without, a place for armature and friction."""
-        placed = {"damping": friction, "friction": friction, "armature": armature}
-        lost = (k for k, v in _PLACES.items() if not placed[v] and np.any(getattr(self, v) > 0.0))
+    def left_out(self, *, armature: bool) -> tuple[str, ...]:
+        """Effects that are lost in a file with, or without, a place for armature."""
+        lost = ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
         return (*lost, *self.others)
 
 
@@ -132,20 +149,15 @@ def numbers(values: Array) -> str:
     return " ".join(map(number, values))
 
 
-def about(estimate: Estimate) -> dict[str, object]:
-    """What both templates say of a model."""
-    model = estimate.model
-    return {
-        "robot": _quoted(estimate.robot.name),
-        "method": _quoted(estimate.method),
-        "version": _quoted(str(estimate.provenance.get("versions", {}).get("sdp_vs_penalty", ""))),
-        "joints": _quoted(", ".join(j.name for j in estimate.robot.joints)),
-        "effects": _quoted(", ".join(e.brief for e in model.effects)),
-        "theta": f"[{', '.join(map(number, estimate.theta))}]",
-        "names": [p.name for p in model.parameters],
-    }
-
-
-def _quoted(text: str) -> str:
-    """Text that cannot end the docstring it stands in."""
-    return text.replace("\\", "\\\\").replace('"', "'")
+def payload(estimate: Estimate) -> Inertial:
+    """The model's payload in the last link's frame. Raises InputError where it has none."""
+    own = [p.effect == "payload" for p in estimate.model.parameters]
+    if not any(own):
+        raise InputError(
+            "the model has no payload", "add one: `sdp-vs-penalty add model.json payload --frozen`"
+        )
+    load = estimate.theta[np.array(own)]
+    require_consistent(load, "payload")
+    if load[0] <= 0.0:
+        raise InputError("the payload has no mass", "measure with the load on")
+    return Inertial.of(load)

@@ -6,7 +6,10 @@ import json
 from typing import Any
 
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Options
 from sdp_vs_penalty.robot import inertia
+
+ENDING, FILE, ABOUT = ".json", "effects.json", "every effect as plain JSON, with its equation"
 
 #: Which effects the other formats hold, for whoever reads a sidecar beside one of them.
 HELD_BY = {
@@ -15,7 +18,7 @@ HELD_BY = {
 }
 
 
-def make_sidecar(estimate: Estimate) -> bytes:
+def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """Links in readable form, every effect with equation, reference, shape constants and values."""
     model, robot = estimate.model, estimate.robot
     links = []
@@ -45,7 +48,7 @@ def make_sidecar(estimate: Estimate) -> bytes:
         "method": estimate.method,
         "provenance": estimate.provenance,
     }
-    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode(), ()
 
 
 def _effect(estimate: Estimate, index: int) -> dict[str, Any]:

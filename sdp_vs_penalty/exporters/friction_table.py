@@ -9,10 +9,13 @@ import numpy as np
 from sdp_vs_penalty.effects.effect import Motion, follows_alone
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Options
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Velocities on either side of zero, and the highest where a joint states none [rad/s, m/s].
 _POINTS, _FASTEST = 30, 2.0
+
+ENDING, FILE, ABOUT = ".csv", "friction.csv", "friction by velocity"
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class FrictionCurve:
     std: Array
 
 
-def make_friction_table(estimate: Estimate) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """CSV with joint, velocity, torque, std: what all effects that follow the velocity alone make.
 
     torque [N m, N] is to be added to what the links need at this velocity [rad/s, m/s].

@@ -7,9 +7,18 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from sdp_vs_penalty.export.content import Content, Inertial, number, numbers
-from sdp_vs_penalty.export.urdf import rpy_of
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Content, Inertial, Options, number, numbers
+from sdp_vs_penalty.exporters.urdf import rpy_of
 from sdp_vs_penalty.robot.robot import Robot
+
+ENDING, FILE, ABOUT = ".sdf", "robot.sdf", "SDFormat, for Gazebo"
+
+
+def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+    """Links, damping and dry friction."""
+    content = Content.plausible(estimate, options)
+    return make_sdf(estimate.robot, content), content.left_out(armature=False)
 
 
 def make_sdf(robot: Robot, content: Content) -> bytes:

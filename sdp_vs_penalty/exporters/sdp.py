@@ -13,28 +13,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.constraints.constraint import ConstraintSet
-from sdp_vs_penalty.data.sources import Source, as_measurements
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.data.sources import Source
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, essential, interior_point, solve_sdp
+from sdp_vs_penalty.estimation.certify import certify, proved
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose
+from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
+from sdp_vs_penalty.estimators.estimator import Fit, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, essential, interior_point
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.cbf_file import cbf_text
 from sdp_vs_penalty.solvers.conic import ConicProblem
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
-from sdp_vs_penalty.solvers.objective import Objective
-from sdp_vs_penalty.solvers.proof import Proof, optimum_proof
+from sdp_vs_penalty.solvers.proof import Proof
 from sdp_vs_penalty.solvers.rewrite import Rewritten, linear_matrix_inequalities, linear_objective
 from sdp_vs_penalty.solvers.sdpa_file import sdpa_text
-from sdp_vs_penalty.solvers.verified import repaired_as_written
 
+#: Ending of the sparse SDPA format, and the method that goes into it unless another is named.
+_SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"
 #: What the file beside an exported problem says of its numbers.
 MEANING = (
     "loss = offset + scale * (optimum of the file); lower <= loss <= upper is proved in exact "
@@ -47,22 +47,27 @@ def rewritten(problem: ConicProblem, path: str | Path) -> tuple[Rewritten, str]:
 
     Raises InputError for another ending, or where the format lacks one of the problem's cones.
     """
-    name = Path(path).name
-    if name.endswith(".dat-s"):
-        if any(c.kind == "exp" for c in problem.cones):
-            raise InputError(
-                "the SDPA format has no exponential cone, which the entropic regulariser needs",
-                "write a .cbf file instead, or name a method without one",
-                path,
-            )
+    check_format(path, any(c.kind == "exp" for c in problem.cones))
+    if Path(path).name.endswith(_SDPA):
         made = linear_matrix_inequalities(problem)
         return made, sdpa_text(made.problem)
-    if name.endswith(".cbf"):
-        made = linear_objective(problem)
-        return made, cbf_text(made.problem)
-    raise InputError(
-        "unknown suffix", "name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format)", path
-    )
+    made = linear_objective(problem)
+    return made, cbf_text(made.problem)
+
+
+def check_format(path: str | Path, exponential: bool) -> None:
+    """InputError for an ending that is no format's, or whose format lacks the exponential cone."""
+    name = Path(path).name
+    if not name.endswith((_SDPA, ".cbf")):
+        raise InputError(
+            "unknown suffix", "name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format)", path
+        )
+    if exponential and name.endswith(_SDPA):
+        raise InputError(
+            "the SDPA format has no exponential cone, which the entropic regulariser needs",
+            f"write a .cbf file instead, or name a method without one, such as {SDPA_METHOD}",
+            path,
+        )
 
 
 def export_sdp(
@@ -98,55 +103,54 @@ def export_sdp(
     return about
 
 
-def prove(task: Task, objective: Objective, constraints: ConstraintSet) -> Proof:
-    """The proof of an optimum by the default path; its "lower" and "upper" are rounded outward.
+def proof_of(task: Task, fit: Fit, method: str) -> Proof:
+    """The proof of a fit as ``identify --proof`` writes it; "lower" and "upper" are rounded outward.
 
-    Raises InputError where the solver gives up, ValueError where nothing can be proved.
+    Raises ValueError where nothing can be proved.
     """
-    fit = solve_sdp(task, objective, constraints, "clarabel", 1e-10)
-    assert fit.multipliers is not None
-    assert fit.interior is not None
-    theta = repaired_as_written(constraints.convex, fit.theta, fit.interior)
-    names = [p.name for p in task.model.parameters]
-    return optimum_proof(
-        objective, constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes, names
-    )
+    return proved(task, fit, certify(task, fit)[0], method)
 
 
 def write_posed(
     problem: str | Path | Problem,
-    data: Source,
+    measurements: Source,
     out: str | Path,
-    method: str = "lmi-sdp",
-    effects: str | Sequence[Effect] | None = None,
+    method: str | None = None,
+    options: PoseOptions | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Write the SDP of identifying a problem from measured runs, centred and scaled, and beside it
+    """Write the SDP that ``identify`` solves for the same arguments, centred and scaled, and beside it
     OUT.json with what it means and the proved interval of the loss; returns what that holds.
 
-    Raises InputError where the method solves no one-step SDP, the input cannot be used, or as
-    :func:`rewritten` does.
+    method : None: the default, or for .dat-s, whose format lacks exponential cones, the one of
+    :data:`SDPA_METHOD`. Raises InputError where the method solves no one-step SDP, the input cannot be
+    used, or as :func:`rewritten` does.
     """
-    from sdp_vs_penalty.estimators import make_estimator
-    from sdp_vs_penalty.estimators.task import make_task
-    from sdp_vs_penalty.regression.regression import compress
-
+    method = method or (SDPA_METHOD if Path(out).name.endswith(".dat-s") else DEFAULT_METHOD)
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
         raise InputError(
             f"method {method} is not a single SDP",
             "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
-    robot = as_problem(problem, "posed(problem=...)")
-    measurements = as_measurements(data, robot.robot.n, robot.robot.joint_names, "posed(data=...)")
-    model = robot.model(effects)
-    regression = compress(measurements, model, robot.preprocessing.resolve(measurements))
-    task = make_task(robot, model, regression)
+    check_format(out, estimator.entropy > 0.0)
+    posed = pose(problem, measurements, options, progress)
+    task = posed.task
     objective, constraints = estimator.posed(task)
-    interior = interior_point(task, constraints)
+    progress("proving the optimum")
+    proof = proof_of(task, estimator.fit(task), method)
+    interior, least = interior_point(task, constraints), 1e-6 * objective.least_squares.tau_squared
     sent = essential(constraints, objective)
-    least = 1e-6 * objective.least_squares.tau_squared
     sdp = least_squares_sdp(objective, sent, interior, task.bound, interior, least_loss=least)
-    rewritten(sdp.conic, out)  # refuses a suffix before anything is solved
-    proof = prove(task, objective, constraints)
-    name = problem.name if isinstance(problem, Problem) else str(problem)
-    return export_sdp(sdp, out, (proof["lower"], proof["upper"]), problem=name, method=method)
+    return export_sdp(
+        sdp,
+        out,
+        (proof["lower"], proof["upper"]),
+        problem=posed.problem.name,
+        method=method,
+        effects=[effect.text for effect in task.model.effects],
+        gravity=list(posed.problem.robot.gravity),
+        filters=asdict(posed.preprocessing),
+        weighting=posed.weighting,
+        data_hash=posed.measurements.data_hash,
+    )

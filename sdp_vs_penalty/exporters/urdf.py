@@ -10,8 +10,16 @@ from lxml import etree
 
 from sdp_vs_penalty import show
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.export.content import Content, Inertial, number, numbers, require_consistent
-from sdp_vs_penalty.export.splice import Document
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import (
+    Content,
+    Inertial,
+    Options,
+    number,
+    numbers,
+    require_consistent,
+)
+from sdp_vs_penalty.exporters.splice import Document
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -24,6 +32,17 @@ _SAME_AXIS = 1e-4
 
 
 _DRAKE = "http://drake.mit.edu"
+
+ENDING, FILE, ABOUT = ".urdf", "robot.urdf", "for ROS and simulators"
+EDITS = True
+
+
+def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+    """A URDF made from the model, or the user's own with the model's numbers."""
+    content = Content.plausible(estimate, options)
+    robot, own = estimate.robot, options.urdf
+    made = make_urdf(robot, content) if own is None else edit_urdf(own, robot, content)
+    return made, content.left_out(armature=False)
 
 
 def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
