@@ -262,7 +262,7 @@ def methods(request: Request, progress: Progress) -> Answer:
 
 def take(request: Request, progress: Progress) -> Answer:
     """Export a model to the format of a name's suffix; says which effects have no place in it."""
-    from sdp_vs_penalty.export import export
+    from sdp_vs_penalty.exporters.export import export
 
     name, out = request["name"], Path(request["folder"]) / request["name"]
     if name == "model.json":
@@ -272,7 +272,7 @@ def take(request: Request, progress: Progress) -> Answer:
     progress(f"writing {name}")
     x, y, z = numbers("flange", request.get("flange") or "0,0,0", 3)
     lost = export(load_estimate(request["model"]), out, urdf, flange=(x, y, z))
-    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json and the NumPy function can."
+    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
     return {"files": [name], "notice": [said] if lost else []}
 
 

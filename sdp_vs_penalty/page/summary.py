@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sandwich import NORMAL_95
 from sdp_vs_penalty.estimation.shape_profiles import asked_effects
 from sdp_vs_penalty.estimators.estimator import Progress
-from sdp_vs_penalty.export.friction_table import friction_curves
+from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.report.evidence import certificate_rows
 from sdp_vs_penalty.report.parameters import (

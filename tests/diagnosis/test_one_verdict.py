@@ -14,7 +14,7 @@ from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.estimation.estimate import load_estimate
-from sdp_vs_penalty.export import export
+from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.page.summary import summary
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.report import report
@@ -79,8 +79,9 @@ def test_one_grade_everywhere(
     report({"model": estimate}, run, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert f'<p class="verdict {found.grade.replace(" ", "-")}">' in text
-    export(tmp_path / "page.json", tmp_path / "model.py")
-    assert f": {found.grade}. " in (tmp_path / "model.py").read_text().splitlines()[0]
+    export(tmp_path / "page.json", tmp_path / "effects.json")
+    exported = json.loads((tmp_path / "effects.json").read_text())["verdict"]
+    assert f": {found.grade}. " in exported
 
 
 def test_the_grades_are_not_all_the_same(folder: Path, two_link: Problem) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page.controls import button, details, tag, text_field
 from sdp_vs_penalty.page.step import after_model, model_verdict
 from sdp_vs_penalty.page.view import View
@@ -13,19 +14,12 @@ FILES = {
     "model.json": "for this program",
     "robot.urdf": "for ROS and simulators",
     "robot.xml": "for MuJoCo",
-    "model.py": "a NumPy function",
     "report.html": "HTML report",
 }
-#: Likewise, on demand.
-MORE = {
-    "robot.sdf": "for Gazebo",
-    "robot.usda": "for Isaac Sim (USD)",
-    "robot.drake.urdf": "for Drake, with rotor inertias",
-    "model.h": "a C header",
-    "friction.csv": "friction by velocity",
-}
-#: Of a model with a payload, as the makers' controllers take it.
-LOAD = {"endeffector-config.json": "payload for Franka", "payload.script": "payload for UR"}
+#: Of a model with a payload, as the makers' controllers take it; likewise what else `export` writes.
+_EXPORTS = {home.FILE: home.ABOUT for home in formats().values() if home.FILE not in FILES}
+LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")}
+MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
 
 #: The optimisation problem, for other solvers; beside each a .json with what it means.
 POSED = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse SDPA"}
