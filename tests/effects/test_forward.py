@@ -164,4 +164,4 @@ def test_channels_are_undone_and_others_left_out() -> None:
     np.testing.assert_allclose(p.true_torque(np.arange(5.0), torque)[:, 1], 1.0 / 1.1)
     assert p.left_out == ("joint_elasticity:1",)
     declared = {kind.forward for kind in effect_types().values()}
-    assert declared == {"torque", "channel", "left out"}
+    assert declared == {"torque", "channel", "drive", "left out"}
