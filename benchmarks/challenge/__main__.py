@@ -26,7 +26,7 @@ def main() -> None:
         told.cases,
         told.seed,
         told.out,
-        workers,
+        Workers(told.jobs),
         told.classes,
         told.nuisance,
         lambda x: print(x, end="\r"),
