@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from challenge import judge
+from challenge.judge import Item, Record, counted, wilson
 from sdp_vs_penalty.files import as_csv, write_text
 from sdp_vs_penalty.show import markdown_table
-from sdp_vs_penalty.simulation.challenge import judge
-from sdp_vs_penalty.simulation.challenge.judge import Item, Record, counted, wilson
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES
 
 SINGLE = ("strong", "medium", "weak")

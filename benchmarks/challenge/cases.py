@@ -17,6 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from challenge.classes import CLASSES, USUAL, CaseClass
+from challenge.report import write_report
+from challenge.truth import energies, judged_curve, true_floor
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
@@ -24,9 +27,6 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import Workers, spread
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.simulation.challenge.classes import CLASSES, USUAL, CaseClass
-from sdp_vs_penalty.simulation.challenge.report import write_report
-from sdp_vs_penalty.simulation.challenge.truth import energies, judged_curve, true_floor
 from sdp_vs_penalty.simulation.worlds.conditions import NUISANCES, draw_conditions, fair
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden
 from sdp_vs_penalty.simulation.worlds.motion import TrueMotion

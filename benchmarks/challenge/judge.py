@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.simulation.challenge.classes import FARTHEST, IDENTIFIABLE
+from challenge.classes import FARTHEST, IDENTIFIABLE
 
 Record = dict[str, Any]
 Item = Mapping[str, Any]
