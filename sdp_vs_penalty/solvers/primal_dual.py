@@ -86,7 +86,7 @@ class _Path:
         self.target = np.empty(self.both.shape[1])
         self.target_rows, self.target_mats = (view[0] for view in self._views(self.target[None]))
         self.weight = cones.weight[:, None, None]
-        self.logs = cones.weight @ np.log(np.where(cones.weight > 0.0, cones.weight, 1.0))
+        self.logs = float(cones.weight @ np.log(np.where(cones.weight > 0.0, cones.weight, 1.0)))
         self.gram = 2.0 * (data.R.T @ data.R)
         count = cones.rows + len(cones.weight) * KRONECKER
         self.products = np.empty(count)
