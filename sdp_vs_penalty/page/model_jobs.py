@@ -14,7 +14,7 @@ from sdp_vs_penalty.estimation.estimate import load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimation.verify import verify_proof_file
-from sdp_vs_penalty.export import sdp
+from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.page.run_jobs import Answer, Progress, Request, runs_of
 from sdp_vs_penalty.page.summary import placed, save_arrays
 from sdp_vs_penalty.simulation.follow import follow
@@ -47,7 +47,6 @@ def forward(request: Request, progress: Progress) -> Answer:
         "file": str(file),
         "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
         "verdict": made.verdict,
-        "grade": made.grade,
         "explained": made.explained,
         "units": list(made.units),
         "heads": heads,

@@ -19,7 +19,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import solve_sdp
-from sdp_vs_penalty.export.sdp import export_sdp, proof_of
+from sdp_vs_penalty.exporters.sdp import export_sdp, proof_of
 from sdp_vs_penalty.files import as_csv, write_bytes, write_text
 from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import Entry

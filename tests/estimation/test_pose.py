@@ -16,7 +16,7 @@ from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
-from sdp_vs_penalty.export.sdp import SDPA_METHOD, write_posed
+from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.shootout.regular import measurements

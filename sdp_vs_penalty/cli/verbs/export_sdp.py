@@ -39,7 +39,7 @@ def verb(
     from sdp_vs_penalty.cli.runs import as_told, runs_as_told
     from sdp_vs_penalty.estimation.known_load import parsed_known_load
     from sdp_vs_penalty.estimation.pose import PoseOptions
-    from sdp_vs_penalty.export.sdp import write_posed
+    from sdp_vs_penalty.exporters.sdp import write_posed
 
     robot = as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
