@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
+from printed_pages import check_printed
 
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.report.demo import HIDDEN, JOINT
@@ -28,6 +29,7 @@ def test_the_demo_tells_the_whole_story(tmp_path: Path, capsys: pytest.CaptureFi
         assert f"{method} " in text
     assert "ols do not use" in text
     assert "Good. Error over noise" in text
+    check_printed("demo.md", shown.out)
     html = (tmp_path / "demo" / "report.html").read_text()
     assert '<p class="verdict good">' in html
     assert {p.name for p in (tmp_path / "demo").iterdir()} == {
