@@ -1,6 +1,7 @@
 """The straightforward way from a log to a consistent estimate, as scripts in this field are written.
 
-One regressor a sample from Pinocchio in a loop, every row kept, one QR of all rows, CVXPY. Same filters'
+One regressor a sample from Pinocchio in a loop, one QR of all rows, CVXPY; of the filtered samples every
+25th is kept, as whoever writes such a script does (25 ms at a cut-off of 8 Hz), or each. Same filters'
 cut-offs, same constraints, same estimate as the program's within what different filters change.
 """
 
@@ -33,10 +34,11 @@ def read(folder: Path, joints: int) -> tuple[Array, Array, Array]:
     )
 
 
-def all_rows(model: Any, q: Array, tau: Array, sign_width: float) -> Array:
-    """[Y tau] (N n, 10 n + 3 n + 1) of every sample: rigid body, viscous, Coulomb, offset.
+def kept_rows(model: Any, q: Array, tau: Array, sign_width: float, every: int = 25) -> Array:
+    """[Y tau] (N n / every, 10 n + 3 n + 1): rigid body, viscous, Coulomb, offset.
 
-    States pass one low-pass; columns and torque both pass a second one, or the estimate is biased.
+    States pass one low-pass, torque another. Where each sample is kept the columns pass that of the
+    torque too, or the estimate is a little biased; on every 25th there is nothing to filter along.
     """
     b, a = signal.butter(4, 5.0 / 500.0)
     q = signal.filtfilt(b, a, q, axis=0)
@@ -44,13 +46,15 @@ def all_rows(model: Any, q: Array, tau: Array, sign_width: float) -> Array:
     ddq = np.gradient(dq, 0.001, axis=0)
     data, n = model.createData(), q.shape[1]
     samples = []
-    for k in range(len(q)):
+    smooth = signal.filtfilt(*signal.butter(4, 8.0 / 500.0), tau, axis=0) if every > 1 else tau
+    for k in range(0, len(q), every):
         rigid = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k]).copy()
         friction = [np.diag(dq[k]), np.diag(np.tanh(dq[k] / sign_width)), np.eye(n)]
-        samples.append(np.hstack([rigid, *friction, tau[k][:, None]]))
-    b, a = signal.butter(4, 8.0 / 500.0)
-    filtered = signal.filtfilt(b, a, np.array(samples), axis=0)
-    return filtered.reshape(-1, filtered.shape[2])
+        samples.append(np.hstack([rigid, *friction, smooth[k][:, None]]))
+    made = np.array(samples)
+    if every == 1:
+        made = signal.filtfilt(*signal.butter(4, 8.0 / 500.0), made, axis=0)
+    return made.reshape(-1, made.shape[2])
 
 
 def triangle(rows: Array) -> Array:
