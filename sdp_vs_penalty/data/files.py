@@ -17,6 +17,7 @@ from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, Origin
 from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError, other_robot, unreadable
 from sdp_vs_penalty.files import reading
+from sdp_vs_penalty.files.inputs import nameable
 
 
 def load_measurements(
@@ -58,12 +59,9 @@ def run_files(path: str | Path) -> list[Path]:
     Raises InputError for a pattern that matches nothing.
     """
     path = Path(path)
-    if (
-        len(str(path)) < _LONGEST_NAME
-        and path.is_dir()
-        and format_of(path) is panda_folder
-        and not panda_folder.is_log(path)
-    ):
+    if not nameable(path):
+        return [path]  # whoever reads it says so
+    if path.is_dir() and format_of(path) is panda_folder and not panda_folder.is_log(path):
         return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [path]
     if any(c in str(path) for c in "*?[") and not path.exists():
         found = sorted(map(Path, glob.glob(str(path))))
