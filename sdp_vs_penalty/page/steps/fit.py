@@ -155,7 +155,7 @@ def _figures(model: Rung) -> None:
         }
     )
     for line in comparison["verdict"]["lines"]:
-        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "words")
+        tag("p", f"{line['about'].capitalize()} ({line['grade']}): {line['text']}", "line")
 
 
 def _chips(view: View, model: Rung, units: list[str]) -> list[Any]:
