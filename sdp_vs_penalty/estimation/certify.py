@@ -42,6 +42,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     """Certify a fit and put everything that made it into an Estimate."""
     problem, task, measurements = posed.problem, posed.task, posed.measurements
     theta, certificate = certify(task, fit)
+    theta = task.model.with_known(theta)  # their columns are zero: the loss is the same
     certificate = dataclasses.replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
     wide, data = with_sensitivities(task.model, theta), posed.regression

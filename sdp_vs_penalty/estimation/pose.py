@@ -8,7 +8,7 @@ what one of them proves is what another solves. Gravity, bounds and filters belo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import other_robot
 from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
+from sdp_vs_penalty.estimation.servo import servo_filters, servo_log
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, no_progress
 from sdp_vs_penalty.estimators.task import make_task
@@ -39,7 +40,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 class PoseOptions:
     """What a user may choose of the posing, as :func:`~sdp_vs_penalty.estimation.identify.identify`
     takes it: effects, filters (None: the problem's), weighting of the joints ("noise" or "none"), the
-    gains' relative standard deviation (or factor), runs with a known load [kg], and the seed."""
+    gains' relative standard deviation (or factor), runs with a known load [kg], the seed, parameters
+    that set the scale of a log without torque, and its instruments ("command", or "none")."""
 
     effects: str | Sequence[str] | Sequence[Effect] | None = None
     preprocessing: Preprocessing | None = None
@@ -47,6 +49,8 @@ class PoseOptions:
     gain_uncertainty: float | Array = 0.0
     known_loads: Sequence[tuple[Source, float]] = ()
     seed: int = 0
+    known: Mapping[str, float] = field(default_factory=dict)
+    instruments: str = "command"
 
 
 @dataclass(frozen=True)
@@ -91,12 +95,19 @@ def pose(
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
         return Posed(problem, data, problem.preprocessing, regression, task, "none")
-    settings = (options.preprocessing or problem.preprocessing).resolve(data)
+    settings = options.preprocessing or problem.preprocessing
+    settings = settings.resolve(data) if data.torque_logged else servo_filters(settings, data)
     model = problem.model(options.effects)
-    progress("estimating shape constants")
-    shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
-    model = replace(model, effects=with_shapes(model.effects, shapes))
-    details: dict[str, Any] = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
+    details: dict[str, Any] = {}
+    if data.torque_logged:
+        progress("estimating shape constants")
+        shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
+        model = replace(model, effects=with_shapes(model.effects, shapes))
+        details = {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
+    else:
+        wanted = options.known, options.weighting, progress, options.instruments == "command"
+        servo = servo_log(problem, model.effects, data, settings, *wanted)
+        model, data, details = servo.model, servo.measurements, {"servo": servo.details}
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     if options.known_loads:
         progress("determining the gains from the known loads")
