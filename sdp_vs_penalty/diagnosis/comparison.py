@@ -23,6 +23,7 @@ from sdp_vs_penalty.diagnosis.show import (
     repeatability_warning,
 )
 from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import Models, as_estimates
 from sdp_vs_penalty.robot.arrays import Array
@@ -207,11 +208,15 @@ def compare(
     )
     settings = preprocessing or first.preprocessing
     settings = settings.resolve(measurements)
+    _, measurements = driven(first, measurements)
+    models = {name: plant(m) if m.model.drives.any() else m for name, m in models.items()}
     for name, model in models.items():
         if model.robot.n != measurements.n:
             raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
         check_plausible(model.robot, measurements)
-    given = (measurements.whole or measurements) if noise_from is None else as_measurements(noise_from)
+    given = measurements.whole or measurements
+    if noise_from is not None:
+        _, given = driven(first, as_measurements(noise_from))
     last, shown = list(models.values())[-1], excerpt(given, settings)
     floor = noise_floor(with_estimate(segmented(shown, settings), last))
     said = excerpt_sentence(shown, given, "errors are those of all samples, noise and dependences of")

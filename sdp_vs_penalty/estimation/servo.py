@@ -87,6 +87,24 @@ class _Search:
         return model.with_known(make_estimator(DEFAULT_METHOD).fit(task).theta)
 
 
+def parsed_known(text: str) -> dict[str, float]:
+    """Known parameters, "kp2=600,kd2=20".
+
+    >>> parsed_known("kp2=600")
+    {'kp2': 600.0}
+    """
+    found = {}
+    for item in filter(None, text.split(",")):
+        name, _, value = item.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--known {item!r}", "write a parameter and its value, kp2=600") from None
+        if not 0.0 < abs(found[name.strip()]) < np.inf:
+            raise InputError(f"--known {item!r} is no scale", "give a value that is not zero")
+    return found
+
+
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     """Filters for a log without torque, where none are given: noise of positions is in every column, and
     the command says, free of noise, how fast the motion is. Resolved."""
@@ -215,7 +233,9 @@ def _delay(search: _Search, data: Measurements, law: Sequence[str], delay: float
         if abs(delay - before) < _ARRIVED:
             break
         model = search.model(law, delay)
-    return delay if delay > 0.0 else min(before + step, 0.0)
+    if delay <= 0.0:
+        return min(before + step, 0.0)
+    return delay if delay > 0.5 * _sample(data) else 0.0  # a log tells no finer
 
 
 def _chosen(
@@ -278,6 +298,10 @@ def _rescale(
     """The known gain that gives another known parameter its value."""
     names = [p.name for p in model.parameters]
     for name, value in others.items():
+        if name.startswith("total"):
+            raise InputError(
+                "--known total: the first link's mass makes no torque, so a total is no scale", _SCALES
+            )
         if name not in names:
             raise InputError(f"--known {name}: the model has no such parameter", _SCALES)
         k = names.index(name)
