@@ -104,7 +104,7 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     base = result.details.get("base_parameters")
     if base is None:
         return []
-    prior = [b["name"] for b in base if b["source"] != "data"]
+    prior = [b["name"] for b in base if b["source"] not in ("data", "given")]
     own = sum(source == "data" for source in result.sources)
     text = (
         f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
@@ -112,7 +112,7 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     lines = [("determined by the data", text)]
     if prior:
         more = f" and {len(prior) - _LISTED} more" if len(prior) > _LISTED else ""
-        rest = next(b["source"] for b in base if b["source"] != "data")
+        rest = next(b["source"] for b in base if b["name"] == prior[0])
         lines.append(
             (f"from the {rest}", f"{', '.join(prior[:_LISTED])}{more}; see `source` in the file")
         )

@@ -60,6 +60,10 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         own=posed.regression,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
+    decided = record(task, theta, base, estimator.rest)
+    decided["undetermined"].update(dict.fromkeys(task.model.known, "given"))
+    for entry in decided["base_parameters"]:
+        entry["source"] = "given" if entry["name"] in task.model.known else entry["source"]
     settings = {
         **dataclasses.asdict(estimator),  # type: ignore[call-overload]
         "weighting": posed.weighting,
@@ -83,7 +87,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         {
             **{k: v for k, v in fit.details.items() if k != "interior"},
             "on_bounds": bounds,
-            **record(task, theta, base, estimator.rest),
+            **decided,
         },
         provenance,
         record_motion(measurements, posed.preprocessing)
