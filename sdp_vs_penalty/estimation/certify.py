@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import platform
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -25,7 +26,7 @@ from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot import compiled, inertia
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import record_motion
@@ -96,8 +97,11 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     )
 
 
-def proved(task: Task, fit: Fit, theta: Array, method: str) -> Proof:
-    """The proof that the objective of a certified theta is within its interval of the optimum.
+def proved(
+    task: Task, fit: Fit, theta: Array, method: str, made_of: Mapping[str, str] | None = None
+) -> Proof:
+    """The proof that the objective of a certified theta is within its interval of the optimum; made_of :
+    the hashes of model and data that it names.
 
     Raises InputError where the method is not convex, or has no constraints: nothing bounds it.
     """
@@ -114,6 +118,7 @@ def proved(task: Task, fit: Fit, theta: Array, method: str) -> Proof:
         task.bound,
         fit.entropy_slopes,
         [parameter.name for parameter in task.model.parameters],
+        made_of,
     )
 
 
@@ -209,14 +214,9 @@ def positive_mass_matrices(robot: Robot, links: Array, poses: int = _POSES, seed
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
-def versions() -> dict[str, str]:
-    """Versions of everything that a figure may depend on; of the compiled core where it is used."""
-    native = compiled.core()
-    return _installed() if native is None else {**_installed(), compiled.MODULE: native.__version__}
-
-
 @cache
-def _installed() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Versions of everything that a figure may depend on."""
     from importlib.metadata import PackageNotFoundError, version
 
     found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}

@@ -11,6 +11,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sources import as_estimate
 from sdp_vs_penalty.exporters.content import Options
+from sdp_vs_penalty.exporters.header import with_verdict
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.registration import marked
 
@@ -45,6 +46,7 @@ def export(
         other byte is kept; for ``out`` with the suffix .urdf only.
     flange : where the flange lies in the last joint's frame [m], for a payload.
     force : a link whose mass lies farther out than its body reaches is exported all the same.
+    Files with comments begin with the model's verdict, .json has it as a field.
     Returns the effects that the format has no place for (they are in the .json).
     Raises InputError for another suffix, an inconsistent or implausible inertial, or a URDF of another
     robot.
@@ -57,5 +59,7 @@ def export(
     made: bytes
     left_out: tuple[str, ...]
     made, left_out = home.write(estimate, Options(urdf, force, flange))
+    if urdf is None:  # of the user's own file every other byte is kept
+        made = with_verdict(made, out.suffix.lower(), estimate)
     write_bytes(out, made)
     return left_out

@@ -7,6 +7,7 @@ from typing import Any
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options
+from sdp_vs_penalty.exporters.header import verdict_line
 from sdp_vs_penalty.robot import inertia
 
 ENDING, FILE, ABOUT = ".json", "effects.json", "every effect as plain JSON, with its equation"
@@ -46,6 +47,7 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
             form: [e.name for e in model.effects if e.name in names] for form, names in HELD_BY.items()
         },
         "method": estimate.method,
+        "verdict": verdict_line(estimate),
         "provenance": estimate.provenance,
     }
     return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode(), ()

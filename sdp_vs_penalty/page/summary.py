@@ -144,6 +144,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
     progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, judge, noise_from=given.whole)[0]
     settings = estimate.preprocessing.resolve(judge)
+    estimate.provenance["verdict"] = comparison.verdict.to_dict()
     arrays = {}
     runs = [*train.runs(), *([] if test is None else test.runs())]
     for k, run in enumerate(runs):

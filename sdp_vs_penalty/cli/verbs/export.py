@@ -43,10 +43,15 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.texts import numbers
+    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
     from sdp_vs_penalty.exporters.export import export
 
+    estimate = load_estimate(model)
+    said = estimate.verdict
+    console.say(NOT_JUDGED if said is None else f"Verdict: {said.headline}")
     x, y, z = numbers("--flange", flange, 3) if flange is not None else (0.0, 0.0, 0.0)
-    left_out = export(model, out, urdf, force=force, flange=(x, y, z))
+    left_out = export(estimate, out, urdf, force=force, flange=(x, y, z))
     console.written(out)
     if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"

@@ -92,11 +92,12 @@ def verb(
             raise
         seconds = time.perf_counter() - begin
         estimate.provenance.update({"data": words(data, window), "checked": not no_check})
-        estimate.save(out)
         # A black box's answers are no torque along a motion: the certificate's loss is all there is.
         fit = None
         if isinstance(given, Measurements):
             fit = compare_models({estimate.method: estimate}, given, noise_from=whole)[0]
+            estimate.provenance["verdict"] = fit.verdict.to_dict()
+        estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     console.written(out)
     if fit is not None:
