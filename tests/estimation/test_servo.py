@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import etree
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare
@@ -17,6 +18,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.simulation.follow import follow
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
@@ -84,6 +86,12 @@ def test_a_known_mass_gives_the_gains_and_friction(arm: str, tmp_path: Path) -> 
     again = load_estimate(tmp_path / "model.json")
     np.testing.assert_array_equal(again.theta, found.theta)
     assert compare(again, log())[0].relative_error_percent < 3.0
+    export(found, tmp_path / "arm.xml")
+    (loop,) = etree.parse(str(tmp_path / "arm.xml")).findall("actuator/position")
+    assert float(loop.get("kp")) == value(found, "kp1")
+    assert float(loop.get("kv")) == value(found, "kd1")
+    export(found, tmp_path / "model.h")
+    assert "Servo gains (kd holds viscous friction): kp1 =" in (tmp_path / "model.h").read_text()
     told = follow(found, log(seed=3), drive="servo")
     assert told.grade == "good"
     assert float(told.free[0].rms[0]) < 1e-3
