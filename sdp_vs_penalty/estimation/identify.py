@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.sources import Source
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -38,7 +39,7 @@ def identify(
     gain_uncertainty: float | Array = 0.0,
     known_loads: Sequence[tuple[Source, float]] = (),
     known: Mapping[str, float] | None = None,
-    instruments: str = "command",
+    instruments: str | None = None,
     workers: Workers = ALONE,
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
@@ -62,7 +63,8 @@ def identify(
         gains (:mod:`~sdp_vs_penalty.estimation.known_load`): the parameters are
         then in true units, and the problem of the estimate keeps the gains; known : parameters of which
         the value is known, by name: without torque they set the scale ({"kp2": 600.0}); instruments :
-        "command", or "none" (:mod:`~sdp_vs_penalty.estimation.servo`); workers : who compresses the
+        "command" or "none", default: the former where no torque was logged
+        (:mod:`~sdp_vs_penalty.estimation.servo`); workers : who compresses the
         runs (:class:`~sdp_vs_penalty.parallel.Workers`); the estimate is the same to the last bit.
     A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
@@ -73,6 +75,8 @@ def identify(
     measurements = readable(problem, measurements, "identify(measurements=...)")
     _check_method(estimator, refined, isinstance(measurements, BlackBox), proof is not None)
     chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
+    if refined and isinstance(measurements, Measurements):
+        measurements.require_torque(f"method {OUTPUT_ERROR}")
     options = PoseOptions(*chosen, known or {}, instruments)
     posed = pose(problem, measurements, options, progress, workers)
     fit = _fitted(posed.task, estimator, proof)

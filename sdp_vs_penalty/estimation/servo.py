@@ -24,7 +24,7 @@ from sdp_vs_penalty.estimation.fit_shapes import estimate_shapes
 from sdp_vs_penalty.estimation.shape_profiles import with_shapes
 from sdp_vs_penalty.estimation.simulated_motion import with_simulated_motion
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Progress
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.task import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
@@ -175,6 +175,20 @@ def servo_log(
     details = {"law": law, "delay": found, "held_out": error, "shapes": [s.to_dict() for s in shapes]}
     details |= {"scale": _scale_said(known, search.known), "known": search.known}
     return ServoLog(search.model(names, found), data, details)
+
+
+def with_instruments(
+    problem: Problem,
+    effects: Sequence[Effect],
+    data: Measurements,
+    settings: Preprocessing,
+    weighting: str,
+) -> Measurements:
+    """A log with torque, and the motion that its servos make of the command: that needs no scale."""
+    groups = {name: block for name, block in data.groups.items() if name not in ("tau", "tauff")}
+    silent = Measurements.of(data.t, groups, data.names, data.run)
+    made = servo_log(problem, effects, silent, settings, {}, weighting, no_progress).measurements
+    return replace(data, commanded=made.commanded)
 
 
 def _scaled(model: Model, theta: Array) -> Array:

@@ -43,9 +43,13 @@ def verb(
         ),
     ] = None,
     instruments: Annotated[
-        str,
-        typer.Option(help="Of a log without torque: command (its simulated motion), or none."),
-    ] = "command",
+        str | None,
+        typer.Option(
+            metavar="command|none",
+            help="Instruments against noise of positions: the command's simulated motion, or none. "
+            "Default: command where no torque was logged.",
+        ),
+    ] = None,
     jobs: options.Jobs = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
