@@ -202,7 +202,7 @@ def solvers(problem: Problem, run: Measurements) -> list[Row]:
     ours = 1e3 * cpu(lambda: fit(instance.task).gap, 9)
     rows = []
     for name, contestant in contestants().items():
-        if contestant.absent or not contestant.tunable or contestant.same_as:
+        if contestant.absent or not contestant.tunable:
             continue
         try:
             answer = contestant.solve(instance, 1e-8)
