@@ -123,12 +123,7 @@ def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
     (folder / "binary.csv").write_bytes(bytes(range(256)) * 64)
     (folder / "words.csv").write_text("t,q1,q2,tau1,tau2\n0,a,b,c,d\n")
     (folder / "seven.csv").write_text("t,q1,tau1\n0,0,0\n1,0,0\n")
-    # Two members that unpack to 4 GiB each, by the archive's directory; one whose array says 5.6 GB.
-    np.savez_compressed(folder / "bomb.npz", t=np.zeros(2**17), q=np.zeros(2**17))
-    bomb = bytearray((folder / "bomb.npz").read_bytes())
-    for entry in re.finditer(b"PK\x01\x02", bytes(bomb)):
-        bomb[entry.start() + 24 : entry.start() + 28] = b"\xf0\xff\xff\xff"
-    (folder / "bomb.npz").write_bytes(bomb)
+    # An array that says it holds 5.6 GB.
     with zipfile.ZipFile(folder / "claims.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (700000000,), }".ljust(117) + b"\n"
         start = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head
@@ -139,8 +134,7 @@ def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
         "binary.csv": (folder / "binary.csv", "binary"),
         "words.csv": (folder / "words.csv", "not a number"),
         "seven.csv": (folder / "seven.csv", "the robot has 2"),
-        "bomb.npz": (folder / "bomb.npz", "bomb.npz: unpacks to 8 GiB"),
-        "claims.npz": (folder / "claims.npz", "claims (700000000,) numbers and holds fewer"),
+        "claims.npz": (folder / "claims.npz", "claims.npz: unpacks to more than"),
         "pickle.npz": (folder / "pickle.npz", "pickle.npz: not a readable .npz"),
         "run.pkl": (folder / "run.pkl", "files of this kind cannot be read"),
     }
